@@ -1,0 +1,1 @@
+"""Task-priority planning and optimal control of underwater vehicle-manipulator systems."""

@@ -1,0 +1,48 @@
+"""Exceptions: misuse raises one of these; a numerical outcome is a ``Status``, never an exception.
+
+Each message is one line: what was given, what is allowed, what to do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+from pathlib import Path
+
+
+class UvmsError(Exception):
+    """Base of every exception that uvms_ocp raises on purpose."""
+
+
+class InvalidInput(UvmsError, ValueError):
+    """A value of the wrong shape, type or range."""
+
+
+class NameNotFound(UvmsError, LookupError):
+    """A name that does not exist; the message lists the names that do."""
+
+    def __init__(self, kind: str, given: str, allowed: Iterable[str]) -> None:
+        self.kind, self.given, self.allowed = kind, given, tuple(allowed)
+        close = get_close_matches(given, self.allowed, n=1)
+        hint = f" Did you mean {close[0]!r}?" if close else ""
+        names = ", ".join(self.allowed) or "none"
+        super().__init__(f"unknown {kind} {given!r}; known: {names}.{hint}")
+
+
+class FrameNotFound(NameNotFound):
+    """A frame that the robot does not have."""
+
+    def __init__(self, given: str, allowed: Iterable[str]) -> None:
+        super().__init__("frame", given, allowed)
+
+
+class RobotDataError(InvalidInput):
+    """A robot file (URDF or YAML) that is missing, broken or physically impossible."""
+
+    def __init__(self, path: Path | str, problem: str) -> None:
+        self.path = Path(path)
+        super().__init__(f"{path}: {problem}")
+
+
+class OutputError(UvmsError, OSError):
+    """A place that cannot be written to."""
