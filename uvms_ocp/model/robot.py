@@ -26,8 +26,8 @@ from uvms_ocp.model.urdf import UrdfModels, read_urdf
 class Robot:
     """A vehicle with an arm, or a fixed-base arm; see ``load_robot``.
 
-    For a free-flyer ``q`` is Pinocchio's [p_WB, quaternion xyzw, joints], ``v`` [v_B, omega_B, joint rates]; W
-    has z up. ``model`` and the geometry models are shared between copies and must not be changed.
+    For a free-flyer ``q`` is Pinocchio's [p_WB, quaternion xyzw, joints] and ``v`` is [v_B, omega_B, joint
+    rates]; W has z up. ``model`` and the geometry models are shared between copies and must not be changed.
     """
 
     name: str
@@ -148,8 +148,8 @@ def load_robot(
 ) -> Robot:
     """Load a robot by name, or from a URDF file and, if there is one, its hydrodynamics file.
 
-    ``base`` overrides the file (default: free_flyer). ``package_dirs`` are searched for ``package://`` meshes.
-    Raises ``NameNotFound`` and ``RobotDataError``.
+    ``base`` overrides the file (default: free_flyer). ``package_dirs`` are searched for ``package://``
+    meshes. Raises ``NameNotFound`` and ``RobotDataError``.
     """
     urdf_path, yaml_path = _paths(name, urdf, hydrodynamics)
     description = read_description(yaml_path) if yaml_path else RobotDescription()
