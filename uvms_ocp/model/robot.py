@@ -26,8 +26,8 @@ from uvms_ocp.model.urdf import UrdfModels, read_urdf
 class Robot:
     """A vehicle with an arm, or a fixed-base arm; see ``load_robot``.
 
-    For a free-flyer ``q`` is Pinocchio's [p_WB, quaternion xyzw, joints], ``v`` [v_B, omega_B, joint rates]; W
-    has z up. ``model`` and the geometry models are shared between copies and must not be changed.
+    For a free-flyer ``q`` is Pinocchio's [p_WB, quaternion xyzw, joints] and ``v`` is [v_B, omega_B, joint
+    rates]; W has z up. ``model`` and the geometry models are shared between copies and must not be changed.
     """
 
     name: str
@@ -148,23 +148,19 @@ def load_robot(
 ) -> Robot:
     """Load a robot by name, or from a URDF file and, if there is one, its hydrodynamics file.
 
-    ``base`` overrides the file (default: free_flyer). ``package_dirs`` are searched for ``package://`` meshes.
-    Raises ``NameNotFound`` and ``RobotDataError``.
+    ``base`` overrides the file (default: free_flyer). ``package_dirs`` are searched for ``package://``
+    meshes. Raises ``NameNotFound`` and ``RobotDataError``.
     """
     urdf_path, yaml_path = _paths(name, urdf, hydrodynamics)
     description = read_description(yaml_path) if yaml_path else RobotDescription()
     if base is not None:
         description = description.model_copy(update={"base": base})
     free_flyer = description.base == "free_flyer"
-    models = read_urdf(
-        urdf_path, free_flyer=free_flyer, package_dirs=[Path(folder) for folder in package_dirs]
-    )
+    models = read_urdf(urdf_path, free_flyer=free_flyer, package_dirs=[Path(folder) for folder in package_dirs])
     return assemble(models, description, yaml_path or urdf_path, name)
 
 
-def _paths(
-    name: str | None, urdf: Path | str | None, hydrodynamics: Path | str | None
-) -> tuple[Path, Path | None]:
+def _paths(name: str | None, urdf: Path | str | None, hydrodynamics: Path | str | None) -> tuple[Path, Path | None]:
     if (name is None) == (urdf is None):
         raise InvalidInput("load_robot needs either a name or urdf=PATH; list_robots() gives the names")
     given = None if hydrodynamics is None else Path(hydrodynamics)
@@ -179,16 +175,26 @@ def assemble(models: UrdfModels, description: RobotDescription, path: Path, name
     _check_names(models.model, description, path)
     model = _with_trim(models.model, description.trim)
     joints = joints_of(model, free_flyer=description.base == "free_flyer")
-    return Robot(
+    limits = limits_of(model, description, joints)
+    robot = Robot(
         name=name or models.name,
         model=model,
         visual_model=models.visual,
         collision_model=models.collision,
         description=description,
         joints=joints,
-        limits=limits_of(model, description, joints),
-        home=home_of(model, description, joints),
+        limits=limits,
+        home=home_of(model, description, joints, limits),
     )
+    _check_home(robot, path)
+    return robot
+
+
+def _check_home(robot: Robot, path: Path) -> None:
+    try:
+        robot.configuration()
+    except InvalidInput as error:
+        raise RobotDataError(path, f"home: {error}") from None
 
 
 def _check_names(model: pin.Model, description: RobotDescription, path: Path) -> None:
