@@ -1,6 +1,7 @@
 """Laws of the simulated thrusters."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -119,7 +120,7 @@ def test_joint_energy_is_the_integral_of_the_power() -> None:
     robot = load_robot("girona_maris7")
     meter = JointMeter(robot)
     times = np.linspace(0.0, 1.0, 1001)
-    for before, now in zip(times[:-1], times[1:], strict=True):
+    for before, now in pairwise(times):
         meter.add(np.full(7, -3.0), np.full(7, now), now - before)
     np.testing.assert_allclose(meter.energy, 3.0 * 0.5 / 0.6, rtol=1e-9)
     np.testing.assert_allclose(meter.power, 3.0 / 0.6)
