@@ -257,32 +257,32 @@ class SymbolicModel:
         """Function ``q -> R (3, 3), p (3,)`` of a frame."""
         q = self._q()
         R, p = self.forward_kinematics(q).pose(frame)
-        return _function("pose", {"q": q}, {"R": R, "p": p})
+        return function("pose", {"q": q}, {"R": R, "p": p})
 
     def jacobian_function(self, frame: str) -> ca.Function:
         """Function ``q -> J (6, n_v)`` of a frame."""
         q = self._q()
-        return _function("jacobian", {"q": q}, {"J": self.forward_kinematics(q).jacobian(frame)})
+        return function("jacobian", {"q": q}, {"J": self.forward_kinematics(q).jacobian(frame)})
 
     def integrate_function(self) -> ca.Function:
         """Function ``q, v -> q_next``."""
         q, v = self._q(), self._v("v")
-        return _function("integrate", {"q": q, "v": v}, {"q_next": self.integrate(q, v)})
+        return function("integrate", {"q": q, "v": v}, {"q_next": self.integrate(q, v)})
 
     def difference_function(self) -> ca.Function:
         """Function ``q0, q1 -> v``."""
         q0, q1 = self._q("q0"), self._q("q1")
-        return _function("difference", {"q0": q0, "q1": q1}, {"v": self.difference(q0, q1)})
+        return function("difference", {"q0": q0, "q1": q1}, {"v": self.difference(q0, q1)})
 
     def rnea_function(self) -> ca.Function:
         """Function ``q, v, a -> tau``."""
         q, v, a = self._q(), self._v("v"), self._v("a")
-        return _function("rnea", {"q": q, "v": v, "a": a}, {"tau": self.rnea(q, v, a)})
+        return function("rnea", {"q": q, "v": v, "a": a}, {"tau": self.rnea(q, v, a)})
 
     def mass_matrix_function(self) -> ca.Function:
         """Function ``q -> M (n_v, n_v)``."""
         q = self._q()
-        return _function("mass_matrix", {"q": q}, {"M": self.mass_matrix(q)})
+        return function("mass_matrix", {"q": q}, {"M": self.mass_matrix(q)})
 
     def _q(self, name: str = "q") -> ca.SX:
         return ca.SX.sym(name, self.model.nq)
@@ -319,7 +319,8 @@ def _identity() -> Pose:
     return Pose(R=ca.SX.eye(3), p=ca.SX(3, 1))
 
 
-def _function(name: str, inputs: dict[str, ca.SX], outputs: dict[str, ca.SX]) -> ca.Function:
+def function(name: str, inputs: dict[str, ca.SX], outputs: dict[str, ca.SX]) -> ca.Function:
+    """SX function with named, dense inputs and outputs."""
     dense = [ca.densify(value) for value in outputs.values()]
     return ca.Function(name, list(inputs.values()), dense, list(inputs), list(outputs), {"cse": True})
 
