@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.exceptions import FrameNotFound, InvalidInput, NameNotFound, RobotDataError
 from uvms_ocp.model import configuration, frames
+from uvms_ocp.model.coefficients import links_in_water
 from uvms_ocp.model.conventions import forward_left_up
 from uvms_ocp.model.description import RobotDescription, TrimBody, checked_copy, read_description
 from uvms_ocp.model.hydrodynamics import LinkHydrodynamics
@@ -22,7 +23,6 @@ from uvms_ocp.model.library import robot_folder, variant_file
 from uvms_ocp.model.limits import Joint as Joint
 from uvms_ocp.model.limits import Limits as Limits
 from uvms_ocp.model.limits import home_of, joints_of, limits_of
-from uvms_ocp.model.link_water import water_on_links
 from uvms_ocp.model.urdf import UrdfModels, read_urdf
 
 
@@ -109,8 +109,8 @@ class Robot:
     def with_frame_pose(self, frame: str, X_parent: pin.SE3) -> Robot:
         """Return a copy whose fixed frame sits at ``X_parent`` in the moving link that carries it.
 
-        Frames, shapes and joints on that frame move along; masses fixed to the moving link stay. Raises ``InvalidInput`` for a frame
-        that is itself a moving link.
+        Frames, shapes and joints on that frame move along; masses fixed to the moving link stay. Raises
+        ``InvalidInput`` for a frame that is itself a moving link.
         """
         index = self.frame_id(frame)
         frames.check_movable(self.model, index)
@@ -129,7 +129,7 @@ class Robot:
         Buoyancy and the added mass of shapes follow it, published coefficients and the trim do not.
         """
         description = checked_copy(self.description, water_density=density)
-        return replace(self, description=description, hydrodynamics=water_on_links(description))
+        return replace(self, description=description, hydrodynamics=links_in_water(description))
 
     def configuration(
         self,
@@ -162,8 +162,9 @@ def load_robot(
 ) -> Robot:
     """Load a robot by name, or from a URDF file and, if there is one, its hydrodynamics file.
 
-    ``variant`` is another published data set of a named robot, see ``list_variants``. ``base`` overrides the file (default: free_flyer). ``package_dirs`` are searched for ``package://``
-    meshes. Raises ``NameNotFound`` and ``RobotDataError``.
+    ``variant`` is another published data set of a named robot, see ``list_variants``. ``base`` overrides the file
+    (default: free_flyer). ``package_dirs`` are searched for ``package://`` meshes. Raises ``NameNotFound`` and
+    ``RobotDataError``.
     """
     urdf_path, yaml_path = _paths(name, urdf, hydrodynamics)
     description = _description(name, yaml_path, variant)
@@ -174,9 +175,7 @@ def load_robot(
     return assemble(models, description, yaml_path or urdf_path, name)
 
 
-def _paths(
-    name: str | None, urdf: Path | str | None, hydrodynamics: Path | str | None
-) -> tuple[Path, Path | None]:
+def _paths(name: str | None, urdf: Path | str | None, hydrodynamics: Path | str | None) -> tuple[Path, Path | None]:
     if (name is None) == (urdf is None):
         raise InvalidInput("load_robot needs either a name or urdf=PATH; list_robots() gives the names")
     given = None if hydrodynamics is None else Path(hydrodynamics)
@@ -219,7 +218,7 @@ def robot_of(models: UrdfModels, description: RobotDescription, name: str) -> Ro
         joints=joints,
         limits=limits,
         home=home_of(models.model, description, joints, limits),
-        hydrodynamics=water_on_links(description),
+        hydrodynamics=links_in_water(description),
     )
 
 
@@ -241,6 +240,15 @@ def _check_names(model: pin.Model, description: RobotDescription, path: Path) ->
     ]
     _check_known(path, wanted, known_frames)
     _check_known(path, [("joints", joint) for joint in description.joints], tuple(model.names)[1:])
+    _check_thrusters(model, description, path)
+
+
+def _check_thrusters(model: pin.Model, description: RobotDescription, path: Path) -> None:
+    carrier = 1 if description.base == "free_flyer" else 0
+    for thruster in description.thrusters:
+        if model.frames[model.getFrameId(thruster.link)].parentJoint != carrier:
+            problem = f"thruster {thruster.name!r} link: given {thruster.link!r}; allowed: links fixed to the vehicle"
+            raise RobotDataError(path, problem)
 
 
 def _check_known(path: Path, wanted: Sequence[tuple[str, str]], known: Sequence[str]) -> None:
