@@ -15,24 +15,19 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.model import description as data
+from uvms_ocp.model.conventions import forward_left_up
 from uvms_ocp.model.hydrodynamics import LinkHydrodynamics
 
-_HALF_TURN_ABOUT_X = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
-"""Forward-right-down axes in forward-left-up ones; its own inverse."""
 
-
-def links_in_water(
-    description: data.RobotDescription, density: float | None = None
-) -> tuple[LinkHydrodynamics, ...]:
+def links_in_water(description: data.RobotDescription, density: float | None = None) -> tuple[LinkHydrodynamics, ...]:
     """Coefficients of every wet link of a description, in forward-left-up axes.
 
     density [kg/m3] is what the shape rules use, default the description's. Floats and ballast add their
     volume to their link.
     """
     rho = description.water_density if density is None else density
+    description = forward_left_up(description)
     links = {name: _link(name, link, rho) for name, link in description.links.items()}
-    if description.convention == "NED":
-        links = {name: _from_ned(link) for name, link in links.items()}
     for body in description.trim:
         wet = links.get(body.link, LinkHydrodynamics(frame=body.link))
         links[body.link] = _with_volume(wet, body.volume, np.array(body.position))
@@ -123,18 +118,6 @@ def _shaped(
         quadratic_drag=shape.drag_coefficient * areas,
         volume=volume,
         centre_of_buoyancy=np.array(shape.pose.position),
-    )
-
-
-def _from_ned(link: LinkHydrodynamics) -> LinkHydrodynamics:
-    flip, axes = _HALF_TURN_ABOUT_X, np.kron(np.eye(2), _HALF_TURN_ABOUT_X.rotation)
-    return replace(
-        link,
-        X_FL=flip * link.X_FL * flip,
-        added_mass=axes @ link.added_mass @ axes,
-        linear_drag=axes @ link.linear_drag @ axes,
-        quadratic_drag=axes @ link.quadratic_drag @ axes,
-        centre_of_buoyancy=flip.act(link.centre_of_buoyancy),
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from uvms_ocp.exceptions import RobotDataError
+from uvms_ocp.exceptions import InvalidInput, RobotDataError
 
 NonNegative = Annotated[float, Field(ge=0.0)]
 Positive = Annotated[float, Field(gt=0.0)]
@@ -53,7 +53,9 @@ class LinkCoefficients(_Section):
         default=(0.0,) * 6, description="factor of v|v| per axis [N/(m/s)^2, N m/(rad/s)^2], >= 0"
     )
     volume: float = Field(default=0.0, ge=0.0, le=1e4, description="displaced volume [m3]")
-    centre_of_buoyancy: Vector3 | None = Field(default=None, description="in the link frame [m]; needs a volume")
+    centre_of_buoyancy: Vector3 | None = Field(
+        default=None, description="in the link frame [m]; needs a volume"
+    )
 
     @field_validator("added_mass")
     @classmethod
@@ -95,7 +97,9 @@ class Cylinder(_Shape):
 
     radius: float = Field(gt=0.0, le=10.0, description="[m]")
     length: float = Field(gt=0.0, le=100.0, description="[m]")
-    axial_added_mass: float = Field(default=0.1, ge=0.0, le=1.0, description="axial share of the displaced mass [-]")
+    axial_added_mass: float = Field(
+        default=0.1, ge=0.0, le=1.0, description="axial share of the displaced mass [-]"
+    )
 
 
 class Box(_Shape):
@@ -150,7 +154,9 @@ class Thruster(_Section):
     name: str
     link: str = "base_link"
     position: Vector3 = Field(description="in the link frame [m]")
-    direction: Vector3 = Field(description="of positive thrust on the vehicle, in the link frame; any length > 0")
+    direction: Vector3 = Field(
+        description="of positive thrust on the vehicle, in the link frame; any length > 0"
+    )
     minimum: float = Field(ge=-1e5, le=0.0, description="thrust limit [N]")
     maximum: float = Field(gt=0.0, le=1e5, description="thrust limit [N]")
     time_constant: float = Field(ge=0.0, le=10.0, description="first-order lag [s]; 0 is instantaneous")
@@ -193,21 +199,32 @@ class JointDescription(_Section):
     """What the URDF does not say about a joint."""
 
     home: float | None = Field(
-        default=None, description="stowed position [rad or m]; left out: 0, or mid-range where 0 is not allowed"
+        default=None,
+        description="stowed position [rad or m]; left out: 0, or mid-range where 0 is not allowed",
     )
-    acceleration: Positive | None = Field(default=None, description="limit [rad/s2 or m/s2]; none is unlimited")
+    acceleration: Positive | None = Field(
+        default=None, description="limit [rad/s2 or m/s2]; none is unlimited"
+    )
 
 
 class RobotDescription(_Section):
     """The whole file."""
 
     base: Literal["free_flyer", "fixed"] = "free_flyer"
-    convention: Literal["FLU", "NED"] = Field(default="FLU", description="axes of every vector and matrix in links")
-    water_density: float = Field(default=998.0, ge=900.0, le=1300.0, description="[kg/m3], fresh 998, sea 1025")
-    altimeter: str | None = Field(default=None, description="frame of the range sensor, which looks along its -z")
+    convention: Literal["FLU", "NED"] = Field(
+        default="FLU", description="axes of every vector and matrix in links"
+    )
+    water_density: float = Field(
+        default=998.0, ge=900.0, le=1300.0, description="[kg/m3], fresh 998, sea 1025"
+    )
+    altimeter: str | None = Field(
+        default=None, description="frame of the range sensor, which looks along its -z"
+    )
     vehicle_limits: VehicleLimits | None = None
     joints: dict[str, JointDescription] = Field(default={}, description="by joint name")
-    joint_efficiency: float = Field(default=0.6, gt=0.0, le=1.0, description="mechanical / electrical power [-]")
+    joint_efficiency: float = Field(
+        default=0.6, gt=0.0, le=1.0, description="mechanical / electrical power [-]"
+    )
     links: dict[str, LinkDescription] = Field(default={}, description="by link name; links left out are dry")
     trim: tuple[TrimBody, ...] = Field(default=(), description="floats and ballast")
     thrusters: tuple[Thruster, ...] = ()
@@ -227,15 +244,41 @@ def as_matrix6(value: Vector6 | Matrix6) -> np.ndarray:
     return np.diag(array) if array.ndim == 1 else array
 
 
-def read_description(path: Path) -> RobotDescription:
-    """Read and validate one YAML file; every mistake is a one-line ``RobotDataError``."""
-    content = _read_yaml(path)
-    if not isinstance(content, dict):
-        raise RobotDataError(path, "the file must hold keys and values; it is empty or a bare value")
+def read_description(path: Path, variant: Path | None = None) -> RobotDescription:
+    """Read and validate one YAML file; every mistake is a one-line ``RobotDataError``.
+
+    The keys of ``variant``, a file of the same schema with some of its keys, replace those of the first file.
+    """
+    content = _read_mapping(path)
+    if variant is not None:
+        content = _overlaid(content, _read_mapping(variant))
     try:
         return RobotDescription.model_validate(content)
     except ValidationError as error:
-        raise RobotDataError(path, _one_line(error)) from None
+        raise RobotDataError(variant or path, _one_line(error)) from None
+
+
+def _read_mapping(path: Path) -> dict[str, Any]:
+    content = _read_yaml(path)
+    if not isinstance(content, dict):
+        raise RobotDataError(path, "the file must hold keys and values; it is empty or a bare value")
+    return content
+
+
+def _overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    merged = dict(below)
+    for key, value in above.items():
+        nested = isinstance(value, dict) and isinstance(below.get(key), dict)
+        merged[key] = _overlaid(below[key], value) if nested else value
+    return merged
+
+
+def checked_copy(description: RobotDescription, **changes: object) -> RobotDescription:
+    """Return a copy with other top-level values, validated. Raises ``InvalidInput``."""
+    try:
+        return RobotDescription.model_validate({**dict(description), **changes})
+    except ValidationError as error:
+        raise InvalidInput(_one_line(error)) from None
 
 
 def _read_yaml(path: Path) -> object:
