@@ -1,7 +1,6 @@
 """Laws of the simulated thrusters."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,8 +10,7 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.description import Thruster
 from uvms_ocp.model.robot import Robot, load_robot
 from uvms_ocp.model.thrusters import signals_of_thrust, thrust_of_signals, unactuated_axes, unreachable_axes
-from uvms_ocp.sim.joint_power import JointMeter
-from uvms_ocp.sim.thrusters import ThrusterBank
+from uvms_ocp.sim.thrusters import ThrusterBank, joint_power
 
 
 def robot_with(**changes: object) -> Robot:
@@ -116,11 +114,6 @@ def test_a_fixed_base_has_no_vehicle_axes() -> None:
     assert unactuated_axes(load_robot("planar5")) == ()
 
 
-def test_joint_energy_is_the_integral_of_the_power() -> None:
-    robot = load_robot("girona_maris7")
-    meter = JointMeter(robot)
-    times = np.linspace(0.0, 1.0, 1001)
-    for before, now in pairwise(times):
-        meter.add(np.full(7, -3.0), np.full(7, now), now - before)
-    np.testing.assert_allclose(meter.energy, 3.0 * 0.5 / 0.6, rtol=1e-9)
-    np.testing.assert_allclose(meter.power, 3.0 / 0.6)
+def test_joint_power_counts_braking_and_losses() -> None:
+    power = joint_power(np.array([3.0, -3.0, 5.0]), np.array([2.0, 2.0, 0.0]), 0.6)
+    np.testing.assert_allclose(power, [10.0, 10.0, 0.0])

@@ -1,4 +1,4 @@
-"""Thrusters as the water sees them: lag, dead zone, saturation, and the electrical energy they take."""
+"""Actuators in time: lag, dead zone and saturation of thrusters, and the electrical power of all drives."""
 
 from __future__ import annotations
 
@@ -81,6 +81,14 @@ class ThrusterBank:
         if self._step is None or self._step.dt != dt:
             self._step = _step(dt, self._time_constant)
         return self._step
+
+
+def joint_power(tau: np.ndarray, rate: np.ndarray, efficiency: float) -> np.ndarray:
+    """Electrical power (n_joints,) [W] of drives with effort tau [N m, N] at rate [rad/s, m/s].
+
+    ``|tau rate| / efficiency``: braking gives nothing back, standing still is free.
+    """
+    return np.abs(tau * rate) / efficiency
 
 
 def _step(dt: float, time_constant: np.ndarray) -> _Step:
