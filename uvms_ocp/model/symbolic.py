@@ -18,7 +18,7 @@ from uvms_ocp.exceptions import FrameNotFound, InvalidInput
 from uvms_ocp.model import spatial
 from uvms_ocp.model.symbolic_joints import SymbolicJoint, sparse, symbolic_joint
 
-Inertias = Sequence[np.ndarray]
+Inertias = Sequence[np.ndarray | ca.SX]
 """One 6x6 spatial inertia per joint of the model, universe included, at the joint frame, linear first."""
 
 
@@ -238,7 +238,7 @@ class SymbolicModel:
             wrench = _onto_parent(local[index], wrench)
             index = joint.parent
 
-    def _inertias(self, inertias: Inertias | None) -> list[np.ndarray]:
+    def _inertias(self, inertias: Inertias | None) -> list[np.ndarray | ca.SX]:
         if inertias is None:
             return [np.zeros((6, 6)), *(Y.matrix() for Y in list(self.model.inertias)[1:])]
         if len(inertias) != self.model.njoints:
@@ -361,8 +361,9 @@ class _Composite:
     C: ca.SX
 
     @staticmethod
-    def of(inertia: np.ndarray) -> _Composite:
-        blocks = ca.SX(sparse(np.asarray(inertia, dtype=float)))
+    def of(inertia: np.ndarray | ca.SX) -> _Composite:
+        symbolic = isinstance(inertia, ca.SX)
+        blocks = inertia if symbolic else ca.SX(sparse(np.asarray(inertia, dtype=float)))
         return _Composite(A=blocks[:3, :3], B=blocks[:3, 3:], C=blocks[3:, 3:])
 
     def plus(self, other: _Composite) -> _Composite:

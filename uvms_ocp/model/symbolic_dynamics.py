@@ -107,6 +107,23 @@ class SymbolicDynamics:
         D, L_transposed, order = ca.ldl(self.mass_matrix(q), False)
         return ca.ldl_solve(tau - self.bias_force(q, v, u, u_dot), D, L_transposed, order)
 
+    def drag_slope(self, q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
+        """Derivative (n_v, n_v) of the drag force ``D v`` with respect to v, by composite bodies: symmetric, >= 0.
+
+        Exact for diagonal drag matrices; of full ones the symmetric part. Added to M, a time step times this makes
+        the step of an integrator implicit in the drag.
+        """
+        motions = self.symbolic.body_motions(self.symbolic.local_poses(q), v, ca.SX(self.model.nv, 1))
+        slopes = [ca.SX(6, 6) for _ in range(self.model.njoints)]
+        for index, link in enumerate(self._wet):
+            u_L = (motions.poses[link.joint].R @ link.R_JL).T @ u[:, index]
+            nu_r = water.relative_velocity(link.motion_LJ @ motions.velocities[link.joint].stacked(), u_L)
+            slope = link.linear_drag + 2 * link.quadratic_drag @ ca.diag(ca.fabs(nu_r))
+            slopes[link.joint] += link.motion_LJ.T @ ((slope + slope.T) / 2) @ link.motion_LJ
+        damping = ca.SX(self.model.nv, 1) if self.damping is None else ca.SX(sparse(self.damping))
+        armature = ca.diag(sparse(np.asarray(self.model.armature)))
+        return self.symbolic.mass_matrix(q, slopes) - armature + ca.diag(damping)
+
     def kinetic_energy(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """``1/2 v.T M v`` [J], of the bodies and the water they carry along."""
         motions = self.symbolic.body_motions(self.symbolic.local_poses(q), v, ca.SX(self.model.nv, 1))
