@@ -163,7 +163,7 @@ def _triangle_mesh() -> coal.BVHModelOBBRSS:
     return mesh
 
 
-def _tetrahedron() -> coal.Convex:
+def _tetrahedron() -> coal.ConvexBase:
     mesh = coal.BVHModelOBBRSS()
     mesh.beginModel(4, 4)
     corners = np.vstack([np.zeros(3), np.eye(3)])

@@ -8,6 +8,7 @@ from typing import Any
 
 import coal
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from uvms_ocp.viz.meshcat_parts import Visualizer
 from uvms_ocp.viz.meshcat_parts import geometry as mg
@@ -77,56 +78,15 @@ def _mesh(shape: coal.BVHModelBase) -> Iterator[Part]:
     yield mg.TriangularMeshGeometry(shape.vertices(), faces), np.eye(4)
 
 
-def _convex(shape: coal.Convex) -> Iterator[Part]:
-    faces = [_corners(shape.polygons(k)) for k in range(shape.num_polygons)]
-    yield mg.TriangularMeshGeometry(shape.points(), faces), np.eye(4)
+def _convex(shape: coal.ConvexBase) -> Iterator[Part]:
+    """coal gives the corners only."""
+    points = shape.points()
+    yield mg.TriangularMeshGeometry(points, ConvexHull(points).simplices), np.eye(4)
 
 
 def _corners(triangle: coal.Triangle) -> list[int]:
     """coal's triangles can be indexed but not iterated over."""
     return [triangle[i] for i in range(3)]
-
-
-_BUILDERS.items():
-        if isinstance(shape, kind):
-            yield from build(shape)
-            return
-
-
-def _box(shape: coal.Box) -> Iterator[Part]:
-    yield mg.Box((2 * shape.halfSide).tolist()), np.eye(4)
-
-
-def _sphere(shape: coal.Sphere) -> Iterator[Part]:
-    yield mg.Sphere(shape.radius), np.eye(4)
-
-
-def _ellipsoid(shape: coal.Ellipsoid) -> Iterator[Part]:
-    yield mg.Sphere(1.0), np.diag([*shape.radii, 1.0])
-
-
-def _cylinder(shape: coal.Cylinder) -> Iterator[Part]:
-    yield mg.Cylinder(2 * shape.halfLength, shape.radius), Y_TO_Z
-
-
-def _cone(shape: coal.Cone) -> Iterator[Part]:
-    yield mg.Cylinder(2 * shape.halfLength, radiusTop=0.0, radiusBottom=shape.radius), Y_TO_Z
-
-
-def _capsule(shape: coal.Capsule) -> Iterator[Part]:
-    yield mg.Cylinder(2 * shape.halfLength, shape.radius), Y_TO_Z
-    for end in (-shape.halfLength, shape.halfLength):
-        yield mg.Sphere(shape.radius), shifted(np.array([0.0, 0.0, end]))
-
-
-def _mesh(shape: coal.BVHModelBase) -> Iterator[Part]:
-    triangles = (shape.tri_indices(k) for k in range(shape.num_tris))
-    yield mg.TriangularMeshGeometry(shape.vertices(), [[*triangle] for triangle in triangles]), np.eye(4)
-
-
-def _convex(shape: coal.Convex) -> Iterator[Part]:
-    triangles = (shape.polygons(k) for k in range(shape.num_polygons))
-    yield mg.TriangularMeshGeometry(shape.points(), [[*triangle] for triangle in triangles]), np.eye(4)
 
 
 _BUILDERS: Mapping[type, Callable[[Any], Iterator[Part]]] = MappingProxyType(
@@ -138,7 +98,7 @@ _BUILDERS: Mapping[type, Callable[[Any], Iterator[Part]]] = MappingProxyType(
         coal.Cone: _cone,
         coal.Capsule: _capsule,
         coal.BVHModelBase: _mesh,
-        coal.Convex: _convex,
+        coal.ConvexBase: _convex,
     }
 )
 
