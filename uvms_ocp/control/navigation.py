@@ -47,7 +47,7 @@ class VehicleFilter:
     """
 
     def __init__(self, specs: SensorSpecs, *, jerk: float, angular_jerk: float, drift: float) -> None:
-        """Densities of the driving noise: jerk [m/s3/sqrt(Hz)], angular_jerk [rad/s3/sqrt(Hz)], drift [rad/s/sqrt(s)]."""
+        """Driving noise: jerk [m/s3/sqrt(Hz)], angular_jerk [rad/s3/sqrt(Hz)], drift [rad/s/sqrt(s)]."""
         self._sigma = {name: sigma_of(getattr(specs, name)) for name in CHANNELS}
         gyro = specs.angular_velocity
         period = 0.0 if gyro is None else 1.0 / gyro.rate
