@@ -74,6 +74,8 @@ class DynamicController:
         a = (command.v - self._reference) / self._dt + self._K_p * error + self._K_i * self._integral
         self._reference = command.v
         tau = self._dynamics.inverse_dynamics(measurement.q, measurement.v, a) - disturbance
+        if command.stop:
+            tau = np.zeros_like(tau)
         result, torque = self._realize(tau)
         self._integrate(error, tau, np.concatenate([result.reached[: self._robot.n_vehicle], torque]))
         telemetry = {
@@ -83,7 +85,8 @@ class DynamicController:
             "unreachable": result.unreachable,
             "saturated": result.saturated,
         }
-        return replace(command, thrust=self._thrusters.drive(result.thrust), torque=torque, telemetry=telemetry)
+        thrust = self._thrusters.drive(result.thrust, hurry=not command.stop)
+        return replace(command, thrust=thrust, torque=torque, telemetry=telemetry)
 
     def _disturbance(self, measurement: Measurement) -> np.ndarray:
         if self._observer is None:
@@ -118,9 +121,10 @@ class _ThrusterLag:
         self._lead = np.clip(lead, 1.0, np.maximum(time_constants / (2 * dt), 1.0))
         self.thrust = np.zeros(len(thrusters))  # [N] modelled thrust now
 
-    def drive(self, wanted: np.ndarray) -> np.ndarray:
+    def drive(self, wanted: np.ndarray, *, hurry: bool) -> np.ndarray:
         """Command (n_thrusters,) [N] for the wanted thrust; advances the model by one tick."""
-        command = np.clip(self.thrust + self._lead * (wanted - self.thrust), self._lower, self._upper)
+        lead = self._lead if hurry else 1.0
+        command = np.clip(self.thrust + lead * (wanted - self.thrust), self._lower, self._upper)
         self.thrust = command + (self.thrust - command) * self._decay
         return command
 

@@ -31,6 +31,7 @@ class EstimatorTuning:
     floor_roughness: float = 0.3  # [-] slope
     altitude_drift: float = 0.005  # [m/sqrt(s)] at rest
     echo_memory: float = 1.0  # [s] for which the altitude is known without an echo
+    response_time: float = 0.1  # [s] with which velocities are taken to follow commands
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -61,21 +62,28 @@ class Estimator:
         )
         self._joints = JointFilter(robot, specs, acceleration=tuning.joint_acceleration)
         self._altitude = _altitude_filter(robot, specs, tuning, altimeter_frame)
+        self._response_time = tuning.response_time
+        self._response = np.zeros(robot.n_v)
         self._t: float | None = None
 
     def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
-        """The estimate at time t [s]; `command` is the one that has been acting since the last call."""
+        """The estimate at time t [s]; `command` has been acting since the last call."""
         dt = 0.0 if self._t is None else t - self._t
         if dt < 0:
             raise InvalidInput(f"estimator called at t = {t} s after t = {self._t} s; give increasing times")
         self._t = t
-        asked = None if command is None else command.v
+        asked = None if command is None else self._follow(command, dt)
         q, v = self._joints_at(readings, t, dt, asked)
         if self._n_vehicle:
             q_vehicle, v_vehicle = self._vehicle_at(readings, t, dt, asked)
             q, v = np.concatenate([*q_vehicle, q]), np.concatenate([v_vehicle, v])
         echo = math.nan if self._altitude is None else self._altitude.update(q, v, readings, t, dt)
         return Measurement(q=q, v=v, altimeter_range=echo, age=age_of(readings, self._needed, t))
+
+    def _follow(self, command: Command, dt: float) -> np.ndarray:
+        """The velocity (n_v,) that the command has brought about, were there nothing else."""
+        self._response = command.v + math.exp(-dt / self._response_time) * (self._response - command.v)
+        return self._response
 
     def _joints_at(
         self, readings: Readings, t: float, dt: float, asked: np.ndarray | None
@@ -97,25 +105,25 @@ class PassThrough:
 
     def __init__(self, robot: Robot, specs: SensorSpecs) -> None:
         """Raises `InvalidInput` where a channel that it needs is missing: it estimates nothing."""
-        needed = ("joint_positions", "joint_velocities", *(_VEHICLE_CHANNELS if robot.n_vehicle else ()))
-        for name in needed:
+        free = robot.n_vehicle > 0
+        self._q_channels = (*(("position", "attitude") if free else ()), "joint_positions")
+        self._v_channels = (*(("linear_velocity", "angular_velocity") if free else ()), "joint_velocities")
+        for name in (*self._q_channels, *self._v_channels):
             if getattr(specs, name) is None:
                 raise InvalidInput(f"sensor {name} is missing; add it, or use an Estimator instead of PassThrough")
-        self._needed = _needed_channels(robot, specs)
-        self._n_vehicle = robot.n_vehicle
+        self._needed = (*_needed_channels(robot, specs), "joint_velocities")
 
     def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
         """The last readings at time t [s]; `command` is not read. Raises `InvalidInput` before the first ones."""
         age = age_of(readings, self._needed, t)
         if age == math.inf:
             raise InvalidInput(f"no reading of every channel yet at t = {t} s; use an Estimator for such sensors")
-        q, v = [readings.joint_positions.value], [readings.joint_velocities.value]
-        if self._n_vehicle:
-            q = [readings.position.value, readings.attitude.value, *q]
-            v = [readings.linear_velocity.value, readings.angular_velocity.value, *v]
+        q, v = (
+            np.concatenate([getattr(readings, name).value for name in channels])
+            for channels in (self._q_channels, self._v_channels)
+        )
         echo = readings.altimeter_range
-        echo_range = math.nan if echo is None else echo.value
-        return Measurement(q=np.concatenate(q), v=np.concatenate(v), altimeter_range=echo_range, age=age)
+        return Measurement(q=q, v=v, altimeter_range=math.nan if echo is None else echo.value, age=age)
 
 
 def age_of(readings: Readings, channels: tuple[str, ...], t: float) -> float:

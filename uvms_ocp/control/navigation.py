@@ -71,7 +71,7 @@ class VehicleFilter:
 
     def velocity(self) -> np.ndarray:
         """Twist (6,) [m/s, rad/s] of B in B."""
-        v_B = self._quaternion.matrix().T @ self._motion.x[:, 1]
+        v_B = self._quaternion.conjugate() * self._motion.x[:, 1]
         return np.concatenate([v_B, self._angular_velocity()])
 
     def predict(self, dt: float, asked: np.ndarray | None) -> None:
@@ -104,7 +104,7 @@ class VehicleFilter:
         return self._spin.x[:, 0] + self._turn.x[:, 1]
 
     def _follow(self, asked: np.ndarray) -> None:
-        asked_W = self._quaternion.matrix() @ asked[:3]
+        asked_W = self._quaternion * asked[:3]
         self._motion.x[:, 1] += asked_W - self._asked_W
         self._spin.x[:, 0] += asked[3:] - self._asked_omega
         self._asked_W, self._asked_omega = asked_W, asked[3:]
@@ -120,9 +120,9 @@ class VehicleFilter:
 
     def _correct_velocity(self, reading: Reading, t: float) -> None:
         age = t - reading.t
-        R_then = self._quaternion.matrix() @ pin.exp3(-age * self._angular_velocity())
+        then = self._quaternion * pin.Quaternion(pin.exp3(-age * self._angular_velocity()))
         predicted = self._motion.x[:, 1] - age * self._motion.x[:, 2]
-        self._motion.correct(1, R_then @ reading.value - predicted, self._sigma["linear_velocity"])
+        self._motion.correct(1, then * reading.value - predicted, self._sigma["linear_velocity"])
 
     def _position_before(self, age: float) -> np.ndarray:
         return self._motion.x @ np.array([1.0, -age, 0.5 * age * age])

@@ -61,5 +61,6 @@ class Command:
     v: np.ndarray  # (n_v,) [m/s, rad/s] reference velocity
     thrust: np.ndarray | None = None  # (n_thrusters,) [N] asked of the thrusters; kinematic layers leave it out
     torque: np.ndarray | None = None  # (n_joints,) [N m or N] asked of the joint motors
+    stop: bool = False  # cut thrust and torque
     finished: bool = False  # the mission is complete; the loop may stop
     telemetry: Mapping[str, Any] = field(default_factory=dict)  # scalars and arrays to record

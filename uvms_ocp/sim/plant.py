@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 
@@ -20,3 +22,7 @@ class KinematicPlant:
     def step(self, command: Command, dt: float) -> None:
         """Advance by dt [s]."""
         self.state = State(q=pin.integrate(self._model, self.state.q, command.v * dt), v=command.v)
+
+    def telemetry(self) -> dict[str, Any]:
+        """Nothing: the state is all there is."""
+        return {}
