@@ -21,9 +21,7 @@ _HALF_TURN_ABOUT_X = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
 """Forward-right-down axes in forward-left-up ones; its own inverse."""
 
 
-def links_in_water(
-    description: data.RobotDescription, density: float | None = None
-) -> tuple[LinkHydrodynamics, ...]:
+def links_in_water(description: data.RobotDescription, density: float | None = None) -> tuple[LinkHydrodynamics, ...]:
     """Coefficients of every wet link of a description, in forward-left-up axes.
 
     density [kg/m3] is what the shape rules use, default the description's. Floats and ballast add their
