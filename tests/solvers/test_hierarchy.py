@@ -111,6 +111,14 @@ def test_nan_in_a_tick_gives_zero_velocity_and_says_so(solver: Icat | Lexicograp
     np.testing.assert_allclose(tick(*_arguments(levels)).v, solver.solve(levels).v, atol=1e-6)
 
 
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize(("n", "m"), [(1, 2), (3, 0), (2, 1)])
+def test_ticks_work_at_the_smallest_sizes(solver: Icat | LexicographicQp, n: int, m: int) -> None:
+    result = solver.bind(_tick_function(n, m), [m])(np.ones((m, n)), *[np.ones(m)] * 5)
+    assert result.status is Status.SOLVED
+    np.testing.assert_allclose(np.ones((m, n)) @ result.v, np.ones(m), atol=1e-3)
+
+
 def test_contradictory_bounds_in_a_tick_are_invalid_input() -> None:
     tick = LexicographicQp().bind(_tick_function(2, 1), [1])
     result = tick([[1.0, 0.0]], [1.0], [0.0], [0.0], [1.0], [1.0])

@@ -81,7 +81,8 @@ class QpTick:
 
     def _stepwise(self, inputs: Sequence[ArrayLike]) -> list[Array]:
         J, low, up, J_given, lower, upper, gate, *extras = self._levels(inputs)
-        n = J.shape[1]
+        n = self._functions.levels.size2_out(0)
+        J, J_given = J.reshape(-1, n), J_given.reshape(-1, n)
         v, P, inexact, held = np.zeros(n), np.eye(n), 0.0, 0
         bounds, fixed = (low.copy(), up.copy()), np.zeros(len(low))
         for step in self._functions.steps:
