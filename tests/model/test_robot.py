@@ -254,6 +254,16 @@ BROKEN_URDFS = {
         with_shape("a", "<collision><geometry><cone/></geometry></collision>"),
         "link 'a' collision geometry: given <cone>; allowed: box, sphere, cylinder, mesh",
     ),
+    "negative friction": (
+        link("a") + link("b") + joint(limit=LIMIT + "<dynamics damping='-1'/>"),
+        "joint 'j' dynamics damping: given -1.0; allowed: >= 0",
+    ),
+    "three colours": (
+        link("a") + "<material name='red'><color rgba='1 0 0'/></material>",
+        "material 'red' color rgba: given '1 0 0'; allowed: four numbers from 0 to 1",
+    ),
+    "colour without a name": (link("a") + "<material><color rgba='1 0 0 1'/></material>", "a <material> has no name"),
+    "material without a colour": (link("a") + "<material name='red'/>", "material 'red': given no name or no colour"),
     "flat box": (
         with_shape("a", "<visual><geometry><box size='1 1 0'/></geometry></visual>"),
         "link 'a' visual box: given {'size': '1 1 0'}; allowed: sizes > 0 m",
