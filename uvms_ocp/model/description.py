@@ -6,6 +6,7 @@ SI units throughout; angles in rad. Vectors are in the link's own frame, forward
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,6 +18,8 @@ from uvms_ocp.exceptions import InvalidInput, RobotDataError
 
 NonNegative = Annotated[float, Field(ge=0.0)]
 Positive = Annotated[float, Field(gt=0.0)]
+Coordinate = Annotated[float, Field(ge=-50.0, le=50.0)]  # [m]; larger numbers are millimetres by mistake
+Point = tuple[Coordinate, Coordinate, Coordinate]
 Vector3 = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
 NonNegative6 = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
@@ -33,7 +36,7 @@ class _Section(BaseModel):
 class Pose(_Section):
     """Pose of a coefficient frame in the frame of its link."""
 
-    position: Vector3 = Field(default=(0.0, 0.0, 0.0), description="origin [m]")
+    position: Point = Field(default=(0.0, 0.0, 0.0), description="origin [m]")
     rpy: Vector3 = Field(default=(0.0, 0.0, 0.0), description="roll, pitch, yaw [rad], R = Rz Ry Rx")
 
 
@@ -53,9 +56,7 @@ class LinkCoefficients(_Section):
         default=(0.0,) * 6, description="factor of v|v| per axis [N/(m/s)^2, N m/(rad/s)^2], >= 0"
     )
     volume: float = Field(default=0.0, ge=0.0, le=1e4, description="displaced volume [m3]")
-    centre_of_buoyancy: Vector3 | None = Field(
-        default=None, description="in the link frame [m]; needs a volume"
-    )
+    centre_of_buoyancy: Point | None = Field(default=None, description="in the link frame [m]; needs a volume")
 
     @field_validator("added_mass")
     @classmethod
@@ -97,9 +98,7 @@ class Cylinder(_Shape):
 
     radius: float = Field(gt=0.0, le=10.0, description="[m]")
     length: float = Field(gt=0.0, le=100.0, description="[m]")
-    axial_added_mass: float = Field(
-        default=0.1, ge=0.0, le=1.0, description="axial share of the displaced mass [-]"
-    )
+    axial_added_mass: float = Field(default=0.1, ge=0.0, le=1.0, description="axial share of the displaced mass [-]")
 
 
 class Box(_Shape):
@@ -135,7 +134,7 @@ class TrimBody(_Section):
 
     name: str
     link: str = "base_link"
-    position: Vector3 = Field(description="centre, in the link frame [m]")
+    position: Point = Field(description="centre, in the link frame [m]")
     mass: float = Field(ge=0.0, le=1e4, description="[kg]")
     volume: float = Field(ge=0.0, le=10.0, description="displaced volume [m3]")
 
@@ -153,10 +152,8 @@ class Thruster(_Section):
 
     name: str
     link: str = "base_link"
-    position: Vector3 = Field(description="in the link frame [m]")
-    direction: Vector3 = Field(
-        description="of positive thrust on the vehicle, in the link frame; any length > 0"
-    )
+    position: Point = Field(description="in the link frame [m]")
+    direction: Vector3 = Field(description="of positive thrust on the vehicle, in the link frame; any length > 0")
     minimum: float = Field(ge=-1e5, le=0.0, description="thrust limit [N]")
     maximum: float = Field(gt=0.0, le=1e5, description="thrust limit [N]")
     time_constant: float = Field(ge=0.0, le=10.0, description="first-order lag [s]; 0 is instantaneous")
@@ -202,29 +199,19 @@ class JointDescription(_Section):
         default=None,
         description="stowed position [rad or m]; left out: 0, or mid-range where 0 is not allowed",
     )
-    acceleration: Positive | None = Field(
-        default=None, description="limit [rad/s2 or m/s2]; none is unlimited"
-    )
+    acceleration: Positive | None = Field(default=None, description="limit [rad/s2 or m/s2]; none is unlimited")
 
 
 class RobotDescription(_Section):
     """The whole file."""
 
     base: Literal["free_flyer", "fixed"] = "free_flyer"
-    convention: Literal["FLU", "NED"] = Field(
-        default="FLU", description="axes of every vector and matrix in links"
-    )
-    water_density: float = Field(
-        default=998.0, ge=900.0, le=1300.0, description="[kg/m3], fresh 998, sea 1025"
-    )
-    altimeter: str | None = Field(
-        default=None, description="frame of the range sensor, which looks along its -z"
-    )
+    convention: Literal["FLU", "NED"] = Field(default="FLU", description="axes of every vector and matrix in links")
+    water_density: float = Field(default=998.0, ge=900.0, le=1300.0, description="[kg/m3], fresh 998, sea 1025")
+    altimeter: str | None = Field(default=None, description="frame of the range sensor, which looks along its -z")
     vehicle_limits: VehicleLimits | None = None
     joints: dict[str, JointDescription] = Field(default={}, description="by joint name")
-    joint_efficiency: float = Field(
-        default=0.6, gt=0.0, le=1.0, description="mechanical / electrical power [-]"
-    )
+    joint_efficiency: float = Field(default=0.6, gt=0.0, le=1.0, description="mechanical / electrical power [-]")
     links: dict[str, LinkDescription] = Field(default={}, description="by link name; links left out are dry")
     trim: tuple[TrimBody, ...] = Field(default=(), description="floats and ballast")
     thrusters: tuple[Thruster, ...] = ()
@@ -302,6 +289,12 @@ def _mapping_with_unique_keys(loader: _UniqueKeys, node: yaml.MappingNode) -> di
     return loader.construct_mapping(node, deep=True)
 
 
+def _word(loader: _UniqueKeys, node: yaml.ScalarNode) -> str:
+    """Read yes, no, true, ... as words: nothing in the file is true or false, and true must not pass as 1.0."""
+    return str(loader.construct_scalar(node))
+
+
+_UniqueKeys.add_constructor("tag:yaml.org,2002:bool", _word)
 _UniqueKeys.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping_with_unique_keys)
 
 
@@ -309,10 +302,24 @@ def _one_line(error: ValidationError) -> str:
     problems = error.errors(include_url=False)
     worst = _best_match(problems)
     key = ".".join(str(part) for part in worst["loc"] if "[" not in str(part)) or "file"
-    given = "" if worst["type"] == "missing" else f" given {_short(worst['input'])};"
-    message = worst["msg"].removeprefix("Value error, ")
     more = f" ({len(problems) - 1} more)" if len(problems) > 1 else ""
-    return f"{key}:{given} {message}{more}"
+    return f"{key}: {_problem(worst)}{more}"
+
+
+def _problem(problem: Any) -> str:
+    if problem["type"] == "missing":
+        return "missing; give it a value"
+    if problem["type"] == "extra_forbidden":
+        return f"unknown key{_did_you_mean(str(problem['loc'][-1]))}"
+    message = problem["msg"].removeprefix("Value error, ").replace("Input should be", "allowed:")
+    return f"given {_short(problem['input'])}; {message.partition(', unable to parse')[0]}"
+
+
+def _did_you_mean(key: str) -> str:
+    sections = (*_Section.__subclasses__(), *_Shape.__subclasses__())
+    known = {name for section in sections for name in section.model_fields}
+    close = get_close_matches(key, sorted(known), n=1)
+    return f"; did you mean {close[0]!r}?" if close else f"; known keys of all sections: {', '.join(sorted(known))}"
 
 
 def _best_match(problems: list[Any]) -> Any:
