@@ -53,15 +53,21 @@ def main() -> None:
 def run(
     name: Annotated[str, typer.Argument(metavar="SCENARIO", help="Scenario to run, see `uvms-ocp list`.")] = "case1",
     robot: Annotated[str | None, typer.Option(help="Robot, see `uvms-ocp list`; default: the scenario's.")] = None,
-    plant: Annotated[str, typer.Option(help=f"Plant: {', '.join(PLANTS)}.")] = "kinematic",
+    plant: Annotated[str, typer.Option(help=f"Plant: {', '.join(PLANTS)}.")] = "dynamic",
     solver: Annotated[str, typer.Option(help=f"Hierarchy solver: {', '.join(SOLVERS)}.")] = "lexqp",
+    current: Annotated[
+        tuple[float, float, float], typer.Option(metavar="X Y Z", help="Uniform current in W [m/s].")
+    ] = (0.0, 0.0, 0.0),
+    seed: Annotated[int, typer.Option(help="Seed of the sensor noise.")] = 0,
+    noise: Annotated[bool, typer.Option("--noise/--no-noise", help="Sensors with noise, rates and delays.")] = False,
     duration: Annotated[float, typer.Option(metavar="S", help="Time limit of the mission [s].")] = 120.0,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the results.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report on stdout, the rest on stderr.")] = False,
 ) -> None:
     """Run a scenario; write its record, report, figures and 3-D scene."""
     console = Console(stderr=as_json)
-    scenario = _build(name, robot=robot, plant=plant, solver=solver, duration=duration)
+    options = {"plant": plant, "duration": duration, "current": current, "seed": seed, "noise": noise}
+    scenario = _build(name, solver, options if robot is None else options | {"robot": robot})
     folder = out or Path("uvms_runs") / f"{name}-{plant}-{solver}"
     with staged_folder(folder) as staging:
         record = _simulate(scenario, console)
@@ -96,14 +102,13 @@ def list_all(
     Console().print(table)
 
 
-def _build(name: str, *, robot: str | None, plant: str, solver: str, duration: float) -> Scenario:
+def _build(name: str, solver: str, options: dict[str, Any]) -> Scenario:
     """The scenario with the options of the command line; raises `UvmsError` where one is wrong."""
     if name not in SCENARIOS:
         raise NameNotFound("scenario", name, SCENARIOS)
     if solver not in SOLVERS:
         raise NameNotFound("solver", solver, SOLVERS)
-    options: dict[str, Any] = {} if robot is None else {"robot": robot}
-    return SCENARIOS[name](plant=plant, solver=SOLVERS[solver](), duration=duration, **options)
+    return SCENARIOS[name](solver=SOLVERS[solver](), **options)
 
 
 def _simulate(scenario: Scenario, console: Console) -> Record:

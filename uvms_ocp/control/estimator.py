@@ -10,7 +10,7 @@ import numpy as np
 from uvms_ocp.control.navigation import AltitudeFilter, JointFilter, VehicleFilter
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import CHANNELS, SensorSpecs
+from uvms_ocp.model.sensing import CHANNELS, IDEAL_SENSORS, SensorSpecs
 from uvms_ocp.model.state import Command, Measurement, Readings
 
 _VEHICLE_CHANNELS = ("position", "attitude", "linear_velocity", "angular_velocity")
@@ -51,12 +51,16 @@ class Estimator:
         robot: Robot,
         specs: SensorSpecs | None = None,
         tuning: EstimatorTuning | None = None,
-        altimeter_frame: str = "altimeter",
+        altimeter_frame: str | None = None,
     ) -> None:
-        """specs: the noise to expect. Raises `FrameNotFound` where there is an altimeter but not its frame."""
+        """specs: the noise to expect. altimeter_frame: the one of the robot's description unless given.
+
+        Raises `FrameNotFound` for an unknown altimeter frame.
+        """
         specs, tuning = specs or SensorSpecs(), tuning or EstimatorTuning()
+        altimeter_frame = altimeter_frame or robot.description.altimeter
         self._n_vehicle = robot.n_vehicle
-        self._needed = _needed_channels(robot, specs)
+        self._needed = _needed_channels(robot, specs, altimeter_frame)
         self._vehicle = VehicleFilter(
             specs, jerk=tuning.jerk, angular_jerk=tuning.angular_jerk, drift=tuning.gyro_drift
         )
@@ -103,15 +107,21 @@ class Estimator:
 class PassThrough:
     """Takes readings for the truth: for sensors without noise, which it repeats exactly."""
 
-    def __init__(self, robot: Robot, specs: SensorSpecs) -> None:
-        """Raises `InvalidInput` where a channel that it needs is missing: it estimates nothing."""
+    def __init__(self, robot: Robot, specs: SensorSpecs = IDEAL_SENSORS, altimeter_frame: str | None = None) -> None:
+        """altimeter_frame: the one of the robot's description unless given.
+
+        Raises `InvalidInput` where a channel that it needs is missing: it estimates nothing.
+        """
         free = robot.n_vehicle > 0
         self._q_channels = (*(("position", "attitude") if free else ()), "joint_positions")
         self._v_channels = (*(("linear_velocity", "angular_velocity") if free else ()), "joint_velocities")
         for name in (*self._q_channels, *self._v_channels):
             if getattr(specs, name) is None:
                 raise InvalidInput(f"sensor {name} is missing; add it, or use an Estimator instead of PassThrough")
-        self._needed = (*_needed_channels(robot, specs), "joint_velocities")
+        self._needed = (
+            *_needed_channels(robot, specs, altimeter_frame or robot.description.altimeter),
+            "joint_velocities",
+        )
 
     def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
         """The last readings at time t [s]; `command` is not read. Raises `InvalidInput` before the first ones."""
@@ -137,15 +147,18 @@ def age_of(readings: Readings, channels: tuple[str, ...], t: float) -> float:
     return t - oldest
 
 
-def _needed_channels(robot: Robot, specs: SensorSpecs) -> tuple[str, ...]:
+def _needed_channels(robot: Robot, specs: SensorSpecs, altimeter_frame: str | None) -> tuple[str, ...]:
     """Channels that the robot has and that no other replaces."""
-    absent = () if robot.n_vehicle else _VEHICLE_CHANNELS
-    skipped = (*absent, *_OPTIONAL_CHANNELS)
+    skipped = (
+        *_OPTIONAL_CHANNELS,
+        *(() if robot.n_vehicle else _VEHICLE_CHANNELS),
+        *(() if altimeter_frame else ("altimeter_range",)),
+    )
     return tuple(name for name in CHANNELS if getattr(specs, name) is not None and name not in skipped)
 
 
 def _altitude_filter(robot: Robot, specs: SensorSpecs, tuning: EstimatorTuning, frame: str) -> AltitudeFilter | None:
-    if specs.altimeter_range is None:
+    if specs.altimeter_range is None or frame is None:
         return None
     return AltitudeFilter(
         robot,

@@ -14,6 +14,13 @@ from uvms_ocp.exceptions import InvalidInput, NameNotFound
 _LEVEL = 1e-9  # sine of the angle to the horizon below which a ray counts as level
 _SAMPLES_PER_RADIUS = 12  # of the smallest protuberance, when a ray looks for the floor
 _MAX_SAMPLES = 20_000
+_ALL_BUT_LAST, _ALL_BUT_FIRST = slice(None, -1), slice(1, None)
+_CELL = (  # corners of a mesh cell, counter-clockwise from above; y runs along the first axis
+    (_ALL_BUT_LAST, _ALL_BUT_LAST),
+    (_ALL_BUT_LAST, _ALL_BUT_FIRST),
+    (_ALL_BUT_FIRST, _ALL_BUT_FIRST),
+    (_ALL_BUT_FIRST, _ALL_BUT_LAST),
+)
 _RANGE_TOLERANCE = 1e-10  # [m]
 
 
@@ -91,8 +98,9 @@ class HeightField:
     centres: np.ndarray  # (n, 2) [m] x, y in W
     heights: np.ndarray  # (n,) [m] > 0
     radii: np.ndarray  # (n,) [m] > 0
-    _inverse_squares: np.ndarray = field(init=False, repr=False)  # (n,) [1/m2] of the radii
-    _top: float = field(init=False, repr=False)  # [m] no point of the floor is higher
+    _bumps: np.ndarray = field(init=False, repr=False)  # (4, n): x, y, height, 1 / radius^2
+    _low: np.ndarray = field(init=False, repr=False)  # (3,) [m] corner of a box around all bumps
+    _high: np.ndarray = field(init=False, repr=False)  # (3,) [m] its opposite corner
 
     def __post_init__(self) -> None:
         n = len(self.heights)
@@ -102,8 +110,11 @@ class HeightField:
             raise InvalidInput(f"seafloor at z = {self.z}; give a finite height [m]")
         if n and not (self.heights.min() > 0 and self.radii.min() > 0):
             raise InvalidInput("heights and radii of a height field must be > 0")
-        object.__setattr__(self, "_inverse_squares", self.radii**-2.0)
-        object.__setattr__(self, "_top", self.z + _highest(self.centres, self.heights, self.radii))
+        bumps = np.vstack([self.centres.T, self.heights, self.radii**-2.0])
+        low, high = _box(self.centres, self.radii)
+        object.__setattr__(self, "_bumps", bumps)
+        object.__setattr__(self, "_low", np.array([*low, self.z]))
+        object.__setattr__(self, "_high", np.array([*high, self.z + _highest(self.centres, self.heights, self.radii)]))
 
     @staticmethod
     def random(
@@ -134,27 +145,22 @@ class HeightField:
         )
 
     def height(self, x: float, y: float) -> float:
-        return float(self._rest(x, y) ** 3 @ self.heights) + self.z
+        return self.z + float(_elevation(self._bumps, x, y))
 
     def heights_at(self, points: np.ndarray) -> np.ndarray:
         """z (m,) [m] of the floor at x, y (m, 2) [m] in W."""
-        offsets = points[:, None, :] - self.centres
-        rest = np.maximum(1.0 - np.sum(offsets * offsets, axis=2) * self._inverse_squares, 0.0)
-        return self.z + rest**3 @ self.heights
+        return self.z + _elevation(self._bumps, points[:, :1], points[:, 1:])
 
     def gradient(self, x: float, y: float) -> np.ndarray:
         """Slope (2,) [-] along x and y in W."""
-        slope = -6.0 * self.heights * self._rest(x, y) ** 2 * self._inverse_squares
-        return np.array([x * slope.sum() - slope @ self.centres[:, 0], y * slope.sum() - slope @ self.centres[:, 1]])
+        dx, dy, height, scale = self._bumps[0] - x, self._bumps[1] - y, self._bumps[2], self._bumps[3]
+        rest = np.maximum(1.0 - (dx * dx + dy * dy) * scale, 0.0)
+        slope = 6.0 * height * rest * rest * scale
+        return np.array([slope @ dx, slope @ dy])
 
     def normal(self, x: float, y: float) -> np.ndarray:
         upwards = np.array([*-self.gradient(x, y), 1.0])
         return upwards / np.linalg.norm(upwards)
-
-    def _rest(self, x: float, y: float) -> np.ndarray:
-        """``1 - (d/r)^2`` (n,) of every bump, 0 beyond its radius."""
-        dx, dy = self.centres[:, 0] - x, self.centres[:, 1] - y
-        return np.maximum(1.0 - (dx * dx + dy * dy) * self._inverse_squares, 0.0)
 
     def range_along(self, origin: np.ndarray, direction: np.ndarray) -> float:
         """See `Seafloor`. Marches with a fraction of the smallest radius, then refines by Brent's method."""
@@ -162,45 +168,76 @@ class HeightField:
         above = float(origin[2]) - self.height(float(origin[0]), float(origin[1]))
         if above <= 0:
             return above / descent if descent > _LEVEL else math.nan
-        interval = self._where_bumps_are(origin, direction)
-        crossing = None if interval is None else self._first_crossing(origin, direction, *interval)
+        crossing = self._crossing(origin, direction)
         if crossing is not None:
-            return self._crossing_in(origin, direction, *crossing)
+            return crossing
         return (float(origin[2]) - self.z) / descent if descent > _LEVEL else math.nan
 
-    def _where_bumps_are(self, origin: np.ndarray, direction: np.ndarray) -> tuple[float, float] | None:
-        """Part of the ray inside the box that holds all bumps, by the slab method; `None` where it misses the box."""
-        if not len(self.heights):
+    def _crossing(self, origin: np.ndarray, direction: np.ndarray) -> float | None:
+        """Distance [m] at which the ray meets a bump."""
+        interval = self._inside_box(origin, direction)
+        if interval is None:
             return None
-        low = np.array([*(self.centres - self.radii[:, None]).min(axis=0), self.z])
-        high = np.array([*(self.centres + self.radii[:, None]).max(axis=0), self._top])
+        bumps = self._bumps[:, _near_ray(self._bumps, origin, direction, *interval)]
+        bracket = self._first_bracket(bumps, origin, direction, *interval)
+        return None if bracket is None else self._refined(bumps, origin, direction, *bracket)
+
+    def _inside_box(self, origin: np.ndarray, direction: np.ndarray) -> tuple[float, float] | None:
+        """Part of the ray inside the box that holds all bumps, by the slab method; `None` where it misses the box."""
         slope = np.where(np.abs(direction) < _LEVEL, _LEVEL, direction)
-        to_low, to_high = (low - origin) / slope, (high - origin) / slope
+        to_low, to_high = (self._low - origin) / slope, (self._high - origin) / slope
         start = max(0.0, float(np.minimum(to_low, to_high).max()))
         end = float(np.maximum(to_low, to_high).min())
         return (start, end) if start <= end else None
 
-    def _first_crossing(
-        self, origin: np.ndarray, direction: np.ndarray, start: float, end: float
+    def _first_bracket(
+        self, bumps: np.ndarray, origin: np.ndarray, direction: np.ndarray, start: float, end: float
     ) -> tuple[float, float] | None:
-        step = self.radii.min() / _SAMPLES_PER_RADIUS
-        sideways = math.hypot(direction[0], direction[1]) * (end - start)
-        distances = np.linspace(start, end, min(2 + math.ceil(sideways / step), _MAX_SAMPLES))
-        points = origin + distances[:, None] * direction
-        below = points[:, 2] <= self.heights_at(points[:, :2])
-        if not below.any():
+        """Two neighbouring samples, above and below the floor."""
+        if not bumps.size:
             return None
+        sideways = math.hypot(direction[0], direction[1]) * (end - start)
+        n_samples = 2 + math.ceil(sideways * _SAMPLES_PER_RADIUS * math.sqrt(bumps[3].max()))
+        distances = np.linspace(start, end, min(n_samples, _MAX_SAMPLES))
+        points = origin + distances[:, None] * direction
+        below = points[:, 2] <= self.z + _elevation(bumps, points[:, :1], points[:, 1:2])
         hit = int(np.argmax(below))
-        return float(distances[max(hit - 1, 0)]), float(distances[hit])
+        return (float(distances[max(hit - 1, 0)]), float(distances[hit])) if below[hit] else None
 
-    def _crossing_in(self, origin: np.ndarray, direction: np.ndarray, above: float, below: float) -> float:
-        def clearance(distance: float) -> float:
-            x, y, z = (origin + distance * direction).tolist()
-            return z - self.height(x, y)
+    def _refined(
+        self, bumps: np.ndarray, origin: np.ndarray, direction: np.ndarray, above: float, below: float
+    ) -> float:
+        (x, y, z), (dx, dy, dz) = origin.tolist(), direction.tolist()
 
-        if clearance(above) <= 0:  # the interval begins at the floor
-            return above
+        def clearance(s: float) -> float:
+            return z + s * dz - self.z - float(_elevation(bumps, x + s * dx, y + s * dy))
+
+        if clearance(above) <= 0 or clearance(below) >= 0:  # the floor is at the end, to rounding
+            return above if clearance(above) <= 0 else below
         return float(brentq(clearance, above, below, xtol=_RANGE_TOLERANCE))
+
+
+def _elevation(bumps: np.ndarray, x: float | np.ndarray, y: float | np.ndarray) -> np.ndarray:
+    """Sum of the bumps (4, n) at a point, or (m,) at points whose x and y are columns (m, 1)."""
+    dx, dy = bumps[0] - x, bumps[1] - y
+    rest = np.maximum(1.0 - (dx * dx + dy * dy) * bumps[3], 0.0)
+    return (rest * rest * rest) @ bumps[2]
+
+
+def _near_ray(bumps: np.ndarray, origin: np.ndarray, direction: np.ndarray, start: float, end: float) -> np.ndarray:
+    """Mask (n,) of the bumps above which the ray passes between two distances."""
+    dx, dy = bumps[0] - origin[0], bumps[1] - origin[1]
+    sideways = max(direction[0] ** 2 + direction[1] ** 2, _LEVEL**2)
+    nearest = np.clip((dx * direction[0] + dy * direction[1]) / sideways, start, end)
+    dx, dy = dx - nearest * direction[0], dy - nearest * direction[1]
+    return (dx * dx + dy * dy) * bumps[3] < 1.0
+
+
+def _box(centres: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (2,) [m] of the rectangle that holds all bumps; an empty rectangle without any."""
+    if not len(radii):
+        return np.full(2, math.inf), np.full(2, -math.inf)
+    return (centres - radii[:, None]).min(axis=0), (centres + radii[:, None]).max(axis=0)
 
 
 def _checked(name: str, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
@@ -217,3 +254,20 @@ def _highest(centres: np.ndarray, heights: np.ndarray, radii: np.ndarray) -> flo
         return 0.0
     distances = np.linalg.norm(centres[:, None] - centres, axis=2)
     return float(((distances < radii[:, None] + radii) @ heights).max())
+
+
+def floor_mesh(
+    seafloor: Seafloor, *, centre: tuple[float, float], extent: float, spacing: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (n, 3) [m] in W and triangles (m, 3), counter-clockwise from above, of a square of the floor.
+
+    extent [m] is its side, spacing [m] the distance between vertices.
+    """
+    if not (math.isfinite(extent) and math.isfinite(spacing) and 0 < spacing <= extent):
+        raise InvalidInput(f"mesh of extent {extent} m and spacing {spacing} m; give 0 < spacing <= extent")
+    side = np.linspace(-extent / 2, extent / 2, 1 + math.ceil(extent / spacing))
+    x, y = (values.ravel() for values in np.meshgrid(centre[0] + side, centre[1] + side))
+    z = [seafloor.height(*point) for point in zip(x.tolist(), y.tolist(), strict=True)]
+    corner = np.arange(len(x)).reshape(len(side), -1)
+    a, b, c, d = (corner[i, j].ravel() for i, j in _CELL)
+    return np.stack([x, y, z], axis=1), np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])

@@ -48,9 +48,12 @@ class SensorSuite:
         seafloor: Seafloor,
         specs: SensorSpecs | None = None,
         seed: int = 0,
-        altimeter_frame: str = "altimeter",
+        altimeter_frame: str | None = None,
     ) -> None:
-        """Raises `InvalidInput` for a bias of the wrong length and `FrameNotFound` for an unknown altimeter frame."""
+        """altimeter_frame: the one of the robot's description unless given; without any there is no altimeter.
+
+        Raises `InvalidInput` for a bias of the wrong length and `FrameNotFound` for an unknown altimeter frame.
+        """
         specs = specs or SensorSpecs()
         sources = _sources(robot, seafloor, specs, altimeter_frame)
         streams = np.random.SeedSequence(seed).spawn(len(CHANNELS))
@@ -66,7 +69,7 @@ class SensorSuite:
 
 
 def _sources(
-    robot: Robot, seafloor: Seafloor, specs: SensorSpecs, altimeter_frame: str
+    robot: Robot, seafloor: Seafloor, specs: SensorSpecs, altimeter_frame: str | None
 ) -> dict[str, tuple[Truth, Disturb, int]]:
     """Per channel: the true value, how an error acts on it and the number of its components."""
     joint_q, joint_v, n = robot.joint_q, robot.joint_v, robot.n_joints
@@ -82,8 +85,9 @@ def _sources(
             "angular_velocity": (lambda state: state.v[3:6].copy(), _add, 3),
             "linear_velocity": (lambda state: state.v[:3].copy(), _add, 3),
         }
-    if specs.altimeter_range is not None:
-        altimeter = Altimeter(robot, seafloor, altimeter_frame)
+    frame = altimeter_frame or robot.description.altimeter
+    if specs.altimeter_range is not None and frame is not None:
+        altimeter = Altimeter(robot, seafloor, frame)
         sources["altimeter_range"] = (lambda state: altimeter.measure(state.q), _add_scalar, 1)
     return sources
 
