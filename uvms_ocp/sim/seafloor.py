@@ -14,13 +14,6 @@ from uvms_ocp.exceptions import InvalidInput, NameNotFound
 _LEVEL = 1e-9  # sine of the angle to the horizon below which a ray counts as level
 _SAMPLES_PER_RADIUS = 12  # of the smallest protuberance, when a ray looks for the floor
 _MAX_SAMPLES = 20_000
-_ALL_BUT_LAST, _ALL_BUT_FIRST = slice(None, -1), slice(1, None)
-_CELL = (  # corners of a mesh cell, counter-clockwise from above; y runs along the first axis
-    (_ALL_BUT_LAST, _ALL_BUT_LAST),
-    (_ALL_BUT_LAST, _ALL_BUT_FIRST),
-    (_ALL_BUT_FIRST, _ALL_BUT_FIRST),
-    (_ALL_BUT_FIRST, _ALL_BUT_LAST),
-)
 _RANGE_TOLERANCE = 1e-10  # [m]
 
 
@@ -269,5 +262,6 @@ def floor_mesh(
     x, y = (values.ravel() for values in np.meshgrid(centre[0] + side, centre[1] + side))
     z = [seafloor.height(*point) for point in zip(x.tolist(), y.tolist(), strict=True)]
     corner = np.arange(len(x)).reshape(len(side), -1)
-    a, b, c, d = (corner[i, j].ravel() for i, j in _CELL)
-    return np.stack([x, y, z], axis=1), np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]
+    triangles = np.stack([np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)])
+    return np.stack([x, y, z], axis=1), triangles.reshape(-1, 3)
