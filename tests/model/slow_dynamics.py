@@ -78,6 +78,14 @@ def mass_matrix(dynamics: SymbolicDynamics, q: np.ndarray) -> np.ndarray:
     return M
 
 
+def damping_matrix(dynamics: SymbolicDynamics, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
+    D = np.zeros((v.size, v.size)) if dynamics.damping is None else np.diag(dynamics.damping)
+    for link, motion, u_W in zip(dynamics.links, link_motions(dynamics, q, v), u, strict=True):
+        nu_r = motion.J @ v - np.r_[motion.R.T @ u_W, 0, 0, 0]
+        D += motion.J.T @ (link.linear_drag + link.quadratic_drag @ np.diag(np.abs(nu_r))) @ motion.J
+    return (D + D.T) / 2
+
+
 def dissipated_power(dynamics: SymbolicDynamics, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> float:
     """Power [W] that drag and joint friction take out of the motion relative to a uniform current u (3,)."""
     power = 0.0 if dynamics.damping is None else float(dynamics.damping @ v**2)

@@ -92,9 +92,7 @@ def test_floats_share_the_centre_of_buoyancy_by_volume() -> None:
 
 
 def test_ballast_on_a_dry_link_makes_it_wet() -> None:
-    link = only_link(
-        trim=[{"name": "lead", "link": "keel", "position": (0.4, 0.0, 0.1), "mass": 1.0, "volume": 1e-4}]
-    )
+    link = only_link(trim=[{"name": "lead", "link": "keel", "position": (0.4, 0.0, 0.1), "mass": 1.0, "volume": 1e-4}])
     assert link.frame == "keel"
     assert link.volume == pytest.approx(1e-4)
 

@@ -95,6 +95,18 @@ def test_mass_matrices_equal_the_slow_reference_and_are_positive_definite(dynami
         assert np.linalg.eigvalsh(M).min() > 0.0
 
 
+def test_damping_matrices_equal_the_slow_reference(dynamics: Dynamics) -> None:
+    for s in states(dynamics):
+        wanted = slow.damping_matrix(dynamics.symbolic, s.q, s.v, s.u)
+        close(dynamics.damping_matrix(s.q, s.v, s.water), wanted, EXACT)
+
+
+def test_damping_takes_the_power_that_drag_and_friction_dissipate(dynamics: Dynamics) -> None:
+    for s in states(dynamics):
+        lost = slow.dissipated_power(dynamics.symbolic, s.q, s.v, np.zeros(3))
+        assert s.v @ dynamics.damping_matrix(s.q, s.v) @ s.v == pytest.approx(lost, rel=EXACT)
+
+
 def test_forward_dynamics_undo_inverse_dynamics(dynamics: Dynamics) -> None:
     for s in states(dynamics):
         tau = dynamics.inverse_dynamics(s.q, s.v, s.a, s.water)

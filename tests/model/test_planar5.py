@@ -49,11 +49,7 @@ def lagrangian(robot: Robot, q: ca.SX, q_dot: ca.SX) -> ca.SX:
 
     translation = f1 * (x_dot**2 + y_dot**2) + f2 * w0**2 + f3 * w1**2 + f4 * w2**2
     coupling = f5 * w0 * along(alpha) + f6 * w1 * along(a1) + f7 * w2 * along(a2)
-    arm = (
-        f8 * w0 * w1 * ca.cos(theta1)
-        + f9 * w0 * w2 * ca.cos(theta1 + theta2)
-        + f10 * w1 * w2 * ca.cos(theta2)
-    )
+    arm = f8 * w0 * w1 * ca.cos(theta1) + f9 * w0 * w2 * ca.cos(theta1 + theta2) + f10 * w1 * w2 * ca.cos(theta2)
     return translation + coupling + arm
 
 

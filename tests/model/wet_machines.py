@@ -46,9 +46,7 @@ def built_machine(*joint_types: str, branch_at: int | None = None) -> Dynamics:
 
 FLOATING: dict[str, Callable[[], Dynamics]] = {
     **{
-        name: lambda name=name: robot_dynamics(load_robot(name))
-        for name in list_robots()
-        if load_robot(name).n_vehicle
+        name: lambda name=name: robot_dynamics(load_robot(name)) for name in list_robots() if load_robot(name).n_vehicle
     },
     "chain": lambda: built_machine("free_flyer", "revolute_unaligned", "unbounded_y", "prismatic_unaligned"),
     "two_arms": lambda: built_machine(

@@ -27,6 +27,7 @@ class Dynamics:
     _inverse: BufferedFunction = field(init=False, repr=False)
     _bias: BufferedFunction = field(init=False, repr=False)
     _mass: BufferedFunction = field(init=False, repr=False)
+    _damping: BufferedFunction = field(init=False, repr=False)
     _forward: BufferedFunction = field(init=False, repr=False)
     _kinetic: BufferedFunction = field(init=False, repr=False)
     _potential: BufferedFunction = field(init=False, repr=False)
@@ -37,6 +38,7 @@ class Dynamics:
             "_inverse": self.symbolic.inverse_dynamics_function(),
             "_bias": self.symbolic.bias_force_function(),
             "_mass": self.symbolic.mass_matrix_function(),
+            "_damping": self.symbolic.damping_matrix_function(),
             "_forward": self.symbolic.forward_dynamics_function(),
             "_kinetic": self.symbolic.kinetic_energy_function(),
             "_potential": self.symbolic.potential_energy_function(),
@@ -45,15 +47,11 @@ class Dynamics:
         for name, function in functions.items():
             object.__setattr__(self, name, BufferedFunction(function))
 
-    def inverse_dynamics(
-        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, water: Water = STILL_WATER
-    ) -> np.ndarray:
+    def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
         """Generalized force tau (n_v,) [N, N m] for the acceleration a."""
         return self._inverse(q, v, a, water.velocity, water.acceleration)[0]
 
-    def forward_dynamics(
-        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, water: Water = STILL_WATER
-    ) -> np.ndarray:
+    def forward_dynamics(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
         """Acceleration a (n_v,) [m/s2, rad/s2] under the generalized force tau."""
         return self._forward(q, v, tau, water.velocity, water.acceleration)[0]
 
@@ -65,6 +63,11 @@ class Dynamics:
         """Rigid-body plus added mass M (n_v, n_v), symmetric."""
         n_v = self.symbolic.model.nv
         return self._mass(q)[0].reshape(n_v, n_v)
+
+    def damping_matrix(self, q: ArrayLike, v: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
+        """Symmetric part of D(q, v_r) (n_v, n_v): drag of all links and joint friction."""
+        n_v = self.symbolic.model.nv
+        return self._damping(q, v, water.velocity)[0].reshape(n_v, n_v)
 
     def kinetic_energy(self, q: ArrayLike, v: ArrayLike) -> float:
         """``1/2 v.T M v`` [J]; of v relative to a uniform current it is the energy in the drifting frame."""

@@ -24,7 +24,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.spatial import Array, column, cross
+from uvms_ocp.model.spatial import Array, column, cross, diagonal
 
 _TOLERANCE = 1e-9  # of symmetry and of signs, relative to the largest entry
 
@@ -59,9 +59,7 @@ class LinkHydrodynamics:
     def __post_init__(self) -> None:
         for name in ("added_mass", "linear_drag", "quadratic_drag"):
             self._set(name, _matrix6(self.frame, name, getattr(self, name)))
-        self._set(
-            "centre_of_buoyancy", _checked(self.frame, "centre_of_buoyancy", self.centre_of_buoyancy, (3,))
-        )
+        self._set("centre_of_buoyancy", _checked(self.frame, "centre_of_buoyancy", self.centre_of_buoyancy, (3,)))
         if not (np.isfinite(self.volume) and self.volume >= 0.0):
             raise InvalidInput(f"{self.frame}: volume {self.volume} m3 given; allowed: 0 or more")
         _check_inertia(self.frame, self.added_mass)
@@ -112,6 +110,11 @@ def added_mass_wrench(M_A: Array, nu_r: Array, nu_r_dot: Array) -> Array:
     return column(force, rate[3:] + cross(angular, momentum[3:]) + cross(linear, momentum[:3]))
 
 
+def damping_matrix(linear_drag: Array, quadratic_drag: Array, nu_r: Array) -> Array:
+    """``D(nu_r)`` (6, 6), linear and quadratic."""
+    return linear_drag + quadratic_drag @ diagonal(abs(nu_r))
+
+
 def drag_wrench(linear_drag: Array, quadratic_drag: Array, nu_r: Array) -> Array:
     """``D(nu_r) nu_r`` (6,), linear and quadratic."""
     return linear_drag @ nu_r + quadratic_drag @ (abs(nu_r) * nu_r)
@@ -151,8 +154,6 @@ def _check_inertia(frame: str, matrix: np.ndarray) -> None:
 def _check_dissipates(frame: str, linear: np.ndarray, quadratic: np.ndarray) -> None:
     smallest = float(np.linalg.eigvalsh((linear + linear.T) / 2).min())
     if smallest < -_TOLERANCE * max(1.0, float(np.abs(linear).max())):
-        raise InvalidInput(
-            f"{frame}: linear_drag generates energy (eigenvalue {smallest:.6g}); allowed: 0 or more"
-        )
+        raise InvalidInput(f"{frame}: linear_drag generates energy (eigenvalue {smallest:.6g}); allowed: 0 or more")
     if np.diag(quadratic).min() < 0.0:
         raise InvalidInput(f"{frame}: quadratic_drag has a negative diagonal; allowed: 0 or more")

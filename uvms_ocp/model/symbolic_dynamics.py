@@ -17,15 +17,8 @@ import pinocchio as pin
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model import hydrodynamics as water
 from uvms_ocp.model.hydrodynamics import LinkHydrodynamics
-from uvms_ocp.model.symbolic import (
-    BodyMotions,
-    Pose,
-    SymbolicModel,
-    Wrench,
-    find_frame,
-    function,
-    inertial_wrench,
-)
+from uvms_ocp.model.symbolic import BodyMotions, SymbolicModel, find_frame, function
+from uvms_ocp.model.symbolic_bodies import Pose, Wrench, inertial_wrench
 from uvms_ocp.model.symbolic_joints import sparse
 
 
@@ -65,13 +58,9 @@ class SymbolicDynamics:
         if not (np.isfinite(self.density) and self.density >= 0.0):
             raise InvalidInput(f"density {self.density} kg/m3 given; allowed: 0 or more")
         if self.damping is not None and np.shape(self.damping) != (self.model.nv,):
-            raise InvalidInput(
-                f"damping of shape {np.shape(self.damping)} given; allowed: ({self.model.nv},)"
-            )
+            raise InvalidInput(f"damping of shape {np.shape(self.damping)} given; allowed: ({self.model.nv},)")
         object.__setattr__(self, "symbolic", SymbolicModel(self.model))
-        object.__setattr__(
-            self, "_wet", tuple(_wet_link(self.model, link, self.density) for link in self.links)
-        )
+        object.__setattr__(self, "_wet", tuple(_wet_link(self.model, link, self.density) for link in self.links))
 
     # --- expressions ------------------------------------------------------------------------------
 
@@ -97,6 +86,20 @@ class SymbolicDynamics:
     def mass_matrix(self, q: ca.SX) -> ca.SX:
         """Rigid-body plus added mass (n_v, n_v)."""
         return self.symbolic.mass_matrix(q, self.inertias())
+
+    def damping_matrix(self, q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
+        """Symmetric part of Fossen's D(q, v_r) with the joint friction (n_v, n_v), for implicit integration.
+
+        ``v.T D v`` is the dissipated power in still water; with a diagonal quadratic drag D is positive
+        semidefinite, so that ``M + h D`` damps at any step h.
+        """
+        local = self.symbolic.local_poses(q)
+        motions = self.symbolic.body_motions(local, v, ca.SX(self.model.nv, 1))
+        bodies = [ca.SX(6, 6) for _ in range(self.model.njoints)]
+        for index, link in enumerate(self._wet):
+            bodies[link.joint] += self._link_damping(link, motions, u[:, index])
+        D = self.symbolic.congruence(local, bodies)
+        return D if self.damping is None else D + ca.diag(ca.SX(sparse(self.damping)))
 
     def forward_dynamics(self, q: ca.SX, v: ca.SX, tau: ca.SX, u: ca.SX, u_dot: ca.SX) -> ca.SX:
         """Acceleration (n_v,) under the generalized force tau.
@@ -145,7 +148,7 @@ class SymbolicDynamics:
 
     def _water_wrench(self, link: _WetLink, motions: BodyMotions, u: ca.SX, u_dot: ca.SX) -> Wrench:
         """Wrench of the link on the water, at the joint that carries it."""
-        R_LW = (motions.poses[link.joint].R @ link.R_JL).T
+        R_LW = link.R_JL.T @ motions.poses[link.joint].R.T
         u_L, w_L = R_LW @ u, R_LW @ (u_dot - self.model.gravity.linear)
         nu = link.motion_LJ @ motions.velocities[link.joint].stacked()
         a = link.motion_LJ @ motions.accelerations[link.joint].stacked()
@@ -157,6 +160,13 @@ class SymbolicDynamics:
             - water.pressure_wrench(link.displaced_mass, link.p_LB, w_L)
         )
         return Wrench(force=wrench[:3], moment=wrench[3:])
+
+    def _link_damping(self, link: _WetLink, motions: BodyMotions, u: ca.SX) -> ca.SX:
+        """Symmetric part of the link's D(nu_r) (6, 6), at the joint that carries it."""
+        u_L = link.R_JL.T @ (motions.poses[link.joint].R.T @ u)
+        nu = link.motion_LJ @ motions.velocities[link.joint].stacked()
+        D = water.damping_matrix(link.linear_drag, link.quadratic_drag, water.relative_velocity(nu, u_L))
+        return link.motion_LJ.T @ ((D + D.T) / 2) @ link.motion_LJ
 
     # --- ready-made functions ---------------------------------------------------------------------
 
@@ -174,6 +184,11 @@ class SymbolicDynamics:
         """Function ``q -> M``."""
         x = self._symbols("q")
         return function("mass_matrix", x, {"M": self.mass_matrix(*x.values())})
+
+    def damping_matrix_function(self) -> ca.Function:
+        """Function ``q, v, u -> D``."""
+        x = self._symbols("q", "v", "u")
+        return function("damping_matrix", x, {"D": self.damping_matrix(*x.values())})
 
     def forward_dynamics_function(self) -> ca.Function:
         """Function ``q, v, tau, u, u_dot -> a``."""
