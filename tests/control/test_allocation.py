@@ -176,3 +176,9 @@ def least_power(allocation: Allocation, thrust: np.ndarray, free: np.ndarray) ->
         options={"ftol": 1e-14, "maxiter": 200},
     )
     return float(oracle.fun) * scale
+
+
+def test_without_thrusters_nothing_is_reached() -> None:
+    result = allocation_of(load_robot("planar5")).allocate(np.ones(6))
+    assert result.thrust.shape == (0,)
+    np.testing.assert_array_equal(result.unreachable, np.ones(6))
