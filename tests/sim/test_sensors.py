@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -132,10 +133,10 @@ def test_a_drop_out_leaves_the_old_reading_with_its_old_time(robot):
     times, readings = series(one("position", SensorSpec(rate=10.0, sigma=1.0, dropout=0.5), robot), state_of(robot), 60)
     expected = np.floor(times * 10.0 + 1e-9) / 10.0
     fresh = [r.position for r in readings if r.position is not None]
-    changes = sum(a is not b for a, b in zip(fresh, fresh[1:], strict=False)) + 1
+    changes = sum(a is not b for a, b in pairwise(fresh)) + 1
     assert 0.4 < changes / 600 < 0.6
     assert any(r.position.t < e - 0.05 for r, e in zip(readings, expected, strict=True) if r.position is not None)
-    for a, b in zip(fresh, fresh[1:], strict=False):
+    for a, b in pairwise(fresh):
         assert (a.t == b.t) == (a.value is b.value)
 
 

@@ -52,6 +52,7 @@ class VehicleFilter:
         gyro = specs.angular_velocity
         period = 0.0 if gyro is None else 1.0 / gyro.rate
         gyro_walk = max(self._sigma["angular_velocity"] * math.sqrt(period), _SMALLEST_SIGMA)
+        # Spin is what the gyro shows; the second column of turn is its drift, with the sign that corrects it.
         self._motion = Track(3, sigma=(_UNKNOWN, 1.0, 0.1), density=(0.0, 0.0, jerk))
         self._spin = Track(3, sigma=(1.0, 0.1), density=(0.0, angular_jerk))
         self._turn = Track(3, sigma=(10.0, 1e-3), density=(gyro_walk, drift))
@@ -87,18 +88,18 @@ class VehicleFilter:
         """Use what is new at time t [s]."""
         new = self._news.of
         if reading := new(readings, "angular_velocity"):
-            predicted = self._angular_velocity() - (t - reading.t) * self._spin.x[:, 1]
+            predicted = self._spin.x[:, 0] - (t - reading.t) * self._spin.x[:, 1]
             self._spin.correct(0, reading.value - predicted, self._sigma["angular_velocity"])
         if reading := new(readings, "attitude"):
             self._correct_attitude(reading, t)
-        if reading := new(readings, "linear_velocity"):
-            self._correct_velocity(reading, t)
         if reading := new(readings, "position"):
             predicted = self._position_before(t - reading.t)
             self._motion.correct(0, reading.value - predicted, self._sigma["position"])
         if reading := new(readings, "depth"):
             predicted = self._position_before(t - reading.t)[2:]
             self._motion.correct(0, reading.value - predicted, self._sigma["depth"], axes=slice(2, 3))
+        if reading := new(readings, "linear_velocity"):
+            self._correct_velocity(reading, t)
 
     def _angular_velocity(self) -> np.ndarray:
         return self._spin.x[:, 0] + self._turn.x[:, 1]
@@ -160,11 +161,11 @@ class JointFilter:
 
     def correct(self, readings: Readings, t: float) -> None:
         """Use what is new at time t [s]."""
-        if reading := self._news.of(readings, "joint_velocities"):
-            self._track.correct(1, reading.value - self.velocity, self._sigma["joint_velocities"])
         if reading := self._news.of(readings, "joint_positions"):
             error = self._error(reading.value) + (t - reading.t) * self.velocity
             self._track.correct(0, error, self._sigma["joint_positions"])
+        if reading := self._news.of(readings, "joint_velocities"):
+            self._track.correct(1, reading.value - self.velocity, self._sigma["joint_velocities"])
         self._move(self._track.take())
 
     def _move(self, displacement: np.ndarray) -> None:
