@@ -18,11 +18,12 @@ from uvms_ocp.control.estimator import PassThrough
 from uvms_ocp.control.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.mission import Mission
+from uvms_ocp.model.description import TrimBody
 from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.payload import Payload, with_payload
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
 from uvms_ocp.model.state import Command, Measurement, State
+from uvms_ocp.model.trim import with_trim
 from uvms_ocp.record import Record
 from uvms_ocp.sim import DynamicPlant, Environment, KinematicPlant, SensorSuite, simulate
 from uvms_ocp.sim.loop import Controller, Estimator, Plant
@@ -53,7 +54,7 @@ class Scenario:
     plant: str = "dynamic"
     sensors: SensorSpecs = IDEAL_SENSORS
     gains: VelocityGains = VelocityGains()  # of the dynamic control layer; the kinematic plant has none
-    payload: Payload | None = None  # carried by the plant; the controller does not know
+    payload: TrimBody | None = None  # carried by the plant; the controller does not know
     seed: int = 0  # of the sensor noise
     altimeter_frame: str = "altimeter"
     dt: float = 1 / 200  # [s] control period
@@ -99,7 +100,7 @@ class Scenario:
         if self.plant == "kinematic":
             return KinematicPlant(self.robot, self.start), kinematic
         dynamics = robot_dynamics(self.robot)
-        laden = self.robot if self.payload is None else with_payload(self.robot, self.payload)
+        laden = self.robot if self.payload is None else with_trim(self.robot, [self.payload])
         plant = DynamicPlant(
             laden, self.start, dynamics=robot_dynamics(laden), environment=self.environment
         )
@@ -131,6 +132,7 @@ class Scenario:
         return {
             "scenario": self.name,
             "robot": self.robot.name,
+            "floating": bool(self.robot.n_vehicle),
             "plant": self.plant,
             "solver": type(self.solver).__name__,
             "dt": self.dt,
@@ -144,7 +146,10 @@ class Scenario:
             "events": [
                 {"t": e.t, "source": e.source, "target": e.target, "reason": e.reason} for e in controller.events
             ],
-            "phases": [{"name": phase.name, "title": phase.title} for phase in self.mission.phases],
+            "phases": [
+                {"name": phase.name, "title": phase.title, "tasks": [name for name, gate in phase.gates.items() if gate]}
+                for phase in self.mission.phases
+            ],
             "tasks": [{"name": task.name, "label": task.label} for task in tasks],
             "tool_task": tools[0] if tools else None,
             "levels": [
