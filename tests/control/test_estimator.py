@@ -182,6 +182,16 @@ def test_the_same_readings_give_the_same_estimate(robot, start):
     np.testing.assert_array_equal(a.v_estimated, b.v_estimated)
 
 
+def test_a_reading_counts_once_however_often_it_is_repeated(robot, start):
+    suite, estimators = SensorSuite(robot, FLOOR), (Estimator(robot), Estimator(robot))
+    for k in range(100):
+        readings = suite.read(State(q=start, v=np.zeros(robot.n_v)), k * DT)
+        names = [name for name in readings.__slots__ if getattr(readings, name) is not None]
+        copies = {n: Reading(value=getattr(readings, n).value, t=getattr(readings, n).t) for n in names}
+        a, b = (e(r, k * DT) for e, r in zip(estimators, (readings, Readings(**copies)), strict=True))
+        np.testing.assert_array_equal(a.q, b.q)
+
+
 def test_the_age_is_that_of_the_oldest_reading_that_matters(robot, start):
     assert Run(robot, start, at_rest(robot), 2.0).age.max() == pytest.approx(0.195)
     readings = Readings(position=Reading(value=np.zeros(3), t=1.0), depth=Reading(value=0.0, t=0.2))

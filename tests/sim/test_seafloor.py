@@ -2,11 +2,12 @@
 
 import math
 
+import coal
 import numpy as np
 import pytest
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.sim import FlatSeafloor, HeightField, floor_mesh
+from uvms_ocp.sim import FlatSeafloor, HeightField, floor_mesh, mesh_shape
 from uvms_ocp.sim.seafloor import RELIEFS, Relief
 
 FLOORS = {
@@ -115,6 +116,24 @@ def test_a_mesh_lies_on_the_floor_and_faces_up(floor):
     areas = np.cross(b - a, c - a)[:, 2] / 2
     assert (areas > 0).all()
     assert areas.sum() == pytest.approx(100.0)
+
+
+def test_the_clearance_to_the_shape_of_a_mesh_is_that_to_the_floor():
+    floor = FLOORS["large"]
+    shape = mesh_shape(*floor_mesh(floor, centre=(0.0, 0.0), extent=30.0, spacing=0.5))
+    drop = np.array([0.0, 0.0, -1.0])
+    for x, y in np.random.default_rng(3).uniform(-10.0, 10.0, (20, 2)):
+        point = np.array([x, y, floor.height(x, y)]) + 0.5 * floor.normal(x, y)
+        pose = coal.Transform3s(np.eye(3), point)
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        distance = coal.distance(coal.Sphere(0.1), pose, shape, coal.Transform3s.Identity(), request, result)
+        assert distance == pytest.approx(0.4, abs=0.02)
+        assert floor.range_along(point, drop) >= distance
+
+
+def test_a_mesh_of_vertices_that_do_not_exist_is_refused():
+    with pytest.raises(InvalidInput, match="3 vertices"):
+        mesh_shape(np.eye(3), np.array([[0, 1, 3]]))
 
 
 def test_wrong_floors_are_refused_in_one_line():

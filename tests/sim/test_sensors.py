@@ -101,7 +101,7 @@ def test_the_noise_of_a_channel_does_not_depend_on_the_other_channels(robot):
 @pytest.mark.parametrize("dt", [1 / 200, 1 / 1000, 1 / 30])
 @pytest.mark.parametrize("rate", [1.0, 5.0, 7.0, 10.0, 100.0, 200.0])
 def test_readings_come_at_the_rate_of_the_sensor_or_of_the_ticks(robot, rate, dt):
-    duration = 20.0
+    duration = 6.0
     suite = one("position", SensorSpec(rate=rate), robot)
     times, readings = series(suite, state_of(robot), duration, dt)
     taken = sorted({r.position.t for r in readings})

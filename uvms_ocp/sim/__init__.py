@@ -9,6 +9,7 @@ from uvms_ocp.sim.dynamic_plant import DynamicPlant as DynamicPlant
 from uvms_ocp.sim.environment import Environment as Environment
 from uvms_ocp.sim.loop import simulate as simulate
 from uvms_ocp.sim.obstacles import Obstacle as Obstacle
+from uvms_ocp.sim.obstacles import mesh_shape as mesh_shape
 from uvms_ocp.sim.plant import KinematicPlant as KinematicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor as FlatSeafloor
 from uvms_ocp.sim.seafloor import HeightField as HeightField
