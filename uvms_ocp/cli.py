@@ -195,14 +195,14 @@ def _write(scenario: Scenario, record: Record, report: dict[str, Any], folder: P
 
 def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) -> None:
     table = Table(title=f"{report['scenario']}, {report['robot']}, {report['plant']} plant, {report['solver']}")
-    for column in ("phase", "start [s]", "end [s]", "why it ended", "errors at its end", "energy [J]", "path [m]"):
-        table.add_column(column, overflow="fold")
+    for column in ("phase", "start [s]", "end [s]", "J", "m"):
+        table.add_column(column, no_wrap=True, justify="left" if column == "phase" else "right")
+    table.add_column("why it ended, errors at its end")
     for phase in report["phases"]:
-        errors = "\n".join(_active_errors(phase))
         times = (f"{phase['start_s']:.2f}", f"{phase['end_s']:.2f}")
         energy = f"{phase['energy_j']:.0f}" if "energy_j" in phase else "-"
-        cost = (energy, f"{phase['path_length_m']:.2f}")
-        table.add_row(f"{phase['name']} {phase['title']}", *times, phase["reason"], errors, *cost)
+        why = Text("\n").join([Text(phase["reason"]), *(Text(error, style="dim") for error in _active_errors(phase))])
+        table.add_row(f"{phase['name']} {phase['title']}", *times, energy, f"{phase['path_length_m']:.2f}", why)
     console.print(table)
     for alarm in report["alarms"]:
         console.print(f"alarm at {alarm['t']:.2f} s: {alarm['text']}", style="yellow", markup=False)

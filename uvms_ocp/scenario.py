@@ -18,12 +18,10 @@ from uvms_ocp.control.estimator import PassThrough
 from uvms_ocp.control.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.mission import Mission
-from uvms_ocp.model.description import TrimBody
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
 from uvms_ocp.model.state import Command, Measurement, State
-from uvms_ocp.model.trim import with_trim
 from uvms_ocp.record import Record
 from uvms_ocp.sim import DynamicPlant, Environment, KinematicPlant, SensorSuite, simulate
 from uvms_ocp.sim.loop import Controller, Estimator, Plant
@@ -54,7 +52,7 @@ class Scenario:
     plant: str = "dynamic"
     sensors: SensorSpecs = IDEAL_SENSORS
     gains: VelocityGains = VelocityGains()  # of the dynamic control layer; the kinematic plant has none
-    payload: TrimBody | None = None  # carried by the plant; the controller does not know
+    plant_robot: Robot | None = None  # what moves in the water, where it differs from what the controller knows
     seed: int = 0  # of the sensor noise
     altimeter_frame: str = "altimeter"
     dt: float = 1 / 200  # [s] control period
@@ -99,13 +97,10 @@ class Scenario:
     def _plant_and_controller(self, kinematic: KinematicController) -> tuple[Plant, Controller]:
         if self.plant == "kinematic":
             return KinematicPlant(self.robot, self.start), kinematic
-        dynamics = robot_dynamics(self.robot)
-        laden = self.robot if self.payload is None else with_trim(self.robot, [self.payload])
-        plant = DynamicPlant(
-            laden, self.start, dynamics=robot_dynamics(laden), environment=self.environment
-        )
-        layer = DynamicController(robot=self.robot, dynamics=dynamics, kinematic=kinematic, gains=self.gains)
-        return plant, layer
+        real = self.plant_robot or self.robot
+        plant = DynamicPlant(real, self.start, dynamics=robot_dynamics(real), environment=self.environment)
+        model = robot_dynamics(self.robot)
+        return plant, DynamicController(robot=self.robot, dynamics=model, kinematic=kinematic, gains=self.gains)
 
     def _sensor_suite(self, specs: SensorSpecs | None = None) -> SensorSuite:
         return SensorSuite(
