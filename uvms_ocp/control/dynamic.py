@@ -39,8 +39,9 @@ class VelocityGains:
 class DynamicController:
     """Tracks the velocities of a kinematic layer: a callable ``(Measurement, t) -> Command`` with thrust and torque.
 
-    ``tau = M (a_ref + K_p e + K_i int e) + h(q, v) - d``: model-based feed-forward, PI on the velocity error with
-    anti-windup, and the disturbance d of an observer. Thrusters are inverted through their lag.
+    ``tau = M (a_ref + K_p e + K_i int e) + h(q, v_ref) - d``: model-based feed-forward, PI on the velocity error with
+    anti-windup, and the disturbance d of an observer. Thrusters are inverted through their lag. Drag is that of the
+    reference: fed back from the measured velocity it destabilises the loop wherever the model has too much of it.
     """
 
     def __init__(
@@ -73,7 +74,7 @@ class DynamicController:
         error = command.v - measurement.v
         a = (command.v - self._reference) / self._dt + self._K_p * error + self._K_i * self._integral
         self._reference = command.v
-        tau = self._dynamics.inverse_dynamics(measurement.q, measurement.v, a) - disturbance
+        tau = self._dynamics.inverse_dynamics(measurement.q, command.v, a) - disturbance
         if command.stop:
             tau = np.zeros_like(tau)
         result, torque = self._realize(tau)
@@ -92,7 +93,7 @@ class DynamicController:
         if self._observer is None:
             return np.zeros(self._robot.n_v)
         wrench = (self._allocation.matrix @ self._thrusters.thrust)[: self._robot.n_vehicle]
-        return self._observer.update(measurement.q, measurement.v, np.concatenate([wrench, self._torque]))
+        return self._observer.update(measurement, self._reference, np.concatenate([wrench, self._torque]))
 
     def _realize(self, tau: np.ndarray) -> tuple[AllocationResult, np.ndarray]:
         wrench = np.zeros(6)
