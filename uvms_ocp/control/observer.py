@@ -6,7 +6,6 @@ import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.dynamics import Dynamics
-from uvms_ocp.model.state import Measurement
 
 
 class DisturbanceObserver:
@@ -23,18 +22,17 @@ class DisturbanceObserver:
         self._v_hat: np.ndarray | None = None
         self.estimate = np.zeros(len(bandwidth))  # d (n_v,) [N, N m]
 
-    def update(self, measurement: Measurement, v_ref: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """The estimate (n_v,) after a tick in which tau (n_v,) acted.
+    def update(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        """The estimate (n_v,) after a tick with measured q, v, while tau (n_v,) acted since the last one.
 
-        The model's forces are those at the reference velocity v_ref (n_v,), the ones that a controller feeds forward.
+        Drag is that of the measured velocity: what it damps is no disturbance, and must not be compensated.
         """
-        q = measurement.q
         if self._v_hat is None:
-            self._v_hat = measurement.v.copy()
-        innovation = measurement.v - self._v_hat
+            self._v_hat = v.copy()
+        innovation = v - self._v_hat
         correction = self._bandwidth**2 * innovation
         self.estimate += self._dt * (self._dynamics.mass_matrix(q) @ correction)
         np.clip(self.estimate, -self._limit, self._limit, out=self.estimate)
-        acceleration = self._dynamics.forward_dynamics(q, v_ref, tau + self.estimate)
+        acceleration = self._dynamics.forward_dynamics(q, v, tau + self.estimate)
         self._v_hat = self._v_hat + self._dt * (acceleration + 2 * self._bandwidth * innovation)
         return self.estimate
