@@ -1,4 +1,4 @@
-"""Reaching with a small vehicle under five published sets of drag: how many of 100 seeded missions complete, and why not.
+"""Reaching with a small vehicle under five published sets of drag: how many seeded missions complete, and why not.
 
     python benchmarks/bluerov_reach.py [--seeds 20] [--output results.csv]
 

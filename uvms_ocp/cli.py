@@ -56,21 +56,23 @@ def main() -> None:
 def run(
     name: Annotated[str, typer.Argument(metavar="SCENARIO", help="Scenario to run, see `uvms-ocp list`.")] = "case1",
     robot: Annotated[str | None, typer.Option(help="Robot, see `uvms-ocp list`; default: the scenario's.")] = None,
-    plant: Annotated[str, typer.Option(help=f"Plant: {', '.join(PLANTS)}.")] = "dynamic",
+    plant: Annotated[str, typer.Option(help=f"Plant: {', '.join(PLANTS)}.")] = PLANTS[0],
     solver: Annotated[str, typer.Option(help=f"Hierarchy solver: {', '.join(SOLVERS)}.")] = "lexqp",
     current: Annotated[
-        tuple[float, float, float], typer.Option(metavar="X Y Z", help="Uniform current in W [m/s].")
-    ] = (0.0, 0.0, 0.0),
-    seed: Annotated[int, typer.Option(help="Seed of the sensor noise.")] = 0,
-    noise: Annotated[bool, typer.Option("--noise/--no-noise", help="Sensors with noise, rates and delays.")] = False,
-    duration: Annotated[float, typer.Option(metavar="S", help="Time limit of the mission [s].")] = 120.0,
+        tuple[float, float, float] | None, typer.Option(metavar="X Y Z", help="Uniform current in W [m/s].")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of everything random.")] = None,
+    noise: Annotated[
+        bool | None, typer.Option("--noise/--no-noise", help="Sensors with noise, rates and delays.")
+    ] = None,
+    duration: Annotated[float | None, typer.Option(metavar="S", help="Time limit of the mission [s].")] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the results.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report on stdout, the rest on stderr.")] = False,
 ) -> None:
-    """Run a scenario; write its record, report, figures and 3-D scene."""
+    """Run a scenario; write its record, report, figures and 3-D scene. What is left out is as the scenario has it."""
     console = Console(stderr=as_json)
-    options = {"plant": plant, "duration": duration, "current": current, "seed": seed, "noise": noise}
-    scenario = _build(name, solver, options if robot is None else options | {"robot": robot})
+    given = {"robot": robot, "plant": plant, "current": current, "seed": seed, "noise": noise, "duration": duration}
+    scenario = _build(name, solver, {option: value for option, value in given.items() if value is not None})
     folder = out or Path("uvms_runs") / f"{name}-{plant}-{solver}"
     with staged_folder(folder) as staging:
         record = _simulate(scenario, console)

@@ -51,7 +51,9 @@ class Scenario:
     solver: HierarchySolver = field(default_factory=LexicographicQp)
     plant: str = "dynamic"
     sensors: SensorSpecs = IDEAL_SENSORS
-    gains: VelocityGains = VelocityGains()  # of the dynamic control layer; the kinematic plant has none
+    gains: VelocityGains = field(
+        default_factory=VelocityGains
+    )  # of the dynamic control layer; the kinematic plant has none
     plant_robot: Robot | None = None  # what moves in the water, where it differs from what the controller knows
     seed: int = 0  # of the sensor noise
     altimeter_frame: str = "altimeter"
@@ -142,7 +144,11 @@ class Scenario:
                 {"t": e.t, "source": e.source, "target": e.target, "reason": e.reason} for e in controller.events
             ],
             "phases": [
-                {"name": phase.name, "title": phase.title, "tasks": [name for name, gate in phase.gates.items() if gate]}
+                {
+                    "name": phase.name,
+                    "title": phase.title,
+                    "tasks": [name for name, gate in phase.gates.items() if gate],
+                }
                 for phase in self.mission.phases
             ],
             "tasks": [{"name": task.name, "label": task.label} for task in tasks],

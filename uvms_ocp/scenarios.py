@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -90,8 +90,8 @@ def case1(
     the stowed posture by default. target (3,) [m] in W: where AT points. tool_goal: X_WT, at the target with the tool
     pointing down by default. seabed [m]: height of the floor. tasks: field overrides by task name, such as
     ``{"PC": {"gain_linear": 0.3}}``. order: task names, highest priority first, instead of the order of the classes.
-    current: a field, or a uniform velocity (3,) [m/s] in W. noise: of the sensors. observer: of disturbances. payload: a body
-    that the plant carries and the controller does not know, such as ``TrimBody(name="sample", link="tool", ...)``.
+    current: a field, or a uniform velocity (3,) [m/s] in W. noise: of the sensors. observer: of disturbances. payload: a
+    body that the plant carries and the controller does not know, such as ``TrimBody(name="sample", link="tool", ...)``.
 
     Raises `UvmsError` where a name is unknown or a number is impossible.
     """
@@ -146,8 +146,8 @@ def reach(
 ) -> Scenario:
     """A small floating vehicle with a four-joint arm brings its tool to a position: approach, then reach.
 
-    The tool stays within `tolerance` [m] of the target (3,) [m] in W for 1 s; vehicle and arm reach together, the pose of
-    the vehicle comes second. variant: of the water on the plant's vehicle, such as another published set of drag; the
+    The tool stays within `tolerance` [m] of the target (3,) [m] in W for 1 s; vehicle and arm reach together, the pose
+    of the vehicle comes second. variant: of the water on the plant's vehicle, such as another published set of drag; the
     controller keeps the nominal one. target: by default drawn from `seed`, 2 to 4 m from the start.
 
     Raises `UvmsError` where a name is unknown or a number is impossible.
@@ -189,7 +189,7 @@ def reach(
     )
 
 
-SCENARIOS = {"case1": case1, "reach": reach}
+SCENARIOS: dict[str, Callable[..., Scenario]] = {"case1": case1, "reach": reach}
 
 
 def _random_target(origin: pin.SE3, seed: int) -> np.ndarray:

@@ -37,7 +37,9 @@ def idle(robot: Robot, torque: np.ndarray | None = None) -> Command:
     )
 
 
-def plant_of(robot: Robot, q: np.ndarray | None = None, max_step: float = 1e-3, env: Environment = DEEP) -> DynamicPlant:
+def plant_of(
+    robot: Robot, q: np.ndarray | None = None, max_step: float = 1e-3, env: Environment = DEEP
+) -> DynamicPlant:
     start = robot.configuration() if q is None else q
     return DynamicPlant(robot, start, dynamics=robot_dynamics(robot), environment=env, max_step=max_step)
 

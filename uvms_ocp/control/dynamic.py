@@ -39,8 +39,8 @@ class VelocityGains:
 class DynamicController:
     """Tracks the velocities of a kinematic layer: a callable ``(Measurement, t) -> Command`` with thrust and torque.
 
-    ``tau = M (a_ref + K_p (e + i)) + D i + h(q, v_ref) - d`` with ``i = reset * int e``: model-based feed-forward, PI on
-    the velocity error with anti-windup, and the disturbance d of an observer. Thrusters are inverted through their lag.
+    ``tau = M (a_ref + K_p (e + i)) + D i + h(q, v_ref) - d`` with ``i = reset * int e``: model-based feed-forward, PI
+    on the velocity error with anti-windup, and the disturbance d of an observer. Thrusters are inverted through their lag.
     D in the integral part: without it, axes with much drag are left with a slow tail. Drag in h is that of the
     reference: fed back from the measured velocity it destabilises the loop wherever the model has too much of it.
     """
@@ -55,7 +55,9 @@ class DynamicController:
     ) -> None:
         """Raises `InvalidInput` for a vehicle without thrusters."""
         if robot.n_vehicle and not robot.description.thrusters:
-            raise InvalidInput(f"robot {robot.name!r} has no thrusters; give some in its YAML, or use the kinematic plant")
+            raise InvalidInput(
+                f"robot {robot.name!r} has no thrusters; give some in its YAML, or use the kinematic plant"
+            )
         self.kinematic = kinematic
         self._robot, self._dynamics, self._dt = robot, dynamics, kinematic.dt
         self._gains = gains or VelocityGains()
