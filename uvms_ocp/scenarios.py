@@ -108,7 +108,9 @@ def case1(
         name="case1",
         robot=machine,
         mission=Mission(
-            hierarchy=Hierarchy(_override(_case1_tasks(machine, goal, point, tool), tasks or {}), order),
+            hierarchy=Hierarchy(
+                _override(_case1_tasks(machine, goal, point, tool), tasks or {}), _order(machine, order)
+            ),
             phases=_with_underactuation(machine, _case1_phases(limits)),
         ),
         environment=Environment(seafloor=FlatSeafloor(z=seabed), current=_current(current)),
@@ -235,6 +237,11 @@ def _current(given: Current | Sequence[float] | None) -> Current:
 def _underactuation(robot: Robot) -> list[Task]:
     axes = unactuated_axes(robot)
     return [UnderActuation(axes=axes)] if axes else []
+
+
+def _order(robot: Robot, order: Sequence[str] | None) -> tuple[str, ...] | None:
+    """The user's order; what cannot be driven comes first whatever the order."""
+    return None if order is None else (*(task.name for task in _underactuation(robot)), *order)
 
 
 def _with_underactuation(robot: Robot, phases: tuple[Phase, ...]) -> tuple[Phase, ...]:
