@@ -32,7 +32,7 @@ def summarize(record: Record) -> dict[str, Any]:
         "tool_position_error_m": meta["true_quantities"].get(f"{tool}.position_error"),
         "tool_orientation_error_rad": meta["true_quantities"].get(f"{tool}.orientation_error"),
         "vehicle_drift_in_last_phase_m": _drift_in_last_phase(record),
-        "min_altimeter_m": float(np.nanmin(record["altimeter_range"])),
+        "min_altimeter_m": _smallest(record["altimeter_range"]),
         "max_velocity_step": max_velocity_step(record),
         "failed_ticks": _failed_ticks(record),
         "tick_us": _percentiles_us(record["tick_time"]),
@@ -119,6 +119,11 @@ def _failed_ticks(record: Record) -> dict[str, int]:
     codes, counts = np.unique(record["status"], return_counts=True)
     names = [record.meta["statuses"][code] for code in codes]
     return {name: int(count) for name, count in zip(names, counts, strict=True) if name != "solved"}
+
+
+def _smallest(values: np.ndarray) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(known.min()) if known.size else None
 
 
 def _percentiles_us(seconds: np.ndarray) -> dict[str, float]:

@@ -56,7 +56,7 @@ class Scenario:
     )  # of the dynamic control layer; the kinematic plant has none
     plant_robot: Robot | None = None  # what moves in the water, where it differs from what the controller knows
     seed: int = 0  # of the sensor noise
-    altimeter_frame: str = "altimeter"
+    altimeter_frame: str | None = None  # by default the one that the robot's file names, if any
     dt: float = 1 / 200  # [s] control period
     duration: float = 120.0  # [s] at which an incomplete mission is stopped
     markers: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)  # points [m] in W to draw
@@ -68,8 +68,10 @@ class Scenario:
             if not (np.isfinite(value) and value > 0):
                 raise InvalidInput(f"{name} = {value} s; give a finite time > 0")
         self.robot.check_configuration(self.start)
-        self.robot.frame_id(self.altimeter_frame)
-        self._require_above_floor("start position of the vehicle", self.start[:3])
+        if self.altimeter_frame is not None:
+            self.robot.frame_id(self.altimeter_frame)
+        if self.robot.n_vehicle:
+            self._require_above_floor("start position of the vehicle", self.start[:3])
         for task in self.mission.hierarchy.tasks:
             if isinstance(task, (PoseTask, ToolPosition)):
                 self._require_above_floor(f"goal of {task.name}", task.reference(0.0)[:3])
