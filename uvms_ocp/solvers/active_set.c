@@ -24,7 +24,11 @@
 #define N LEX_N
 #define M LEX_M
 #define L LEX_L
-#define RANK_TOLERANCE 1e-11
+#define RANK_TOLERANCE 1e-10
+/* Directions carry the rounding error of their own pivot: a small pivot makes dependent rows look independent. */
+#define RANK_NOISE 1e-14
+/* Rows smaller than this part of the largest row are what is left of a cancellation: nothing. */
+#define VANISHED 1e-13
 #define FEASIBLE 1e-10
 #define MULTIPLIER 1e-10
 
@@ -36,10 +40,10 @@ static const int SIZES[L] = {LEX_SIZES};
 
 typedef struct {
   double a[M][N], lower[M], upper[M], norm[M], tolerance[M];
-  int level[M], state[M];
+  int state[M];
   double t[M][N], reflector[N][N], beta[N], slack[M];
   int order[M], first[L + 1], column[L + 1];
-  double v[N], target[N];
+  double v[N], target[N], smallest;
   char decided[M], tabu[M];
 } Work;
 
@@ -72,19 +76,21 @@ static void pivot(Work *k, int c, int at, int end) {
 }
 
 /* Row with the largest part in the free space, relative to its size; -1 where all depend on pivots. */
-static int best_pivot(const Work *k, int c, int begin, int end) {
-  double best = RANK_TOLERANCE * RANK_TOLERANCE;
+static int best_pivot(Work *k, int c, int begin, int end) {
+  double floor = fmax(RANK_TOLERANCE, RANK_NOISE / k->smallest), best = floor * floor;
   int chosen = -1;
   for (int j = begin; j < end; ++j) {
     int row = k->order[j];
     double part = dot(k->t[row] + c, k->t[row] + c, N - c) / (k->norm[row] * k->norm[row]);
     if (part > best) best = part, chosen = j;
   }
+  if (chosen >= 0) k->smallest = fmin(k->smallest, sqrt(best));
   return chosen;
 }
 
 static void factorise(Work *k) {
   int count = 0, c = 0, row = 0;
+  k->smallest = 1;
   for (int level = 0; level < L; ++level) {
     k->first[level] = count;
     k->column[level] = c;
@@ -278,12 +284,11 @@ static int drop_row(Work *k, int rule) {
 }
 
 static void load(Work *k, const double *J, const double *lower, const double *upper, const double *state) {
-  int row = 0;
-  for (int level = 0; level < L; ++level)
-    for (int i = 0; i < SIZES[level]; ++i, ++row) k->level[row] = level;
-  for (row = 0; row < M; ++row) {
+  double largest = 0;
+  for (int row = 0; row < M; ++row) {
     for (int c = 0; c < N; ++c) k->a[row][c] = J[c * M + row];
     k->norm[row] = sqrt(dot(k->a[row], k->a[row], N));
+    largest = fmax(largest, k->norm[row]);
     k->lower[row] = lower[row];
     k->upper[row] = upper[row];
     double size = fmax(fabs(lower[row]) < 1e300 ? fabs(lower[row]) : 0, fabs(upper[row]) < 1e300 ? fabs(upper[row]) : 0);
@@ -294,6 +299,8 @@ static void load(Work *k, const double *J, const double *lower, const double *up
     /* A flag of equality must never be inherited: the row may have become an inequality. */
     k->state[row] = lower[row] >= upper[row] ? EQUAL : given;
   }
+  for (int row = 0; row < M; ++row)
+    if (k->norm[row] <= VANISHED * largest) k->norm[row] = 0;
 }
 
 /* v and the active set of k; the number of iterations in *iterations. */

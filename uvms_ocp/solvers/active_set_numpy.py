@@ -10,7 +10,11 @@ import numpy as np
 
 from uvms_ocp.solvers.level import Array, row_slices
 
-_RANK_TOLERANCE = 1e-11
+_RANK_TOLERANCE = 1e-10
+# Directions carry the rounding error of their own pivot: a small pivot makes dependent rows look independent.
+_RANK_NOISE = 1e-14
+# Rows smaller than this part of the largest row are what is left of a cancellation: nothing.
+_VANISHED = 1e-13
 _FEASIBLE = 1e-10
 _MULTIPLIER = 1e-10
 _FREE, _LOWER, _UPPER, _EQUAL = 0, -1, 1, 2
@@ -51,6 +55,8 @@ class _Block:
     T: Array
     column: int
     rank: int
+    smallest: float
+    """Least independent part of any pivot so far, relative to its row."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +113,7 @@ def _load(J: Array, lower: Array, upper: Array, state: Array, sizes: Sequence[in
         A=J,
         lower=lower,
         upper=upper,
-        norm=norm,
+        norm=np.where(norm <= _VANISHED * norm.max(initial=0.0), 0.0, norm),
         tolerance=_FEASIBLE * (norm + size),
         levels=list(row_slices(sizes)),
         state=given,
@@ -123,28 +129,29 @@ def _bound(work: _Work, rows: Array) -> Array:
 def _solve_equalities(work: _Work) -> _Equalities:
     n = work.A.shape[1]
     Q, y, slack, blocks, column = np.eye(n), np.zeros(n), np.zeros(len(work.A)), [], 0
+    smallest = 1.0
     late: list[Array] = []
     for level in work.levels:
         rows = level.start + np.flatnonzero((work.state[level] != _FREE) & (work.norm[level] > 0.0))
         if rows.size == 0:
-            blocks.append(_Block(rows, np.zeros((0, n)), column, 0))
+            blocks.append(_Block(rows, np.zeros((0, n)), column, 0, smallest))
         elif column == n:
             late.append(rows)
-            blocks.append(_Block(rows, work.A[rows], column, 0))
+            blocks.append(_Block(rows, work.A[rows], column, 0, smallest))
         else:
-            block = _reduced(work, rows, Q, column)
+            block = _reduced(work, rows, Q, column, smallest)
             _solve_level(work, block, y, slack)
             blocks.append(block)
-            column += block.rank
+            column, smallest = column + block.rank, block.smallest
     target = Q @ y
     for rows in late:
         slack[rows] = work.A[rows] @ target - _bound(work, rows)
     # Rows to which nothing is left lend only the sum of their gradients, in the same coordinates.
-    blocks = [_Block(b.rows, b.T @ Q, b.column, b.rank) if b.column == n else b for b in blocks]
+    blocks = [_Block(b.rows, b.T @ Q, b.column, b.rank, b.smallest) if b.column == n else b for b in blocks]
     return _Equalities(blocks, target, slack)
 
 
-def _reduced(work: _Work, rows: Array, Q: Array, column: int) -> _Block:
+def _reduced(work: _Work, rows: Array, Q: Array, column: int, smallest: float) -> _Block:
     """Pivoted Householder reduction in the space that the levels above left free; turns Q[:, column:]."""
     T, order, n = work.A[rows] @ Q, rows.copy(), Q.shape[1]
     norm, rank = work.norm[rows], 0
@@ -152,15 +159,16 @@ def _reduced(work: _Work, rows: Array, Q: Array, column: int) -> _Block:
         c = column + rank
         part = (T[rank:, c:] ** 2).sum(axis=1) / norm[rank:] ** 2
         best = int(np.argmax(part))
-        if part[best] <= _RANK_TOLERANCE**2:
+        if part[best] <= max(_RANK_TOLERANCE, _RANK_NOISE / smallest) ** 2:
             break
+        smallest = min(smallest, float(np.sqrt(part[best])))
         best += rank
         if best != rank:
             swap, back = [rank, best], [best, rank]
             T[swap], order[swap], norm[swap] = T[back], order[back], norm[back]
         _reflect(T, Q, rank, c)
         rank += 1
-    return _Block(order, T, column, rank)
+    return _Block(order, T, column, rank, smallest)
 
 
 def _reflect(T: Array, Q: Array, row: int, c: int) -> None:

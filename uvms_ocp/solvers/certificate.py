@@ -11,6 +11,8 @@ from uvms_ocp.solvers.level import Array, Level, gated_bounds
 
 # Distance to a bound, relative to the size of its row and bound, below which the row may carry a multiplier.
 _ACTIVE = 1e-9
+# Rows smaller than this part of the largest row are what is left of a cancellation.
+_VANISHED = 1e-13
 
 
 def certificate(levels: Sequence[Level], v: Array) -> float:
@@ -21,8 +23,9 @@ def certificate(levels: Sequence[Level], v: Array) -> float:
     no level can be improved without worsening one above it; nothing of the solver's report is used.
     """
     pushes, worst = np.zeros((0, len(v))), 0.0
+    largest = max(float(np.linalg.norm(level.jacobian, axis=1).max(initial=0.0)) for level in levels)
     for level in levels:
-        slack, own = _conditions(level, v)
+        slack, own = _conditions(level, v, _VANISHED * largest)
         gradient = level.jacobian.T @ slack
         scale = np.linalg.norm(level.jacobian) * np.linalg.norm(slack) + 1.0
         worst = max(worst, _unbalanced(pushes, gradient) / float(scale))
@@ -30,7 +33,7 @@ def certificate(levels: Sequence[Level], v: Array) -> float:
     return worst
 
 
-def _conditions(level: Level, v: Array) -> tuple[Array, Array]:
+def _conditions(level: Level, v: Array, vanished: float) -> tuple[Array, Array]:
     """Slack (m,), and unit directions (k, n) of the multipliers that its rows lend to the levels below."""
     lower, upper = gated_bounds(level)
     J, y = level.jacobian, level.jacobian @ v
@@ -39,7 +42,7 @@ def _conditions(level: Level, v: Array) -> tuple[Array, Array]:
     near = _ACTIVE * (length + np.abs(np.clip(y, lower, upper)))
     fixed = (lower >= upper) | (np.abs(slack) > near)
     up, down = fixed | (y >= upper - near), fixed | (y <= lower + near)
-    units = J / np.where(length > 0.0, length, 1.0)[:, None]
+    units = np.where((length > vanished)[:, None], J / np.where(length > vanished, length, 1.0)[:, None], 0.0)
     return slack, np.vstack([units[up], -units[down]])
 
 
