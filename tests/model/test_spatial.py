@@ -93,9 +93,7 @@ def test_quaternions_of_either_sign_are_one_rotation(vector: np.ndarray) -> None
 def test_quaternion_products_follow_matrix_products() -> None:
     a, b = (spatial.quaternion_exp(vector) for vector in RNG.normal(size=(2, 3)))
     product = spatial.quaternion_to_matrix(spatial.quaternion_multiply(a, b))
-    np.testing.assert_allclose(
-        product, spatial.quaternion_to_matrix(a) @ spatial.quaternion_to_matrix(b), atol=1e-15
-    )
+    np.testing.assert_allclose(product, spatial.quaternion_to_matrix(a) @ spatial.quaternion_to_matrix(b), atol=1e-15)
 
 
 def test_skew_matrices_multiply_like_cross_products() -> None:
