@@ -30,11 +30,12 @@
 /* Rows smaller than this part of the largest row are what is left of a cancellation: nothing. */
 #define VANISHED 1e-13
 #define FEASIBLE 1e-10
+#define CONSISTENT 1e-9
 #define MULTIPLIER 1e-10
 
 enum { FREE = 0, LOWER = -1, UPPER = 1, EQUAL = 2 };
 enum { GREEDY = 0, BLAND = 1, TABU = 2 };
-enum { SOLVED = 0, STALLED = 1, LIMIT = 2 };
+enum { SOLVED = 0, STALLED = 1, LIMIT = 2, DOUBTFUL = 3 };
 
 static const int SIZES[L] = {LEX_SIZES};
 
@@ -234,27 +235,30 @@ static void judge(Work *k, int row, double multiplier, double tolerance, int rul
     worst->row = row, worst->value = value;
 }
 
+static int is_significant(const Work *k, int row) {
+  return fabs(k->slack[row]) > CONSISTENT / FEASIBLE * k->tolerance[row];
+}
+
 /* Multipliers of level `level` on its own rows and on the pivots above; the worst row, -1 where all signs hold. */
 static int wrong_row(Work *k, int level, int rule) {
   Worst worst = {-1, 0};
   double g[N], scale = 0, multiplier[N];
-  int c0 = k->column[level];
+  int c0 = k->column[level], significant = 0;
   memset(g, 0, sizeof(g));
   for (int j = k->first[level]; j < k->first[level + 1]; ++j) {
     int row = k->order[j];
     scale += fabs(k->slack[row]) * k->norm[row];
+    significant |= is_significant(k, row);
     const double *x = c0 == N ? k->a[row] : k->t[row];
     for (int c = 0; c < c0; ++c) g[c] += k->slack[row] * x[c];
   }
-  double noise = 1e-13;
-  for (int j = k->first[level]; j < k->first[level + 1]; ++j)
-    noise = fmax(noise, 1e-13 * fabs(bound(k, k->order[j])) * k->norm[k->order[j]]);
-  if (scale <= noise) return -1;
+  /* A slack that an exact solution could not tell from zero decides nothing for the levels below. */
+  if (!significant) return -1;
   if (c0 == N)
     for (int c = 0; c < N; ++c) reflect(k, c, g);
-  double tolerance = MULTIPLIER * scale + noise;
+  double tolerance = MULTIPLIER * scale;
   for (int j = k->first[level]; j < k->first[level + 1]; ++j)
-    judge(k, k->order[j], k->slack[k->order[j]], tolerance, rule, &worst);
+    if (is_significant(k, k->order[j])) judge(k, k->order[j], k->slack[k->order[j]], tolerance, rule, &worst);
   for (int above = level - 1; above >= 0; --above) {
     int begin = k->first[above], c1 = k->column[above], rank = k->column[above + 1] - c1;
     for (int j = rank - 1; j >= 0; --j) {
@@ -303,6 +307,16 @@ static void load(Work *k, const double *J, const double *lower, const double *up
     if (k->norm[row] <= VANISHED * largest) k->norm[row] = 0;
 }
 
+/* True if v does to the active rows what the factorisation promised: false where pivots were too small for that. */
+static int is_consistent(const Work *k) {
+  for (int j = 0; j < k->first[L]; ++j) {
+    int row = k->order[j];
+    double error = dot(k->a[row], k->v, N) - bound(k, row) - k->slack[row];
+    if (!(fabs(error) <= CONSISTENT * (k->tolerance[row] / FEASIBLE))) return 0;
+  }
+  return 1;
+}
+
 /* v and the active set of k; the number of iterations in *iterations. */
 static int run(Work *k, int limit, int *iterations) {
   int stalled = 0, rule = GREEDY, blocked;
@@ -321,9 +335,10 @@ static int run(Work *k, int limit, int *iterations) {
       if (blocked >= 0) continue;
     }
     int dropped = drop_row(k, rule);
-    if (dropped < 0) return rule == TABU ? STALLED : SOLVED;
+    if (dropped < 0) return rule == TABU ? STALLED : is_consistent(k) ? SOLVED : DOUBTFUL;
     ++stalled;
-    if (stalled > 2 * M) rule = TABU;
+    /* A row dropped under TABU stays, once active again: that ends every cycle, at the price of optimality. */
+    if (stalled > 2 * M || *iterations > 20 + 3 * M) rule = TABU;
     else if (stalled > M / 2 + 10) rule = BLAND;
     if (rule == TABU) k->tabu[dropped] = 1;
     pending = 1;

@@ -16,6 +16,7 @@ _RANK_NOISE = 1e-14
 # Rows smaller than this part of the largest row are what is left of a cancellation: nothing.
 _VANISHED = 1e-13
 _FEASIBLE = 1e-10
+_CONSISTENT = 1e-9
 _MULTIPLIER = 1e-10
 _FREE, _LOWER, _UPPER, _EQUAL = 0, -1, 1, 2
 
@@ -26,6 +27,7 @@ class Outcome(IntEnum):
     SOLVED = 0
     STALLED = 1
     LIMIT = 2
+    DOUBTFUL = 3
 
 
 class _Rule(IntEnum):
@@ -86,18 +88,25 @@ def lexicographic_least_squares(
                 continue
         dropped = _drop_row(work, equalities, rule)
         if dropped < 0:
-            outcome = Outcome.STALLED if rule is _Rule.TABU else Outcome.SOLVED
-            return work.v, work.state, outcome, iteration
+            outcome = Outcome.SOLVED if _is_consistent(work, equalities) else Outcome.DOUBTFUL
+            return work.v, work.state, Outcome.STALLED if rule is _Rule.TABU else outcome, iteration
         stalled += 1
-        rule = _rule(stalled, len(J), rule)
+        rule = _rule(stalled, iteration, len(J), rule)
         if rule is _Rule.TABU:
             work.tabu[dropped] = True
         pending = True
     return work.v, work.state, Outcome.LIMIT, limit
 
 
-def _rule(stalled: int, rows: int, rule: _Rule) -> _Rule:
-    if stalled > 2 * rows:
+def _is_consistent(work: _Work, equalities: _Equalities) -> bool:
+    """True if v does to the active rows what the factorisation promised: false where pivots were too small."""
+    rows = np.concatenate([block.rows for block in equalities.blocks])
+    error = work.A[rows] @ work.v - _bound(work, rows) - equalities.slack[rows]
+    return bool((np.abs(error) <= _CONSISTENT / _FEASIBLE * work.tolerance[rows]).all())
+
+
+def _rule(stalled: int, iteration: int, rows: int, rule: _Rule) -> _Rule:
+    if stalled > 2 * rows or iteration > 20 + 3 * rows:
         return _Rule.TABU
     return _Rule.BLAND if stalled > rows // 2 + 10 else rule
 
@@ -239,10 +248,11 @@ def _wrong_row(work: _Work, equalities: _Equalities, level: int, rule: _Rule, de
     own = equalities.blocks[level]
     slack = equalities.slack[own.rows]
     scale = float(np.abs(slack) @ work.norm[own.rows])
-    noise = 1e-13 * max(1.0, float(np.max(np.abs(_bound(work, own.rows)) * work.norm[own.rows], initial=0.0)))
-    if scale <= noise:
+    # A slack that an exact solution could not tell from zero decides nothing for the levels below.
+    significant = np.abs(slack) > _CONSISTENT / _FEASIBLE * work.tolerance[own.rows]
+    if not significant.any():
         return -1
-    rows, multipliers, g = [own.rows], [slack], slack @ own.T[:, : own.column]
+    rows, multipliers, g = [own.rows[significant]], [slack[significant]], slack @ own.T[:, : own.column]
     for block in reversed(equalities.blocks[:level]):
         if block.rank == 0:
             continue
@@ -252,7 +262,7 @@ def _wrong_row(work: _Work, equalities: _Equalities, level: int, rule: _Rule, de
         g = g[:c0] + multiplier @ pivots[:, :c0]
         rows.append(block.rows[: block.rank])
         multipliers.append(multiplier)
-    return _worst(work, np.concatenate(rows), np.concatenate(multipliers), _MULTIPLIER * scale + noise, rule, decided)
+    return _worst(work, np.concatenate(rows), np.concatenate(multipliers), _MULTIPLIER * scale, rule, decided)
 
 
 def _worst(work: _Work, rows: Array, multipliers: Array, tolerance: float, rule: _Rule, decided: Array) -> int:

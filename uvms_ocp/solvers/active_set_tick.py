@@ -97,12 +97,17 @@ class ActiveSetTick:
         cold = self._run(J, low, up, np.zeros(len(low)))
         if cold.outcome is Outcome.SOLVED:
             return cold, Status.COLD_STARTED
-        return self._cascaded(J, low, up, [warm, cold])
-
-    def _cascaded(self, J: Array, low: Array, up: Array, runs: list[_Run]) -> tuple[_Run, Status]:
-        """The best of all runs; exact only if its certificate says so."""
         sizes = self._functions.sizes
         levels = [Level(jacobian=J[rows], lower=low[rows], upper=up[rows]) for rows in row_slices(sizes)]
+        for run, status in ((warm, Status.SOLVED), (cold, Status.COLD_STARTED)):
+            if certificate(levels, run.v) <= _CERTIFIED:
+                return run, status
+        return self._cascaded(levels, J, low, up, [warm, cold])
+
+    def _cascaded(
+        self, levels: list[Level], J: Array, low: Array, up: Array, runs: list[_Run]
+    ) -> tuple[_Run, Status]:
+        """The best of all runs; exact only if its certificate says so."""
         if self._functions.cascade:
             v = LexicographicQp().solve(levels).v
             near = 1e-9 * (1.0 + np.abs(J).sum(axis=1))
