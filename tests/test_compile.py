@@ -10,6 +10,8 @@ import signal
 import time
 from pathlib import Path
 
+import casadi as ca
+import numpy as np
 import pytest
 
 from uvms_ocp import compile as building
@@ -30,7 +32,7 @@ def _answer(path: Path | None) -> float:
 
 
 def _compile_visible(source: str = SOURCE) -> Path | None:
-    return building.compile_library(source, ["-fvisibility=default"])
+    return building.compile_library(source)
 
 
 def _worker(source: str, results: multiprocessing.Queue) -> None:
@@ -108,3 +110,21 @@ def test_source_that_does_not_compile_gives_nothing_but_a_warning(caplog: pytest
     with caplog.at_level(logging.WARNING):
         assert building.compile_library("this is not C") is None
     assert "failed" in caplog.text
+
+
+def test_a_compiled_function_keeps_names_sparsity_and_values() -> None:
+    x = ca.SX.sym("x", 3)
+    function = ca.Function("f", [x], [ca.sin(x), ca.diag(x)], ["angle"], ["sine", "spread"])
+    compiled = building.compile_function(function)
+    assert compiled.is_a("External")
+    assert compiled.name_in() == function.name_in()
+    assert compiled.name_out() == function.name_out()
+    assert compiled.sparsity_out(1) == function.sparsity_out(1)
+    np.testing.assert_allclose(np.asarray(compiled([1, 2, 3])[0]), np.sin([[1.0], [2.0], [3.0]]), rtol=1e-15)
+
+
+def test_without_a_compiler_a_function_is_returned_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    x = ca.SX.sym("x")
+    function = ca.Function("f", [x], [x])
+    monkeypatch.setattr(building, "_compiler", lambda: None)
+    assert building.compile_function(function) is function

@@ -20,7 +20,9 @@ from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
-_FLAGS = ("-O3", "-shared", "-fPIC", "-ffp-contract=off", "-fvisibility=hidden")
+import casadi as ca
+
+_FLAGS = ("-O3", "-shared", "-fPIC", "-ffp-contract=off")
 _TIMEOUT = 300.0  # [s]
 _log = logging.getLogger(__name__)
 
@@ -39,6 +41,14 @@ def compile_library(source: str, flags: Sequence[str] = ()) -> Path | None:
     if not _is_intact(library) and not _build(compiler, source, flags, library):
         return None
     return library
+
+
+def compile_function(function: ca.Function) -> ca.Function:
+    """``function`` in machine code with the same names and sparsities; itself where it cannot be compiled."""
+    generator = ca.CodeGenerator("function.c")
+    generator.add(function)
+    path = compile_library(generator.dump())
+    return function if path is None else ca.external(function.name(), str(path))
 
 
 def _key(source: str, flags: Sequence[str], compiler: str) -> str:

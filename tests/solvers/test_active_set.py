@@ -11,8 +11,9 @@ from hierarchies import random_hierarchy, reference
 from test_hierarchy import _arguments, _tick_function
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.solvers import Level, LexicographicActiveSet, LexicographicQp, Solution, Status
+from uvms_ocp.solvers import Level, LexicographicActiveSet, LexicographicQp, Solution, Status, active_set_tick
 from uvms_ocp.solvers.active_set import core_source
+from uvms_ocp.solvers.active_set_numpy import Outcome
 from uvms_ocp.solvers.certificate import certificate
 
 COMPILED, NUMPY = LexicographicActiveSet(), LexicographicActiveSet(compiled=False)
@@ -174,3 +175,32 @@ def test_the_core_needs_libm_only() -> None:
     includes = [line for line in core_source(3, (1, 0, 2)).splitlines() if line.startswith("#include")]
     assert includes == ["#include <math.h>", "#include <string.h>"]
     assert "#define LEX_SIZES 1, 2" in core_source(3, (1, 0, 2))
+
+
+def test_the_cascade_takes_over_where_the_method_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    levels = random_hierarchy(1)
+    solver = LexicographicActiveSet(compiled=False)
+    honest = active_set_tick.lexicographic_least_squares
+
+    def lost(J: np.ndarray, low: np.ndarray, up: np.ndarray, state: np.ndarray, sizes: tuple[int, ...]) -> tuple:
+        if state.any():
+            return honest(J, low, up, state, sizes)
+        return np.zeros(J.shape[1]), state, Outcome.LIMIT, 1
+
+    monkeypatch.setattr(active_set_tick, "lexicographic_least_squares", lost)
+    solution = solver.solve(levels)
+    assert solution.status is Status.CASCADED
+    assert solution.certificate(levels) < 1e-9
+    monkeypatch.undo()
+    np.testing.assert_allclose(solution.v, COMPILED.solve(levels).v, atol=1e-8)
+
+
+def test_a_velocity_that_is_not_certified_is_called_inexact(monkeypatch: pytest.MonkeyPatch) -> None:
+    def lost(J: np.ndarray, low: np.ndarray, up: np.ndarray, state: np.ndarray, sizes: tuple[int, ...]) -> tuple:
+        return np.full(J.shape[1], np.nan), state, Outcome.SOLVED, 1
+
+    monkeypatch.setattr(active_set_tick, "lexicographic_least_squares", lost)
+    solution = LexicographicActiveSet(compiled=False, cascade=False).solve(random_hierarchy(1))
+    assert solution.status is Status.INEXACT
+    assert not solution.status.exact
+    assert np.isfinite(solution.v).all()

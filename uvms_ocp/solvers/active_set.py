@@ -10,7 +10,7 @@ from time import perf_counter
 
 import casadi as ca
 
-from uvms_ocp.compile import compile_library
+from uvms_ocp.compile import compile_function, compile_library
 from uvms_ocp.solvers.active_set_tick import ActiveSetFunctions, ActiveSetTick
 from uvms_ocp.solvers.level import Level, stack
 from uvms_ocp.solvers.qp_graph import outcome, sanitised
@@ -47,6 +47,8 @@ class LexicographicActiveSet:
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> ActiveSetTick:
         """One Function of ``levels_function`` and the solver; outputs beyond the six of ``Level`` are extras."""
         check_levels_function(levels_function, sizes)
+        if self.compiled:
+            levels_function = compile_function(levels_function)
         function = self.function(levels_function, sizes)
         return ActiveSetTick(
             ActiveSetFunctions(

@@ -104,9 +104,7 @@ class ActiveSetTick:
                 return run, status
         return self._cascaded(levels, J, low, up, [warm, cold])
 
-    def _cascaded(
-        self, levels: list[Level], J: Array, low: Array, up: Array, runs: list[_Run]
-    ) -> tuple[_Run, Status]:
+    def _cascaded(self, levels: list[Level], J: Array, low: Array, up: Array, runs: list[_Run]) -> tuple[_Run, Status]:
         """The best of all runs; exact only if its certificate says so."""
         if self._functions.cascade:
             v = LexicographicQp().solve(levels).v
