@@ -24,13 +24,16 @@
 #define N LEX_N
 #define M LEX_M
 #define L LEX_L
-#define RANK_TOLERANCE 1e-10
+#define RANK_TOLERANCE 1e-8
 /* Directions carry the rounding error of their own pivot: a small pivot makes dependent rows look independent. */
 #define RANK_NOISE 1e-14
 /* Rows smaller than this part of the largest row are what is left of a cancellation: nothing. */
 #define VANISHED 1e-13
 #define FEASIBLE 1e-10
 #define CONSISTENT 1e-9
+/* Far below FEASIBLE: else a row dropped for the sake of lower levels blocks at once for the sake of this slack. */
+#define SIGNIFICANT 1e-12
+#define MOVED 1e-9
 #define MULTIPLIER 1e-10
 
 enum { FREE = 0, LOWER = -1, UPPER = 1, EQUAL = 2 };
@@ -46,6 +49,7 @@ typedef struct {
   int order[M], first[L + 1], column[L + 1];
   double v[N], target[N], smallest;
   char decided[M], tabu[M];
+  int skipped;
 } Work;
 
 static double dot(const double *x, const double *y, int n) {
@@ -202,9 +206,9 @@ static int activate_violated(Work *k) {
   return count;
 }
 
-/* Goes to k->target until a free row blocks, which becomes active; returns the length, 1 where none does. */
-static double step(Work *k, int *blocked) {
-  double length = 1;
+/* Goes to k->target until a free row blocks, which becomes active; true if v has moved. */
+static int step(Work *k, int *blocked) {
+  double length = 1, moved = 0, size = 1;
   int side = FREE;
   *blocked = -1;
   for (int row = 0; row < M; ++row) {
@@ -218,10 +222,14 @@ static double step(Work *k, int *blocked) {
     if (t < 0 || (at == UPPER ? y >= limit : y <= limit)) t = 0;
     if (t < length || *blocked < 0) length = t < length ? t : length, *blocked = row, side = at;
   }
-  for (int i = 0; i < N; ++i) k->v[i] += length * (k->target[i] - k->v[i]);
+  for (int i = 0; i < N; ++i) {
+    double change = length * (k->target[i] - k->v[i]);
+    k->v[i] += change;
+    moved = fmax(moved, fabs(change)), size = fmax(size, fabs(k->v[i]));
+  }
   if (*blocked < 0) memcpy(k->v, k->target, sizeof(k->v));
   else k->state[*blocked] = side;
-  return *blocked < 0 ? 1 : length;
+  return moved > MOVED * size;
 }
 
 typedef struct { int row; double value; } Worst;
@@ -230,13 +238,17 @@ static void judge(Work *k, int row, double multiplier, double tolerance, int rul
   if (k->state[row] == EQUAL || k->decided[row]) return;
   double value = multiplier * k->state[row] * k->norm[row];
   if (value > tolerance) k->decided[row] = 1;
-  if (value >= -tolerance || (rule == TABU && k->tabu[row])) return;
+  if (value >= -tolerance) return;
+  if (k->tabu[row]) {
+    k->skipped = 1;
+    return;
+  }
   if (rule == GREEDY ? value < worst->value : worst->row < 0 || row < worst->row)
     worst->row = row, worst->value = value;
 }
 
 static int is_significant(const Work *k, int row) {
-  return fabs(k->slack[row]) > CONSISTENT / FEASIBLE * k->tolerance[row];
+  return fabs(k->slack[row]) > SIGNIFICANT / FEASIBLE * k->tolerance[row];
 }
 
 /* Multipliers of level `level` on its own rows and on the pivots above; the worst row, -1 where all signs hold. */
@@ -277,6 +289,7 @@ static int wrong_row(Work *k, int level, int rule) {
 
 static int drop_row(Work *k, int rule) {
   memset(k->decided, 0, sizeof(k->decided));
+  k->skipped = 0;
   for (int level = 0; level < L; ++level) {
     int row = wrong_row(k, level, rule);
     if (row >= 0) {
@@ -319,7 +332,7 @@ static int is_consistent(const Work *k) {
 
 /* v and the active set of k; the number of iterations in *iterations. */
 static int run(Work *k, int limit, int *iterations) {
-  int stalled = 0, rule = GREEDY, blocked;
+  int stalled = 0, rule = GREEDY, blocked, dropped = -1;
   memset(k->tabu, 0, sizeof(k->tabu));
   solve_equalities(k);
   memcpy(k->v, k->target, sizeof(k->v));
@@ -327,15 +340,19 @@ static int run(Work *k, int limit, int *iterations) {
   for (*iterations = 1; *iterations <= limit; ++*iterations) {
     if (pending) {
       solve_equalities(k);
-      double length = step(k, &blocked);
-      if (length > 1e-12) {
-        /* Progress ends a stall only if it is real, else rows that depend to rounding cycle. */
-        if (length > 1e-7 && rule != TABU) stalled = 0, rule = GREEDY;
-      } else ++stalled;
+      if (!step(k, &blocked)) {
+        ++stalled;
+        /* A row that blocks at once where it was dropped was dropped for rounding, and would be again: it stays. */
+        if (blocked == dropped && blocked >= 0) k->tabu[blocked] = 1;
+      } else if (rule != TABU) {
+        stalled = 0, rule = GREEDY;
+        memset(k->tabu, 0, sizeof(k->tabu));
+      }
+      dropped = -1;
       if (blocked >= 0) continue;
     }
-    int dropped = drop_row(k, rule);
-    if (dropped < 0) return rule == TABU ? STALLED : is_consistent(k) ? SOLVED : DOUBTFUL;
+    dropped = drop_row(k, rule);
+    if (dropped < 0) return k->skipped ? STALLED : is_consistent(k) ? SOLVED : DOUBTFUL;
     ++stalled;
     /* A row dropped under TABU stays, once active again: that ends every cycle, at the price of optimality. */
     if (stalled > 2 * M || *iterations > 20 + 3 * M) rule = TABU;

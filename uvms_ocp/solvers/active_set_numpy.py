@@ -10,13 +10,16 @@ import numpy as np
 
 from uvms_ocp.solvers.level import Array, row_slices
 
-_RANK_TOLERANCE = 1e-10
+_RANK_TOLERANCE = 1e-8
 # Directions carry the rounding error of their own pivot: a small pivot makes dependent rows look independent.
 _RANK_NOISE = 1e-14
 # Rows smaller than this part of the largest row are what is left of a cancellation: nothing.
 _VANISHED = 1e-13
 _FEASIBLE = 1e-10
 _CONSISTENT = 1e-9
+# Far below _FEASIBLE: else a row dropped for the sake of lower levels blocks at once for the sake of this slack.
+_SIGNIFICANT = 1e-12
+_MOVED = 1e-9
 _MULTIPLIER = 1e-10
 _FREE, _LOWER, _UPPER, _EQUAL = 0, -1, 1, 2
 
@@ -47,6 +50,7 @@ class _Work:
     state: Array
     v: Array
     tabu: Array
+    skipped: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,20 +80,26 @@ def lexicographic_least_squares(
     equalities = _solve_equalities(work)
     work.v = equalities.target
     pending, stalled, rule = _activate_violated(work), 0, _Rule.GREEDY
+    dropped = -1
     limit = 20 + 10 * len(J)
     for iteration in range(1, limit + 1):
         if pending:
             equalities = _solve_equalities(work)
-            length, blocked = _step(work, equalities.target)
-            stalled += length <= 1e-12
-            if length > 1e-7 and rule is not _Rule.TABU:
+            moved, blocked = _step(work, equalities.target)
+            stalled += not moved
+            if moved and rule is not _Rule.TABU:
                 stalled, rule = 0, _Rule.GREEDY
-            if blocked:
+                work.tabu[:] = False
+            elif not moved and blocked == dropped >= 0:
+                # A row that blocks at once where it was dropped was dropped for rounding: it stays.
+                work.tabu[blocked] = True
+            dropped = -1
+            if blocked >= 0:
                 continue
         dropped = _drop_row(work, equalities, rule)
         if dropped < 0:
             outcome = Outcome.SOLVED if _is_consistent(work, equalities) else Outcome.DOUBTFUL
-            return work.v, work.state, Outcome.STALLED if rule is _Rule.TABU else outcome, iteration
+            return work.v, work.state, Outcome.STALLED if work.skipped else outcome, iteration
         stalled += 1
         rule = _rule(stalled, iteration, len(J), rule)
         if rule is _Rule.TABU:
@@ -213,28 +223,32 @@ def _activate_violated(work: _Work) -> bool:
     return bool(above.any() or below.any())
 
 
-def _step(work: _Work, target: Array) -> tuple[float, bool]:
-    """Goes to ``target`` until a free row blocks, which becomes active; the length, and whether one did."""
+def _step(work: _Work, target: Array) -> tuple[bool, int]:
+    """Goes to ``target`` until a free row blocks, which becomes active; whether v moved, and that row or -1."""
     end, free = work.A @ target, work.state == _FREE
     above = free & (end > work.upper + work.tolerance)
     below = free & (end < work.lower - work.tolerance)
     blocking = np.flatnonzero(above | below)
     if blocking.size == 0:
-        work.v = target
-        return 1.0, False
+        before, work.v = work.v, target
+        return _has_moved(before, target), -1
     y, end = work.A[blocking] @ work.v, end[blocking]
     limit = np.where(above[blocking], work.upper[blocking], work.lower[blocking])
     outside = np.where(above[blocking], y >= limit, y <= limit)
     length = np.where(outside, 0.0, (limit - y) / np.where(outside, 1.0, end - y))
     first = int(np.argmin(length))
     row, t = blocking[first], min(1.0, max(0.0, float(length[first])))
-    work.v = work.v + t * (target - work.v)
+    before, work.v = work.v, work.v + t * (target - work.v)
     work.state[row] = _UPPER if above[row] else _LOWER
-    return t, True
+    return _has_moved(before, work.v), int(row)
+
+
+def _has_moved(before: Array, after: Array) -> bool:
+    return bool(np.abs(after - before).max() > _MOVED * max(1.0, np.abs(after).max()))
 
 
 def _drop_row(work: _Work, equalities: _Equalities, rule: _Rule) -> int:
-    decided = np.zeros(len(work.A), dtype=bool)
+    decided, work.skipped = np.zeros(len(work.A), dtype=bool), False
     for level in range(len(work.levels)):
         row = _wrong_row(work, equalities, level, rule, decided)
         if row >= 0:
@@ -249,7 +263,7 @@ def _wrong_row(work: _Work, equalities: _Equalities, level: int, rule: _Rule, de
     slack = equalities.slack[own.rows]
     scale = float(np.abs(slack) @ work.norm[own.rows])
     # A slack that an exact solution could not tell from zero decides nothing for the levels below.
-    significant = np.abs(slack) > _CONSISTENT / _FEASIBLE * work.tolerance[own.rows]
+    significant = np.abs(slack) > _SIGNIFICANT / _FEASIBLE * work.tolerance[own.rows]
     if not significant.any():
         return -1
     rows, multipliers, g = [own.rows[significant]], [slack[significant]], slack @ own.T[:, : own.column]
@@ -270,8 +284,8 @@ def _worst(work: _Work, rows: Array, multipliers: Array, tolerance: float, rule:
     value = np.where(judged, multipliers * work.state[rows] * work.norm[rows], 0.0)
     decided[rows[value > tolerance]] = True
     wrong = value < -tolerance
-    if rule is _Rule.TABU:
-        wrong &= ~work.tabu[rows]
+    work.skipped |= bool((wrong & work.tabu[rows]).any())
+    wrong &= ~work.tabu[rows]
     if not wrong.any():
         return -1
     if rule is _Rule.GREEDY:

@@ -11,6 +11,8 @@ from uvms_ocp.solvers.level import Array, Level, gated_bounds
 
 # Distance to a bound, relative to the size of its row and bound, below which the row may carry a multiplier.
 _ACTIVE = 1e-9
+# Slack above rounding, if the level it belongs to is balanced to this part of it.
+_SLIGHT, _BALANCED = 1e-12, 1e-4
 # Rows smaller than this part of the largest row are what is left of a cancellation.
 _VANISHED = 1e-13
 
@@ -25,25 +27,33 @@ def certificate(levels: Sequence[Level], v: Array) -> float:
     pushes, worst = np.zeros((0, len(v))), 0.0
     largest = max(float(np.linalg.norm(level.jacobian, axis=1).max(initial=0.0)) for level in levels)
     for level in levels:
-        slack, own = _conditions(level, v, _VANISHED * largest)
-        gradient = level.jacobian.T @ slack
-        scale = np.linalg.norm(level.jacobian) * np.linalg.norm(slack) + 1.0
-        worst = max(worst, _unbalanced(pushes, gradient) / float(scale))
-        pushes = np.vstack([pushes, own])
+        slack = _slack(level, v)
+        size = float(np.linalg.norm(level.jacobian) * np.linalg.norm(slack))
+        unbalanced = _unbalanced(pushes, level.jacobian.T @ slack)
+        worst = max(worst, unbalanced / (size + 1.0))
+        # A slack as small as the distance to a bound is one only if it is balanced by itself, not by the + 1.
+        least = _SLIGHT if unbalanced <= _BALANCED * size else _ACTIVE
+        pushes = np.vstack([pushes, _pushes(level, v, least, _VANISHED * largest)])
     return worst
 
 
-def _conditions(level: Level, v: Array, vanished: float) -> tuple[Array, Array]:
-    """Slack (m,), and unit directions (k, n) of the multipliers that its rows lend to the levels below."""
+def _slack(level: Level, v: Array) -> Array:
     lower, upper = gated_bounds(level)
-    J, y = level.jacobian, level.jacobian @ v
-    slack = y - np.clip(y, lower, upper)
-    length = np.linalg.norm(J, axis=1)
-    near = _ACTIVE * (length + np.abs(np.clip(y, lower, upper)))
-    fixed = (lower >= upper) | (np.abs(slack) > near)
-    up, down = fixed | (y >= upper - near), fixed | (y <= lower + near)
-    units = np.where((length > vanished)[:, None], J / np.where(length > vanished, length, 1.0)[:, None], 0.0)
-    return slack, np.vstack([units[up], -units[down]])
+    y = level.jacobian @ v
+    return np.asarray(y - np.clip(y, lower, upper))
+
+
+def _pushes(level: Level, v: Array, least: float, vanished: float) -> Array:
+    """Unit directions (k, n) of the multipliers that the rows lend to the levels below; ``least`` makes a slack."""
+    lower, upper = gated_bounds(level)
+    y, length = level.jacobian @ v, np.linalg.norm(level.jacobian, axis=1)
+    reached = np.clip(y, lower, upper)
+    size = length + np.abs(reached)
+    fixed = (lower >= upper) | (np.abs(y - reached) > least * size)
+    up, down = fixed | (y >= upper - _ACTIVE * size), fixed | (y <= lower + _ACTIVE * size)
+    real = length > vanished
+    units = np.where(real[:, None], level.jacobian / np.where(real, length, 1.0)[:, None], 0.0)
+    return np.vstack([units[up], -units[down]])
 
 
 def _unbalanced(pushes: Array, gradient: Array) -> float:
