@@ -101,6 +101,17 @@ def test_jacobians_are_the_derivative_along_steps(model: pin.Model, symbolic: Sy
         np.testing.assert_allclose(derivative, jacobian(configuration)[:3, :], atol=EXACT)
 
 
+def test_rounding_errors_of_steps_do_not_accumulate() -> None:
+    model = built_model("free_flyer", "planar", "unbounded_z")
+    integrate, (q, v, _) = SymbolicModel(model).integrate_function(), states(model)[0]
+    stretched = q.copy()
+    for unit in (slice(3, 7), slice(9, 11), slice(11, 13)):
+        stretched[unit] *= 1 + 1e-5
+    stepped = flat(integrate(stretched, 0.01 * v))
+    for unit in (slice(3, 7), slice(9, 11), slice(11, 13)):
+        assert np.linalg.norm(stepped[unit]) == pytest.approx(1.0, abs=1e-9)
+
+
 def test_either_sign_of_a_quaternion_is_the_same_configuration() -> None:
     model = built_model("free_flyer", "revolute_x")
     symbolic, (q, v, a) = SymbolicModel(model), states(model)[0]
