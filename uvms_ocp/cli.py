@@ -29,9 +29,13 @@ from uvms_ocp.record import Record
 from uvms_ocp.report import summarize
 from uvms_ocp.scenario import PLANTS, Scenario
 from uvms_ocp.scenarios import SCENARIOS
-from uvms_ocp.solvers import Icat, LexicographicQp
+from uvms_ocp.solvers import Icat, LexicographicActiveSet, LexicographicQp
 
-SOLVERS: dict[str, type[HierarchySolver]] = {"lexqp": LexicographicQp, "icat": Icat}
+SOLVERS: dict[str, type[HierarchySolver]] = {
+    "lexls": LexicographicActiveSet,
+    "lexqp": LexicographicQp,
+    "icat": Icat,
+}
 BAD_INPUT, NOT_COMPLETED = 2, 3
 _PROGRESS_EVERY = 40  # ticks between two updates of the progress bar
 
@@ -57,7 +61,7 @@ def run(
     name: Annotated[str, typer.Argument(metavar="SCENARIO", help="Scenario to run, see `uvms-ocp list`.")] = "case1",
     robot: Annotated[str | None, typer.Option(help="Robot, see `uvms-ocp list`; default: the scenario's.")] = None,
     plant: Annotated[str, typer.Option(help=f"Plant: {', '.join(PLANTS)}.")] = PLANTS[0],
-    solver: Annotated[str, typer.Option(help=f"Hierarchy solver: {', '.join(SOLVERS)}.")] = "lexqp",
+    solver: Annotated[str, typer.Option(help=f"Hierarchy solver: {', '.join(SOLVERS)}.")] = "lexls",
     current: Annotated[
         tuple[float, float, float] | None, typer.Option(metavar="X Y Z", help="Uniform current in W [m/s].")
     ] = None,

@@ -25,7 +25,7 @@ from uvms_ocp.model.state import Command, Measurement, State
 from uvms_ocp.record import Record
 from uvms_ocp.sim import DynamicPlant, Environment, KinematicPlant, SensorSuite, simulate
 from uvms_ocp.sim.loop import Controller, Estimator, Plant
-from uvms_ocp.solvers import LexicographicQp, Status
+from uvms_ocp.solvers import LexicographicActiveSet, Status
 from uvms_ocp.tasks.pose import PoseTask, ToolPose, ToolPosition
 from uvms_ocp.tasks.reference import evaluate_pose
 from uvms_ocp.version import __version__
@@ -48,7 +48,7 @@ class Scenario:
     mission: Mission
     environment: Environment
     start: np.ndarray  # (n_q,) configuration at t = 0, at rest
-    solver: HierarchySolver = field(default_factory=LexicographicQp)
+    solver: HierarchySolver = field(default_factory=LexicographicActiveSet)
     plant: str = "dynamic"
     sensors: SensorSpecs = IDEAL_SENSORS
     gains: VelocityGains = field(

@@ -21,7 +21,7 @@ from uvms_ocp.model.thrusters import unactuated_axes
 from uvms_ocp.model.trim import with_trim
 from uvms_ocp.scenario import Scenario, pose_at
 from uvms_ocp.sim import Current, Environment, FlatSeafloor, StillWater, UniformCurrent
-from uvms_ocp.solvers import LexicographicQp
+from uvms_ocp.solvers import LexicographicActiveSet
 from uvms_ocp.tasks import (
     Alignment,
     Hierarchy,
@@ -117,7 +117,7 @@ def case1(
         start=machine.configuration(
             position=origin.translation, quaternion=pin.Quaternion(origin.rotation).coeffs(), joints=joints
         ),
-        solver=solver or LexicographicQp(),
+        solver=solver or LexicographicActiveSet(),
         plant=plant,
         sensors=sensors_of(machine.description) if noise else IDEAL_SENSORS,
         gains=VelocityGains() if observer else VelocityGains(observer_vehicle=0.0),
@@ -179,7 +179,7 @@ def reach(
         ),
         environment=Environment(seafloor=FlatSeafloor(z=seabed), current=_current(current)),
         start=q0,
-        solver=solver or LexicographicQp(),
+        solver=solver or LexicographicActiveSet(),
         plant=plant,
         sensors=sensors_of(machine.description) if noise else IDEAL_SENSORS,
         gains=VelocityGains() if observer else VelocityGains(observer_vehicle=0.0),

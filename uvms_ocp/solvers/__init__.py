@@ -1,5 +1,6 @@
 """Pure maths: levels in, solution out; no robot."""
 
+from uvms_ocp.solvers.active_set import LexicographicActiveSet as LexicographicActiveSet
 from uvms_ocp.solvers.cascade import LexicographicQp as LexicographicQp
 from uvms_ocp.solvers.icat import Icat as Icat
 from uvms_ocp.solvers.level import Level as Level

@@ -114,6 +114,14 @@ def stack(levels: Sequence[Level]) -> Stack:
     )
 
 
+def gated_bounds(level: Level) -> tuple[Array, Array]:
+    """(m,) bounds that leave to infinity as the gate goes from 1 to 0; ``sum |J_row|`` is J v's range for |v| <= 1."""
+    removed = level.gate <= 0.0
+    gate = np.where(removed, 1.0, level.gate)
+    width = (1.0 - gate) / gate * np.abs(level.jacobian).sum(axis=1)
+    return np.where(removed, -np.inf, level.lower - width), np.where(removed, np.inf, level.upper + width)
+
+
 def row_slices(sizes: Sequence[int]) -> Iterator[slice]:
     """Rows of each level in the stack."""
     start = 0

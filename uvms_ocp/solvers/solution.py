@@ -8,6 +8,7 @@ from enum import Enum
 
 import numpy as np
 
+from uvms_ocp.solvers.certificate import certificate
 from uvms_ocp.solvers.level import Array, Level
 
 
@@ -15,6 +16,8 @@ class Status(Enum):
     """Outcome of a solve; ``advice`` says what to do about it."""
 
     SOLVED = "solved"
+    COLD_STARTED = "solved from a cold start"
+    CASCADED = "solved through the cascade"
     INEXACT = "inexact"
     INVALID_INPUT = "invalid input"
 
@@ -24,6 +27,11 @@ class Status(Enum):
         return _ADVICE[self]
 
     @property
+    def exact(self) -> bool:
+        """True if every level is at its lexicographic optimum."""
+        return self in (Status.SOLVED, Status.COLD_STARTED, Status.CASCADED)
+
+    @property
     def usable(self) -> bool:
         """True if v keeps the priorities: no level was given up for a lower one."""
         return self is not Status.INVALID_INPUT
@@ -31,6 +39,8 @@ class Status(Enum):
 
 _ADVICE = {
     Status.SOLVED: "nothing to do",
+    Status.COLD_STARTED: "nothing to do; the active set of the previous call was of no use",
+    Status.CASCADED: "nothing to do, unless it is frequent: then look for nearly dependent rows",
     Status.INEXACT: (
         "a level was left at the best velocity found for the levels above it; look for nearly dependent rows "
         "or rows of very different scale, or choose another solver"
@@ -58,6 +68,10 @@ class Solution:
     def level_residuals(self) -> Array:
         """(levels,) Euclidean norm of each level's residual."""
         return np.array([np.linalg.norm(residual) for residual in self.residuals])
+
+    def certificate(self, levels: Sequence[Level]) -> float:
+        """Violation of the optimality conditions of any level at v; see ``certificate.certificate``."""
+        return certificate(levels, self.v)
 
 
 def row_residuals(levels: Sequence[Level], v: Array) -> tuple[Array, ...]:

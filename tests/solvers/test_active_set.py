@@ -1,0 +1,206 @@
+"""The active-set solver is exact, says so truthfully, and does not depend on a compiler."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+import pytest
+from hierarchies import random_hierarchy, reference
+from test_hierarchy import _arguments, _tick_function
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.solvers import Level, LexicographicActiveSet, LexicographicQp, Solution, Status, active_set_tick
+from uvms_ocp.solvers.active_set import core_source
+from uvms_ocp.solvers.active_set_numpy import Outcome
+from uvms_ocp.solvers.certificate import certificate
+
+COMPILED, NUMPY = LexicographicActiveSet(), LexicographicActiveSet(compiled=False)
+STRUCTURES = [(1, (2, 0, 1)), (4, (3, 2, 2)), (7, (1, 0, 6, 2, 7)), (13, (6, 6, 6, 3, 13)), (60, (20, 9, 30))]
+
+
+def _dependent_hierarchy(seed: int, n: int, sizes: tuple[int, ...], nearly: float = 0.0) -> list[Level]:
+    """Duplicated, combined, zero and random rows with bounds of every kind."""
+    rng = np.random.default_rng(seed)
+    earlier: list[np.ndarray] = [np.zeros(n)]
+    return [_dependent_level(rng, n, size, earlier, nearly) for size in sizes]
+
+
+def _dependent_level(rng: np.random.Generator, n: int, size: int, earlier: list[np.ndarray], nearly: float) -> Level:
+    for _ in range(size):
+        parts = rng.integers(0, len(earlier), 2)
+        combined = earlier[parts[0]] + rng.choice([-1.0, 0.0, 2.0]) * earlier[parts[1]]
+        row = rng.standard_normal(n) if rng.random() < 0.55 else combined
+        earlier.append(row + nearly * rng.standard_normal(n))
+    low = np.round(rng.standard_normal(size), rng.integers(0, 3))
+    kind = rng.integers(0, 5, size)
+    width = np.select([kind < 2, kind == 2], [0.0, rng.uniform(0.0, 1.0, size)], np.inf)
+    below = np.where(kind == 4, -np.inf, low)
+    above = np.where(kind == 4, low, low + width)
+    return Level(jacobian=np.reshape(earlier[len(earlier) - size :], (size, n)), lower=below, upper=above)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_levels_reach_the_reference(seed: int) -> None:
+    levels = random_hierarchy(seed, 9, (9, 2, 4, 3, 3, 9))
+    optimum, error = reference(levels)
+    assert error.max() < 1e-10
+    solution = COMPILED.solve(levels)
+    assert solution.status is Status.SOLVED
+    np.testing.assert_allclose(solution.level_residuals, optimum, atol=1e-7)
+
+
+@pytest.mark.parametrize(("n", "sizes"), STRUCTURES)
+def test_dependent_and_conflicting_rows_are_solved_exactly(n: int, sizes: tuple[int, ...]) -> None:
+    for seed in range(100):
+        levels = _dependent_hierarchy(seed, n, sizes)
+        solution = COMPILED.solve(levels)
+        assert solution.status is Status.SOLVED, seed
+        assert solution.certificate(levels) < 1e-9, seed
+
+
+@pytest.mark.parametrize("nearly", [1e-10, 1e-8, 1e-6])
+def test_nearly_dependent_rows_end_with_a_truthful_status(nearly: float) -> None:
+    solver = LexicographicActiveSet(cascade=False)
+    for seed in range(60):
+        levels = _dependent_hierarchy(seed, 7, (1, 0, 6, 2, 7), nearly)
+        solution = solver.solve(levels)
+        assert np.isfinite(solution.v).all()
+        if solution.status in (Status.COLD_STARTED, Status.CASCADED):
+            assert solution.certificate(levels) < 1e-6, seed
+
+
+@pytest.mark.parametrize(("n", "sizes"), STRUCTURES[:4])
+def test_numpy_and_c_give_the_same(n: int, sizes: tuple[int, ...]) -> None:
+    for seed in range(20):
+        levels = _dependent_hierarchy(seed, n, sizes)
+        ours, theirs = COMPILED.solve(levels), NUMPY.solve(levels)
+        np.testing.assert_allclose(ours.level_residuals, theirs.level_residuals, atol=1e-10)
+        assert ours.status is theirs.status
+        if np.linalg.matrix_rank(levels[-1].jacobian) == n:
+            np.testing.assert_allclose(ours.v, theirs.v, atol=1e-8)
+
+
+@pytest.mark.parametrize("solver", [COMPILED, NUMPY])
+def test_a_warm_tick_follows_slow_changes_exactly(solver: LexicographicActiveSet) -> None:
+    rng = np.random.default_rng(0)
+    levels = random_hierarchy(2)
+    tick = solver.bind(_tick_function(13, 59), [level.n_rows for level in levels])
+    J, *rest = _arguments(levels)
+    for _ in range(50):
+        J = J + np.where(np.arange(59)[:, None] < 46, 1e-3, 0.0) * rng.standard_normal(J.shape)
+        result = tick(J, *rest)
+        assert result.status is Status.SOLVED
+        start = np.cumsum([0, *(level.n_rows for level in levels)])
+        now = [Level(jacobian=J[a:b], lower=rest[0][a:b], upper=rest[1][a:b]) for a, b in pairwise(start)]
+        assert certificate(now, result.v) < 1e-9
+
+
+def test_an_equality_that_becomes_an_inequality_is_released() -> None:
+    tick = COMPILED.bind(_tick_function(2, 3), [1, 2])
+    J = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    rest = [np.zeros(3), np.ones(3), np.ones(3)]
+    first = tick(J, [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], *rest)
+    np.testing.assert_allclose(first.v, [1.0, 0.0], atol=1e-12)
+    second = tick(J, [-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], *rest)
+    np.testing.assert_allclose(second.v, [0.0, 0.0], atol=1e-12)
+
+
+def test_the_function_is_pure_and_can_be_mapped() -> None:
+    levels = random_hierarchy(5)
+    function = COMPILED.function(_tick_function(13, 59), [level.n_rows for level in levels])
+    assert function is not None
+    inputs = [*_arguments(levels), np.zeros(59)]
+    once = np.asarray(function(*inputs)[0]).ravel()
+    mapped = function.map(3)(*[ca.repmat(ca.DM(x), 1, 3) for x in inputs])[0]
+    for i in range(3):
+        np.testing.assert_array_equal(np.asarray(mapped)[:, i], once)
+
+
+@pytest.mark.parametrize("solver", [COMPILED, NUMPY])
+@pytest.mark.parametrize("wrong", [0, 1, 2, 5])
+def test_nan_gives_zero_velocity_and_says_so(solver: LexicographicActiveSet, wrong: int) -> None:
+    levels = random_hierarchy(4)
+    tick = solver.bind(_tick_function(13, 59), [level.n_rows for level in levels])
+    arguments = [array.copy() for array in _arguments(levels)]
+    arguments[wrong].flat[7] = np.nan
+    result = tick(*arguments)
+    assert result.status is Status.INVALID_INPUT
+    assert not result.v.any()
+    assert tick(*_arguments(levels)).status is Status.SOLVED
+
+
+def test_lower_levels_never_change_higher_ones() -> None:
+    for seed in range(30):
+        levels = random_hierarchy(seed)
+        whole = COMPILED.solve(levels)
+        part = COMPILED.solve(levels[:6])
+        np.testing.assert_allclose(part.level_residuals, whole.level_residuals[:6], atol=1e-8)
+
+
+def test_the_certificate_fails_for_a_perturbed_solution() -> None:
+    rng = np.random.default_rng(3)
+    for seed in range(20):
+        levels = random_hierarchy(seed)
+        v = COMPILED.solve(levels).v
+        assert certificate(levels, v) < 1e-11
+        assert certificate(levels, v + 1e-5 * rng.standard_normal(13)) > 1e-7
+
+
+def test_the_certificate_sees_a_level_that_gave_way_to_a_lower_one() -> None:
+    upper, lower = np.array([[1.0, 0.0]]), np.array([[1.0, 0.0], [0.0, 1.0]])
+    levels = [Level(jacobian=upper, lower=1.0, upper=1.0), Level(jacobian=lower, lower=0.0, upper=0.0)]
+    assert certificate(levels, np.array([1.0, 0.0])) < 1e-15
+    assert certificate(levels, np.array([0.5, 0.0])) > 0.1
+
+
+def test_the_certificate_accepts_the_cascade_within_its_accuracy() -> None:
+    levels = random_hierarchy(7)
+    solution = LexicographicQp().solve(levels)
+    assert isinstance(solution, Solution)
+    assert solution.certificate(levels) < 1e-3
+
+
+def test_empty_hierarchies_and_levels_are_handled() -> None:
+    with pytest.raises(InvalidInput, match="levels is empty"):
+        COMPILED.solve([])
+    for solver in (COMPILED, NUMPY):
+        solution = solver.solve([Level(jacobian=np.zeros((0, 3)))])
+        assert solution.status is Status.SOLVED
+        np.testing.assert_array_equal(solution.v, np.zeros(3))
+
+
+def test_the_core_needs_libm_only() -> None:
+    includes = [line for line in core_source(3, (1, 0, 2)).splitlines() if line.startswith("#include")]
+    assert includes == ["#include <math.h>", "#include <string.h>"]
+    assert "#define LEX_SIZES 1, 2" in core_source(3, (1, 0, 2))
+
+
+def test_the_cascade_takes_over_where_the_method_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    levels = random_hierarchy(1)
+    solver = LexicographicActiveSet(compiled=False)
+    honest = active_set_tick.lexicographic_least_squares
+
+    def lost(J: np.ndarray, low: np.ndarray, up: np.ndarray, state: np.ndarray, sizes: tuple[int, ...]) -> tuple:
+        if state.any():
+            return honest(J, low, up, state, sizes)
+        return np.zeros(J.shape[1]), state, Outcome.LIMIT, 1
+
+    monkeypatch.setattr(active_set_tick, "lexicographic_least_squares", lost)
+    solution = solver.solve(levels)
+    assert solution.status is Status.CASCADED
+    assert solution.certificate(levels) < 1e-9
+    monkeypatch.undo()
+    np.testing.assert_allclose(solution.v, COMPILED.solve(levels).v, atol=1e-8)
+
+
+def test_a_velocity_that_is_not_certified_is_called_inexact(monkeypatch: pytest.MonkeyPatch) -> None:
+    def lost(J: np.ndarray, low: np.ndarray, up: np.ndarray, state: np.ndarray, sizes: tuple[int, ...]) -> tuple:
+        return np.full(J.shape[1], np.nan), state, Outcome.SOLVED, 1
+
+    monkeypatch.setattr(active_set_tick, "lexicographic_least_squares", lost)
+    solution = LexicographicActiveSet(compiled=False, cascade=False).solve(random_hierarchy(1))
+    assert solution.status is Status.INEXACT
+    assert not solution.status.exact
+    assert np.isfinite(solution.v).all()

@@ -1,0 +1,137 @@
+"""A bound active-set solver with its chain of fallbacks: warm, cold, cascade polished, best of all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from time import perf_counter
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uvms_ocp.solvers.active_set_numpy import Outcome, lexicographic_least_squares
+from uvms_ocp.solvers.cascade import LexicographicQp
+from uvms_ocp.solvers.certificate import certificate
+from uvms_ocp.solvers.level import Array, Level, row_slices
+from uvms_ocp.solvers.solution import Status, distance
+from uvms_ocp.solvers.tick import Buffered, TickResult
+
+# A run that did not end by itself counts as solved if its certificate is below this.
+_CERTIFIED = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ActiveSetFunctions:
+    """What a tick evaluates."""
+
+    tick: ca.Function | None
+    """(inputs, active set) -> v, active set, [outcome, iterations], status, residual, *extras; None without C."""
+    levels: ca.Function
+    """inputs -> valid, J, lower, upper (gated), lower, upper, gate (as given), *extras"""
+    sizes: tuple[int, ...]
+    cascade: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Run:
+    v: Array
+    active_set: Array
+    outcome: Outcome
+
+
+class ActiveSetTick:
+    """Warm-started from the active set of the tick before."""
+
+    __slots__ = ("_active_set", "_functions", "_levels", "_tick")
+
+    def __init__(self, functions: ActiveSetFunctions) -> None:
+        self._functions = functions
+        self._tick = None if functions.tick is None else Buffered(functions.tick)
+        self._levels = Buffered(functions.levels)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the active set: the next tick starts cold."""
+        self._active_set = np.zeros(sum(self._functions.sizes))
+
+    @property
+    def compiled(self) -> bool:
+        """True if the whole tick is one Function with the core in C."""
+        return self._tick is not None
+
+    def __call__(self, *inputs: ArrayLike) -> TickResult:
+        """Raise ``InvalidInput`` for a wrong number or shape of inputs."""
+        start = perf_counter()
+        v, status, residual, extras = self._evaluated(inputs)
+        return TickResult(
+            v=v, status=status, residual=residual, extras=tuple(extras), solve_time=perf_counter() - start
+        )
+
+    def _evaluated(self, inputs: Sequence[ArrayLike]) -> tuple[Array, Status, Array, list[Array]]:
+        if self._tick is None:
+            return self._recovered(inputs)
+        v, active_set, report, status, residual, *extras = self._tick((*inputs, self._active_set))
+        if status[0] != 0.0:
+            return v, Status.INVALID_INPUT, residual, extras
+        if report[0] != Outcome.SOLVED or not np.isfinite(v).all():
+            return self._recovered(inputs)
+        self._active_set = active_set
+        return v, Status.SOLVED, residual, extras
+
+    def _recovered(self, inputs: Sequence[ArrayLike]) -> tuple[Array, Status, Array, list[Array]]:
+        """The chain in NumPy, which is also the whole tick where there is no compiler."""
+        valid, J, low, up, lower, upper, gate, *extras = self._levels(inputs)
+        J = J.reshape(-1, self._functions.levels.size2_out(1))
+        if not valid[0]:
+            return np.zeros(J.shape[1]), Status.INVALID_INPUT, np.zeros(len(low)), extras
+        run, status = self._chain(J, low, up)
+        self._active_set = run.active_set
+        residual = np.where(gate > 0.0, distance(J @ run.v, lower, upper), 0.0)
+        return run.v, status, residual, extras
+
+    def _chain(self, J: Array, low: Array, up: Array) -> tuple[_Run, Status]:
+        warm = self._run(J, low, up, self._active_set)
+        if warm.outcome is Outcome.SOLVED:
+            return warm, Status.SOLVED
+        cold = self._run(J, low, up, np.zeros(len(low)))
+        if cold.outcome is Outcome.SOLVED:
+            return cold, Status.COLD_STARTED
+        sizes = self._functions.sizes
+        levels = [Level(jacobian=J[rows], lower=low[rows], upper=up[rows]) for rows in row_slices(sizes)]
+        for run, status in ((warm, Status.SOLVED), (cold, Status.COLD_STARTED)):
+            if certificate(levels, run.v) <= _CERTIFIED:
+                return run, status
+        return self._cascaded(levels, J, low, up, [warm, cold])
+
+    def _cascaded(self, levels: list[Level], J: Array, low: Array, up: Array, runs: list[_Run]) -> tuple[_Run, Status]:
+        """The best of all runs; exact only if its certificate says so."""
+        if self._functions.cascade:
+            v = LexicographicQp().solve(levels).v
+            near = 1e-9 * (1.0 + np.abs(J).sum(axis=1))
+            active = np.where(J @ v >= up - near, 1.0, np.where(J @ v <= low + near, -1.0, 0.0))
+            runs = [*runs, self._run(J, low, up, active), _Run(v, active, Outcome.STALLED)]
+        run = min(runs, key=lambda run: _Badness(levels, run.v))
+        exact = certificate(levels, run.v) <= _CERTIFIED
+        return run, Status.CASCADED if exact else Status.INEXACT
+
+    def _run(self, J: Array, low: Array, up: Array, active_set: Array) -> _Run:
+        v, reached, outcome, _ = lexicographic_least_squares(J, low, up, active_set, self._functions.sizes)
+        if np.isfinite(v).all():
+            return _Run(v, reached, outcome)
+        return _Run(np.zeros(len(v)), np.zeros(len(low)), Outcome.LIMIT)
+
+
+class _Badness:
+    """Lexicographic order of level residuals, equal where they differ by rounding."""
+
+    __slots__ = ("_norms",)
+
+    def __init__(self, levels: Sequence[Level], v: Array) -> None:
+        self._norms = [float(np.linalg.norm(distance(lv.jacobian @ v, lv.lower, lv.upper))) for lv in levels]
+
+    def __lt__(self, other: _Badness) -> bool:
+        for mine, theirs in zip(self._norms, other._norms, strict=True):
+            if abs(mine - theirs) > 1e-9 * (1.0 + theirs):
+                return mine < theirs
+        return False
