@@ -33,26 +33,29 @@ class _Section(BaseModel):
 class Pose(_Section):
     """Pose of a coefficient frame in the frame of its link."""
 
-    position: Vector3 = Field((0.0, 0.0, 0.0), description="origin [m]")
-    rpy: Vector3 = Field((0.0, 0.0, 0.0), description="roll, pitch, yaw [rad], R = Rz Ry Rx")
+    position: Vector3 = Field(default=(0.0, 0.0, 0.0), description="origin [m]")
+    rpy: Vector3 = Field(default=(0.0, 0.0, 0.0), description="roll, pitch, yaw [rad], R = Rz Ry Rx")
 
 
 class LinkCoefficients(_Section):
     """Hydrodynamic coefficients of one link, linear axes before angular ones."""
 
-    pose: Pose = Field(Pose(), description="frame of added mass and drag, in the link frame")
+    pose: Pose = Field(default=Pose(), description="frame of added mass and drag, in the link frame")
     added_mass: Vector6 | Matrix6 = Field(
-        (0.0,) * 6,
+        default=(0.0,) * 6,
         description="diagonal (6) or full matrix (6x6) [kg, kg m, kg m2], symmetric, not indefinite",
     )
     linear_drag: Vector6 | Matrix6 = Field(
-        (0.0,) * 6, description="diagonal (6) or full matrix (6x6) [N/(m/s), N m/(rad/s)], dissipative"
+        default=(0.0,) * 6,
+        description="diagonal (6) or full matrix (6x6) [N/(m/s), N m/(rad/s)], dissipative",
     )
     quadratic_drag: NonNegative6 = Field(
-        (0.0,) * 6, description="factor of v|v| per axis [N/(m/s)^2, N m/(rad/s)^2], >= 0"
+        default=(0.0,) * 6, description="factor of v|v| per axis [N/(m/s)^2, N m/(rad/s)^2], >= 0"
     )
-    volume: float = Field(0.0, ge=0.0, le=1e4, description="displaced volume [m3]")
-    centre_of_buoyancy: Vector3 | None = Field(None, description="in the link frame [m]; needs a volume")
+    volume: float = Field(default=0.0, ge=0.0, le=1e4, description="displaced volume [m3]")
+    centre_of_buoyancy: Vector3 | None = Field(
+        default=None, description="in the link frame [m]; needs a volume"
+    )
 
     @field_validator("added_mass")
     @classmethod
@@ -84,9 +87,9 @@ class LinkCoefficients(_Section):
 class _Shape(_Section):
     """Common part of the shape rules."""
 
-    pose: Pose = Field(Pose(), description="centre and axes of the shape, in the link frame")
-    skin_drag: NonNegative = Field(0.4, description="linear drag of translation [N/(m/s)]")
-    drag_coefficient: float = Field(0.6, ge=0.0, le=5.0, description="C_D on the frontal area [-]")
+    pose: Pose = Field(default=Pose(), description="centre and axes of the shape, in the link frame")
+    skin_drag: NonNegative = Field(default=0.4, description="linear drag of translation [N/(m/s)]")
+    drag_coefficient: float = Field(default=0.6, ge=0.0, le=5.0, description="C_D on the frontal area [-]")
 
 
 class Cylinder(_Shape):
@@ -94,7 +97,9 @@ class Cylinder(_Shape):
 
     radius: float = Field(gt=0.0, le=10.0, description="[m]")
     length: float = Field(gt=0.0, le=100.0, description="[m]")
-    axial_added_mass: float = Field(0.1, ge=0.0, le=1.0, description="axial share of the displaced mass [-]")
+    axial_added_mass: float = Field(
+        default=0.1, ge=0.0, le=1.0, description="axial share of the displaced mass [-]"
+    )
 
 
 class Box(_Shape):
@@ -140,7 +145,7 @@ class Power(_Section):
 
     thrust: float = Field(gt=0.0, le=1e5, description="reference thrust [N]")
     watts: float = Field(gt=0.0, le=1e6, description="power at the reference thrust [W]")
-    exponent: float = Field(1.5, ge=1.0, le=3.0, description="[-]")
+    exponent: float = Field(default=1.5, ge=1.0, le=3.0, description="[-]")
 
 
 class Thruster(_Section):
@@ -155,9 +160,9 @@ class Thruster(_Section):
     minimum: float = Field(ge=-1e5, le=0.0, description="thrust limit [N]")
     maximum: float = Field(gt=0.0, le=1e5, description="thrust limit [N]")
     time_constant: float = Field(ge=0.0, le=10.0, description="first-order lag [s]; 0 is instantaneous")
-    dead_zone: NonNegative = Field(0.0, description="commands smaller than this give no thrust [N]")
+    dead_zone: NonNegative = Field(default=0.0, description="commands smaller than this give no thrust [N]")
     curve: tuple[tuple[float, float], ...] = Field(
-        (),
+        default=(),
         description="(command [-], thrust [N]) points, both increasing; empty is linear between the limits",
     )
     power: Power | None = None
@@ -193,27 +198,37 @@ class VehicleLimits(_Section):
 class JointDescription(_Section):
     """What the URDF does not say about a joint."""
 
-    home: float = Field(0.0, description="stowed position [rad or m]")
-    acceleration: Positive | None = Field(None, description="limit [rad/s2 or m/s2]; none is unlimited")
+    home: float = Field(default=0.0, description="stowed position [rad or m]")
+    acceleration: Positive | None = Field(
+        default=None, description="limit [rad/s2 or m/s2]; none is unlimited"
+    )
 
 
 class RobotDescription(_Section):
     """The whole file."""
 
     base: Literal["free_flyer", "fixed"] = "free_flyer"
-    convention: Literal["FLU", "NED"] = Field("FLU", description="axes of every vector and matrix in links")
-    water_density: float = Field(998.0, ge=900.0, le=1300.0, description="[kg/m3], fresh 998, sea 1025")
-    altimeter: str | None = Field(None, description="frame of the range sensor, which looks along its -z")
+    convention: Literal["FLU", "NED"] = Field(
+        default="FLU", description="axes of every vector and matrix in links"
+    )
+    water_density: float = Field(
+        default=998.0, ge=900.0, le=1300.0, description="[kg/m3], fresh 998, sea 1025"
+    )
+    altimeter: str | None = Field(
+        default=None, description="frame of the range sensor, which looks along its -z"
+    )
     vehicle_limits: VehicleLimits | None = None
-    joints: dict[str, JointDescription] = Field({}, description="by joint name")
-    joint_efficiency: float = Field(0.6, gt=0.0, le=1.0, description="mechanical / electrical power [-]")
-    links: dict[str, LinkDescription] = Field({}, description="by link name; links left out are dry")
-    trim: tuple[TrimBody, ...] = Field((), description="floats and ballast")
+    joints: dict[str, JointDescription] = Field(default={}, description="by joint name")
+    joint_efficiency: float = Field(
+        default=0.6, gt=0.0, le=1.0, description="mechanical / electrical power [-]"
+    )
+    links: dict[str, LinkDescription] = Field(default={}, description="by link name; links left out are dry")
+    trim: tuple[TrimBody, ...] = Field(default=(), description="floats and ballast")
     thrusters: tuple[Thruster, ...] = ()
 
     @field_validator("trim", "thrusters")
     @classmethod
-    def _names_are_unique(cls, value: tuple[Any, ...]) -> tuple[Any, ...]:
+    def _names_are_unique(cls, value: tuple[TrimBody | Thruster, ...]) -> tuple[TrimBody | Thruster, ...]:
         names = [entry.name for entry in value]
         if len(set(names)) != len(names):
             raise ValueError(f"names must be unique; given: {names}")
@@ -272,7 +287,7 @@ def _one_line(error: ValidationError) -> str:
 
 
 def _best_match(problems: list[Any]) -> Any:
-    # A value that fits no alternative of "diagonal or matrix" is reported for each; the deepest is the helpful one.
+    # A value that fits no alternative of "diagonal or matrix" is reported for each; the deepest helps most.
     return max(problems, key=lambda problem: len(problem["loc"])) if len(problems) > 1 else problems[0]
 
 

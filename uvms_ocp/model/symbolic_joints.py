@@ -96,7 +96,9 @@ def _free_flyer_integrate(q: ca.SX, v: ca.SX) -> ca.SX:
 
 
 def _free_flyer_difference(q0: ca.SX, q1: ca.SX) -> ca.SX:
-    turn = spatial.quaternion_log(spatial.quaternion_multiply(spatial.quaternion_conjugate(q0[3:]), q1[3:]))
+    turn: ca.SX = spatial.quaternion_log(
+        spatial.quaternion_multiply(spatial.quaternion_conjugate(q0[3:]), q1[3:])
+    )
     p = spatial.quaternion_to_matrix(q0[3:]).T @ (q1[:3] - q0[:3])
     return ca.vertcat(spatial.log6_translation(turn, p), turn)
 

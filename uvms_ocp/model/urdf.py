@@ -1,7 +1,7 @@
 """URDF text to Pinocchio models.
 
-The XML is checked before Pinocchio sees it, because its parser writes to stderr and its messages do not say which
-element is wrong.
+The XML is checked before Pinocchio sees it, because its parser writes to stderr and its messages do not say
+which element is wrong.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ class UrdfModels:
 def read_urdf(path: Path, *, free_flyer: bool, package_dirs: Sequence[Path] = ()) -> UrdfModels:
     """Read a URDF file; every mistake in it is a one-line ``RobotDataError``.
 
-    ``package://name/...`` is searched as ``<dir>/name/...`` in ``package_dirs`` and in the folders above the file;
-    other mesh paths are relative to the file.
+    ``package://name/...`` is searched as ``<dir>/name/...`` in ``package_dirs`` and in the folders above the
+    file; other mesh paths are relative to the file.
     """
     root = _parse(path)
     _check_links(path, root)

@@ -1,0 +1,215 @@
+"""Laws of every task: its Jacobian, its bounds and its behaviour at singular points."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from task_registry import GOAL, REGISTRY
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.model.symbolic import SymbolicModel
+from uvms_ocp.tasks import (
+    Alignment,
+    Bell,
+    HorizontalAttitude,
+    JointLimits,
+    JointTracking,
+    Manipulability,
+    MinimumAltitude,
+    NullVelocity,
+    Task,
+    ToolPose,
+    VehiclePose,
+)
+from uvms_ocp.tasks.task import TickSymbols
+
+STEP = 1e-6
+OUTPUTS = ("jacobian", "rate", "lower", "upper", "activation")
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot("girona_maris7_full")
+
+
+def task_function(robot: Robot, task: Task, dt: float = 0.005) -> ca.Function:
+    q = ca.SX.sym("q", robot.n_q)
+    symbols = TickSymbols(
+        robot=robot,
+        kinematics=SymbolicModel(robot.model).forward_kinematics(q),
+        q=q,
+        velocity=ca.SX.sym("v", robot.n_v),
+        altimeter_range=ca.SX.sym("range"),
+        dt=dt,
+    )
+    parameters = ca.SX.sym("parameters", task.n_parameters(robot))
+    rows = task.rows(symbols, parameters)
+    outputs = [getattr(rows, name) for name in OUTPUTS]
+    names = [*OUTPUTS, *rows.quantities]
+    return ca.Function(
+        "task",
+        [q, symbols.velocity, symbols.altimeter_range, parameters],
+        [*outputs, *rows.quantities.values()],
+        ["q", "v", "range", "parameters"],
+        names,
+    )
+
+
+def evaluate(
+    robot: Robot, task: Task, q: np.ndarray, v: np.ndarray | None = None, altimeter_range: float = 2.0
+) -> dict[str, np.ndarray]:
+    function = task_function(robot, task)
+    velocity = np.zeros(robot.n_v) if v is None else v
+    values = function.call([q, velocity, altimeter_range, task.reference(0.0)])
+    return {name: np.array(value) for name, value in zip(function.name_out(), values, strict=True)}
+
+
+def random_configuration(robot: Robot, rng: np.random.Generator) -> np.ndarray:
+    q = pin.neutral(robot.model)
+    q[:3] = rng.uniform(-2, 2, 3)
+    q[3:7] = pin.Quaternion(pin.exp3(rng.uniform(-1, 1, 3))).coeffs()
+    q[robot.joint_q] = rng.uniform(robot.limits.position_lower, robot.limits.position_upper)
+    return q
+
+
+@pytest.mark.parametrize("name", REGISTRY)
+def test_jacobian_equals_finite_differences_at_random_states(name: str, robot: Robot) -> None:
+    entry, rng = REGISTRY[name], np.random.default_rng(7)
+    function = task_function(robot, entry.task)
+    for _ in range(100):
+        q = random_configuration(robot, rng)
+        J = np.array(function(q, np.zeros(robot.n_v), 2.0, entry.task.reference(0.0))[0])
+        difference = np.empty_like(J)
+        for i in range(robot.n_v):
+            step = np.zeros(robot.n_v)
+            step[i] = STEP
+            ahead, behind = pin.integrate(robot.model, q, step), pin.integrate(robot.model, q, -step)
+            difference[:, i] = entry.displacement(robot, behind, ahead) / (2 * STEP)
+        np.testing.assert_allclose(J, difference, atol=1e-6 * max(1.0, np.abs(J).max()), rtol=0)
+
+
+@pytest.mark.parametrize("name", REGISTRY)
+def test_rows_are_finite_and_consistent(name: str, robot: Robot) -> None:
+    entry, rng = REGISTRY[name], np.random.default_rng(3)
+    for _ in range(5):
+        values = evaluate(robot, entry.task, random_configuration(robot, rng))
+        assert np.isfinite(values["jacobian"]).all()
+        assert np.isfinite(values["rate"]).all()
+        assert (values["lower"] <= values["upper"]).all()
+        assert ((values["activation"] >= 0) & (values["activation"] <= 1)).all()
+        if entry.task.equality:
+            np.testing.assert_array_equal(values["lower"], values["rate"])
+            np.testing.assert_array_equal(values["upper"], values["rate"])
+
+
+def test_rpy_of_the_start_is_the_tilt(robot: Robot) -> None:
+    q = robot.configuration(rpy=[0.0, -0.06, 0.5])
+    assert evaluate(robot, HorizontalAttitude(), q)["tilt"].item() == pytest.approx(0.06, abs=1e-12)
+
+
+@pytest.mark.parametrize(("roll", "tilt"), [(0.0, 0.0), (np.pi, np.pi)])
+def test_horizontal_attitude_survives_upright_and_upside_down(roll: float, tilt: float, robot: Robot) -> None:
+    values = evaluate(robot, HorizontalAttitude(), robot.configuration(rpy=[roll, 0.0, 0.0]))
+    assert values["tilt"].item() == pytest.approx(tilt, abs=1e-6)
+    assert np.linalg.norm(values["jacobian"]) == pytest.approx(1.0)
+
+
+def test_alignment_survives_facing_away_from_the_target(robot: Robot) -> None:
+    task = Alignment(goal=np.array([-5.0, 0.0, -2.0]))
+    values = evaluate(robot, task, robot.configuration())
+    assert values["misalignment"].item() == pytest.approx(np.pi)
+    assert abs(values["jacobian"][0, 5]) == pytest.approx(1.0)
+    assert values["upper"].item() < 0
+
+
+def test_alignment_reports_a_target_straight_below_instead_of_dividing_by_zero(robot: Robot) -> None:
+    values = evaluate(robot, Alignment(goal=np.array([0.0, 0.0, -2.0])), robot.configuration())
+    assert values["overhead"].item() == 1
+    assert not values["jacobian"].any()
+    assert values["misalignment"].item() == 0
+
+
+def test_a_target_that_moves_sideways_turns_the_line_of_sight(robot: Robot) -> None:
+    """The strict bound leaves room for the target's own motion: at rest the misalignment changes by its part."""
+    speed, distance = 0.3, 2.0
+
+    def moving(t: float) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([distance, 0.1 + speed * t, 0.0]), np.array([0.0, speed, 0.0])
+
+    task = Alignment(goal=moving)
+    q = robot.configuration()
+    still, ahead = (evaluate(robot, Alignment(goal=moving(t)[0]), q)["misalignment"].item() for t in (0.0, 1e-6))
+    drift = (ahead - still) / 1e-6
+    fixed = evaluate(robot, Alignment(goal=moving(0.0)[0]), q)["upper"].item()
+    assert evaluate(robot, task, q)["upper"].item() == pytest.approx(fixed - drift, rel=1e-5)
+
+
+def test_altitude_is_the_vertical_part_of_the_range(robot: Robot) -> None:
+    q = robot.configuration(rpy=[0.3, 0.2, 1.0])
+    values = evaluate(robot, MinimumAltitude(), q, altimeter_range=3.0)
+    assert values["altitude"].item() == pytest.approx(3.0 * np.cos(0.3) * np.cos(0.2))
+
+
+@pytest.mark.parametrize("turn", [1e-9, 1e-4, 1.0, np.pi - 1e-9])
+def test_pose_error_is_the_rotation_vector_at_any_angle(turn: float, robot: Robot) -> None:
+    task = VehiclePose(goal=pin.SE3(pin.exp3(np.array([0.0, turn, 0.0])), np.zeros(3)))
+    values = evaluate(robot, task, robot.configuration())
+    assert values["orientation_error"].item() == pytest.approx(turn, abs=1e-8)
+    expected = min(task.gain_angular * turn, task.saturation_angular)
+    assert abs(values["rate"][4, 0]) == pytest.approx(expected, abs=1e-8)
+
+
+def test_pose_references_saturate_with_their_direction_kept(robot: Robot) -> None:
+    goal = pin.SE3(np.eye(3), np.array([30.0, 40.0, 0.0]))
+    rate = evaluate(robot, VehiclePose(goal=goal), robot.configuration())["rate"][:3, 0]
+    np.testing.assert_allclose(rate, 0.5 * np.array([0.6, 0.8, 0.0]), atol=1e-12)
+
+
+def test_joint_limits_lead_back_to_the_guard_and_bound_the_approach(robot: Robot) -> None:
+    joints = robot.home.copy()
+    joints[1] = robot.limits.position_upper[1] - 0.01
+    values = evaluate(robot, JointLimits(), robot.configuration(joints=joints))
+    assert values["activation"][1, 0] > 0.9
+    assert values["rate"][1, 0] < 0
+    assert 0 < values["upper"][1, 0] <= 0.2 * 0.01 + 1e-12
+
+
+def test_a_joint_beyond_its_limit_is_asked_to_come_back(robot: Robot) -> None:
+    q = robot.configuration()
+    q = np.array(q)
+    q[7] = robot.limits.position_lower[0] - 0.05
+    lower, rate = (evaluate(robot, JointLimits(), q)[key][0, 0] for key in ("lower", "rate"))
+    assert lower > 0
+    assert rate > 0
+
+
+def test_a_goal_can_be_a_function_of_time(robot: Robot) -> None:
+    task = JointTracking(joints=("joint5",), goal=lambda t: (np.array([2 * t]), np.array([2.0])))
+    np.testing.assert_allclose(task.reference(0.25), [0.5, 2.0])
+    assert evaluate(robot, task, robot.configuration())["rate"].item() == pytest.approx(2.0 - 0.5 * 0.0137)
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: VehiclePose(goal=GOAL, gain_linear=-1.0), "PC: gain_linear = -1.0"),
+        (lambda: ToolPose(goal=np.eye(4)), "T: goal of type ndarray; give a pinocchio.SE3"),
+        (lambda: Alignment(goal=np.zeros(2)), r"AT: goal of shape \(2,\)"),
+        (lambda: JointTracking(joints=("joint1",), goal=np.array([np.nan])), "MP: goal .*nan.* give finite"),
+        (lambda: JointLimits(margin=0.6), "JL: margin = 0.6"),
+        (lambda: NullVelocity(axes=(7,)), r"NR: axes \(7,\)"),
+        (lambda: Bell(0.2, 0.1), r"Bell\(0.2, 0.1\)"),
+        (lambda: Manipulability().with_goal(1), "MU: Manipulability has no goal"),
+    ],
+)
+def test_mistakes_in_tasks_are_named(build: object, message: str) -> None:
+    with pytest.raises(InvalidInput, match=message):
+        build()  # type: ignore[operator]
+
+
+def test_a_misspelled_field_raises() -> None:
+    with pytest.raises(TypeError, match="gian"):
+        VehiclePose(goal=GOAL, gian=1.0)  # type: ignore[call-arg]

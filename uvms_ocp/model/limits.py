@@ -1,0 +1,116 @@
+"""Joints of a robot, where they live in q and v, their limits and their stowed posture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from uvms_ocp.model.description import RobotDescription
+
+_UNLIMITED = 1e12  # Pinocchio writes the largest float where a URDF has no limit
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Joint:
+    """Where one joint lives in q and v."""
+
+    name: str
+    idx_q: int
+    idx_v: int
+    n_q: int
+    n_v: int
+
+    @property
+    def q(self) -> slice:
+        """The joint's part of q."""
+        return slice(self.idx_q, self.idx_q + self.n_q)
+
+    @property
+    def v(self) -> slice:
+        """The joint's part of v."""
+        return slice(self.idx_v, self.idx_v + self.n_v)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Limits:
+    """Actuator and position limits, infinite where there is none; read-only arrays."""
+
+    position_lower: np.ndarray  # (n_joints,) [rad or m]
+    position_upper: np.ndarray  # (n_joints,) [rad or m]
+    velocity: np.ndarray  # (n_v,) [m/s, rad/s]
+    acceleration: np.ndarray  # (n_v,) [m/s2, rad/s2]
+    effort: np.ndarray  # (n_joints,) [N m or N]
+
+
+def joints_of(model: pin.Model, *, free_flyer: bool) -> tuple[Joint, ...]:
+    """Return the arm joints of a free-flyer, all joints otherwise."""
+    indices = range(2 if free_flyer else 1, model.njoints)
+    return tuple(_joint(model.names[i], model.joints[i]) for i in indices)
+
+
+def _joint(name: str, joint: pin.JointModel) -> Joint:
+    return Joint(name=name, idx_q=joint.idx_q, idx_v=joint.idx_v, n_q=joint.nq, n_v=joint.nv)
+
+
+def limits_of(model: pin.Model, description: RobotDescription, joints: tuple[Joint, ...]) -> Limits:
+    """Return the limits of the URDF (joints) and of the description (vehicle, accelerations)."""
+    vehicle_velocity, vehicle_acceleration = _vehicle_limits(description)
+    n_vehicle = len(vehicle_velocity)
+    return Limits(
+        position_lower=_position_limit(model.lowerPositionLimit, joints, -np.inf),
+        position_upper=_position_limit(model.upperPositionLimit, joints, np.inf),
+        velocity=read_only([*vehicle_velocity, *_or_unlimited(model.upperVelocityLimit[n_vehicle:])]),
+        acceleration=read_only([*vehicle_acceleration, *_joint_accelerations(description, joints)]),
+        effort=read_only(_or_unlimited(model.upperEffortLimit[n_vehicle:])),
+    )
+
+
+def _vehicle_limits(description: RobotDescription) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    if description.base == "fixed":
+        return (), ()
+    if description.vehicle_limits is None:
+        return (np.inf,) * 6, (np.inf,) * 6
+    return description.vehicle_limits.velocity, description.vehicle_limits.acceleration
+
+
+def _or_unlimited(limit: np.ndarray) -> np.ndarray:
+    # URDF has no word for "unlimited": files write 0 or leave the value out.
+    return np.where((limit <= 0.0) | (limit > _UNLIMITED), np.inf, limit)
+
+
+def _joint_accelerations(description: RobotDescription, joints: tuple[Joint, ...]) -> list[float]:
+    entries = [(description.joints.get(joint.name), joint.n_v) for joint in joints]
+    limits = [(None if entry is None else entry.acceleration, n_v) for entry, n_v in entries]
+    return [np.inf if limit is None else limit for limit, n_v in limits for _ in range(n_v)]
+
+
+def _position_limit(limit: np.ndarray, joints: tuple[Joint, ...], unlimited: float) -> np.ndarray:
+    # A joint with more positions than velocities (cos, sin) turns without end.
+    parts = [limit[j.q] if j.n_q == j.n_v else np.full(j.n_v, unlimited) for j in joints]
+    values = np.concatenate([np.zeros(0), *parts])
+    return read_only(np.where(np.abs(values) > _UNLIMITED, unlimited, values))
+
+
+def home_of(model: pin.Model, description: RobotDescription, joints: tuple[Joint, ...]) -> np.ndarray:
+    """Return the joint part of q in the stowed posture."""
+    values = np.zeros(model.nv)
+    for joint in joints:
+        entry = description.joints.get(joint.name)
+        values[joint.v] = 0.0 if entry is None else entry.home
+    first = 7 if description.base == "free_flyer" else 0
+    return read_only(from_joint_values(model, values)[first:])
+
+
+def from_joint_values(model: pin.Model, values: np.ndarray) -> np.ndarray:
+    """Return q (n_q,) with the joints displaced by ``values`` (n_v,) from neutral, whatever their types."""
+    return pin.integrate(model, pin.neutral(model), values)
+
+
+def read_only(values: ArrayLike) -> np.ndarray:
+    """Return a copy as floats that cannot be written to."""
+    array = np.array(values, dtype=float)
+    array.setflags(write=False)
+    return array

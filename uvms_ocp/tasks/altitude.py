@@ -1,0 +1,87 @@
+"""Altitude tasks: minimum altitude (MAC) and landing (LA)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import casadi as ca
+
+from uvms_ocp.tasks.activation import Bell
+from uvms_ocp.tasks.limits import approach_speed, saturate
+from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, equality_rows, require_positive
+
+
+def altitude_of(symbols: TickSymbols, frame: str) -> ca.SX:
+    """Altitude [m] of the altimeter above the floor: the z component of its beam in W ([Gao2022] eq. 16)."""
+    R_WS, _ = symbols.kinematics.pose(frame)
+    return R_WS[2, 2] * symbols.altimeter_range
+
+
+def altitude_row(symbols: TickSymbols, frame: str) -> ca.SX:
+    """World-z velocity of the sensor point, (1, n_v)."""
+    return symbols.kinematics.jacobian(frame)[2, :]
+
+
+def vertical_deceleration(symbols: TickSymbols) -> float:
+    """Vertical deceleration [m/s^2] that is always available: the smallest linear limit of the vehicle."""
+    return float(min(symbols.robot.limits.acceleration[:3]))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class MinimumAltitude(Task):
+    """MAC: the altimeter stays above `threshold` ([Gao2022] eqs 16-26)."""
+
+    equality: ClassVar[bool] = False
+    name: str = "MAC"
+    task_class: TaskClass = TaskClass.SAFETY
+    frame: str = "altimeter"
+    threshold: float = 1.0  # [m] h_min
+    margin: float = 0.5  # [m] Delta
+    gain: float = 0.4  # [1/s]
+    saturation: float = 0.5  # [m/s]
+
+    def __post_init__(self) -> None:
+        require_positive(
+            self.name, threshold=self.threshold, margin=self.margin, gain=self.gain, saturation=self.saturation
+        )
+
+    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
+        h = altitude_of(symbols, self.frame)
+        sinking = approach_speed(
+            h - self.threshold,
+            gain=self.gain,
+            deceleration=vertical_deceleration(symbols),
+            dt=symbols.dt,
+            saturation=self.saturation,
+        )
+        bell = Bell(self.threshold, self.threshold + self.margin)
+        return Rows(
+            jacobian=altitude_row(symbols, self.frame),
+            rate=saturate(self.gain * (bell.end - h), self.saturation),
+            lower=-sinking,
+            upper=ca.SX(ca.inf),
+            activation=bell.decreasing(h),
+            quantities={"altitude": h},
+        )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LandingAltitude(Task):
+    """LA: the altimeter descends to ``landing_distance + safeguard`` ([Gao2022] eqs 34-35)."""
+
+    name: str = "LA"
+    task_class: TaskClass = TaskClass.ACTION
+    frame: str = "altimeter"
+    landing_distance: float = -0.02  # [m] d_landing; below 0 so that the safeguard's height is crossed
+    safeguard: float = 0.17  # [m] Delta_safeguard
+    gain: float = 0.4  # [1/s]
+    saturation: float = 0.2  # [m/s]
+
+    def __post_init__(self) -> None:
+        require_positive(self.name, safeguard=self.safeguard, gain=self.gain, saturation=self.saturation)
+
+    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
+        h = altitude_of(symbols, self.frame)
+        rate = saturate(self.gain * (self.landing_distance + self.safeguard - h), self.saturation)
+        return equality_rows(altitude_row(symbols, self.frame), rate, {"altitude": h})

@@ -1,0 +1,135 @@
+"""Attitude tasks: horizontal attitude (HA) and alignment to a target (AT)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.spatial import skew
+from uvms_ocp.tasks.activation import Bell
+from uvms_ocp.tasks.limits import approach_speed, saturate
+from uvms_ocp.tasks.reference import VectorGoal, evaluate_vector
+from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, require_positive
+
+_SINE_FLOOR = 1e-9  # below this sine of the angle the rotation axis comes from the fallback
+_OVERHEAD = 1e-3  # [m] horizontal distance below which the direction to a target is undefined
+
+
+def misalignment(a: ca.SX, b: ca.SX, fallback: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Angle theta [rad] in [0, pi] and unit axis n (3,) of the rotation that takes unit vector a to unit vector b.
+
+    Where a and b are parallel the axis is `fallback`, so that theta = pi can be left and theta = 0 is no 0 / 0.
+    """
+    normal = ca.cross(a, b)
+    sine = ca.norm_2(normal)
+    parallel = sine < _SINE_FLOOR
+    axis = ca.if_else(parallel, fallback, normal / ca.fmax(sine, _SINE_FLOOR))
+    return ca.atan2(sine, ca.dot(a, b)), axis
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class AngleTask(Task):
+    """Shared fields of tasks that keep one angle theta small by an inequality."""
+
+    equality: ClassVar[bool] = False
+    frame: str = "base_link"
+    gain: float
+    saturation: float  # [rad/s]
+    bell: Bell  # [rad] activation rises over this range
+    aim: float  # [rad] angle at which the strict hierarchy's bound lets theta rest
+
+    def __post_init__(self) -> None:
+        require_positive(self.name, gain=self.gain, saturation=self.saturation, aim=self.aim)
+
+    def _angle_rows(self, symbols: TickSymbols, theta: ca.SX, row: ca.SX, quantities: dict[str, ca.SX]) -> Rows:
+        """Rows that hold d theta / dt = `row` @ v at a rate that brings theta inside `aim`."""
+        rising = approach_speed(
+            self.aim - theta,
+            gain=self.gain,
+            deceleration=float(min(symbols.robot.limits.acceleration[3:6])),
+            dt=symbols.dt,
+            saturation=self.saturation,
+        )
+        return Rows(
+            jacobian=row,
+            rate=saturate(-self.gain * theta, self.saturation),
+            lower=ca.SX(-ca.inf),
+            upper=rising,
+            activation=self.bell.increasing(theta),
+            quantities=quantities,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class HorizontalAttitude(AngleTask):
+    """HA: the body z axis stays vertical. Row ``-n . omega`` ([Gao2022], horizontal attitude)."""
+
+    name: str = "HA"
+    task_class: TaskClass = TaskClass.SAFETY
+    gain: float = 0.2
+    saturation: float = 0.5
+    bell: Bell = Bell(0.025, 0.1)
+    aim: float = 0.025
+
+    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
+        R_WB, _ = symbols.kinematics.pose(self.frame)
+        theta, n = misalignment(R_WB[:, 2], ca.SX([0, 0, 1]), R_WB[:, 0])
+        row = -n.T @ symbols.kinematics.jacobian(self.frame)[3:, :]
+        return self._angle_rows(symbols, theta, row, {"tilt": theta})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Alignment(AngleTask):
+    """AT: the body x axis points along the horizontal direction to a target ([Gao2022] eqs 36-58).
+
+    theta takes a = body x axis to b = d / |d|, d the horizontal part of target minus vehicle position, and
+    ``d theta / dt = -n . (omega_W + [d x] diag(1,1,0) v_W / |d|^2)``. A target straight above or below has no direction:
+    the row is zero then and the quantity ``overhead`` is 1.
+    """
+
+    name: str = "AT"
+    task_class: TaskClass = TaskClass.PREREQUISITE
+    goal: VectorGoal  # (3,) [m] target position in W
+    gain: float = 0.6
+    saturation: float = 0.2
+    bell: Bell = Bell(0.0, 0.07)
+    aim: float = 0.035
+
+    def __post_init__(self) -> None:
+        AngleTask.__post_init__(self)
+        value, _ = evaluate_vector(self.name, self.goal, 0.0)
+        if value.shape != (3,):
+            raise InvalidInput(f"{self.name}: goal of shape {value.shape}; give a position (3,) in W")
+
+    def n_parameters(self, robot: Robot) -> int:
+        return 6
+
+    def reference(self, t: float) -> np.ndarray:
+        return np.concatenate(evaluate_vector(self.name, self.goal, t))
+
+    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
+        R_WB, p_WB = symbols.kinematics.pose(self.frame)
+        J = symbols.kinematics.jacobian(self.frame)
+        d = ca.vertcat(parameters[:2] - p_WB[:2], 0)
+        overhead = ca.norm_2(d) < _OVERHEAD
+        distance = ca.fmax(ca.norm_2(d), _OVERHEAD)
+        theta, n = misalignment(R_WB[:, 0], d / distance, ca.SX([0, 0, 1]))
+        turning = skew(d) @ ca.diag(ca.SX([1, 1, 0])) / distance**2
+        row = -n.T @ (J[3:, :] + turning @ J[:3, :])
+        quantities = {"misalignment": ca.if_else(overhead, 0, theta), "overhead": overhead}
+        rows = self._angle_rows(symbols, quantities["misalignment"], ca.if_else(overhead, 0, row), quantities)
+        # A moving target turns the line of sight by itself: that part of d theta / dt is not ours to choose.
+        drift = ca.if_else(overhead, 0, n.T @ turning @ parameters[3:])
+        return Rows(
+            jacobian=rows.jacobian,
+            rate=rows.rate - drift,
+            lower=rows.lower,
+            upper=rows.upper - drift,
+            activation=rows.activation,
+            quantities=quantities,
+        )

@@ -1,0 +1,49 @@
+"""The order of tasks: priority is position in a tuple."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.tasks.task import Task
+
+
+class Hierarchy:
+    """Tasks from the highest priority to the lowest.
+
+    Without `order` the classes decide (`TaskClass`), ties keep the given order. `order` names every task once, highest
+    first, and overrides the classes. Raises `InvalidInput` for duplicate names or an incomplete order.
+    """
+
+    __slots__ = ("tasks",)
+
+    def __init__(self, tasks: Sequence[Task], order: Sequence[str] | None = None) -> None:
+        names = [task.name for task in tasks]
+        duplicates = sorted({name for name in names if names.count(name) > 1})
+        if duplicates:
+            raise InvalidInput(f"tasks share the name {', '.join(duplicates)}; give each its own `name`")
+        if order is None:
+            self.tasks = tuple(sorted(tasks, key=lambda task: task.task_class))
+        else:
+            self.tasks = _ordered(tasks, order)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Task names, highest priority first."""
+        return tuple(task.name for task in self.tasks)
+
+    def index(self, name: str) -> int:
+        """Position of the task `name`; raises `NameNotFound`."""
+        if name not in self.names:
+            raise NameNotFound("task", name, self.names)
+        return self.names.index(name)
+
+
+def _ordered(tasks: Sequence[Task], order: Sequence[str]) -> tuple[Task, ...]:
+    by_name = {task.name: task for task in tasks}
+    for name in order:
+        if name not in by_name:
+            raise NameNotFound("task", name, by_name)
+    if sorted(order) != sorted(by_name):
+        raise InvalidInput(f"order {tuple(order)} must name each of {tuple(by_name)} once")
+    return tuple(by_name[name] for name in order)

@@ -1,0 +1,172 @@
+"""Joint tasks: joint limits (JL), tracking of a posture or trajectory (MP), manipulability (MU)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.robot import Joint, Robot
+from uvms_ocp.tasks.activation import Bell
+from uvms_ocp.tasks.limits import approach_speed, saturate
+from uvms_ocp.tasks.reference import VectorGoal, evaluate_vector
+from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, equality_rows, require_positive
+
+_SINGULAR = 1e-12  # keeps the square root of the manipulability differentiable at singular postures
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class JointLimits(Task):
+    """JL: every bounded joint stays inside its range, one row per joint ([Gao2022] Case 2).
+
+    The activation rises over the last `margin` of the range on each side; the rate leads back to that guard.
+    """
+
+    equality: ClassVar[bool] = False
+    name: str = "JL"
+    task_class: TaskClass = TaskClass.SAFETY
+    margin: float = 0.1  # share of the range on each side
+    gain: float = 0.2  # [1/s]
+    saturation: float = 0.5  # [rad/s]
+
+    def __post_init__(self) -> None:
+        require_positive(self.name, margin=self.margin, gain=self.gain, saturation=self.saturation)
+        if self.margin >= 0.5:
+            raise InvalidInput(f"{self.name}: margin = {self.margin}; give a share of the range below 0.5")
+
+    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
+        joints = bounded_joints(symbols.robot)
+        rows = [self._joint_row(symbols, joint, lower, upper) for joint, lower, upper in joints]
+        stacked = [ca.vertcat(*column) for column in zip(*rows, strict=True)] or [ca.SX(0, 1)] * 4
+        return Rows(
+            jacobian=symbols.velocity_rows([joint.idx_v for joint, _, _ in joints]),
+            rate=stacked[0],
+            lower=stacked[1],
+            upper=stacked[2],
+            activation=stacked[3],
+            quantities={"margin": ca.mmin(stacked[4])} if joints else {},
+        )
+
+    def _joint_row(self, symbols: TickSymbols, joint: Joint, lower: float, upper: float) -> tuple[ca.SX, ...]:
+        """Rate, lower, upper, activation and distance to the nearer limit of one joint."""
+        q = symbols.q[joint.idx_q]
+        guard = self.margin * (upper - lower)
+        bell_low, bell_high = Bell(lower, lower + guard), Bell(upper - guard, upper)
+        below, above = bell_low.decreasing(q), bell_high.increasing(q)
+        to_guard = ca.if_else(q < bell_low.end, bell_low.end - q, ca.fmin(bell_high.start - q, 0))
+        return (
+            saturate(self.gain * to_guard, self.saturation),
+            -self._approach(symbols, joint, q - lower),
+            self._approach(symbols, joint, upper - q),
+            below + above,
+            ca.fmin(q - lower, upper - q),
+        )
+
+    def _approach(self, symbols: TickSymbols, joint: Joint, distance: ca.SX) -> ca.SX:
+        return approach_speed(
+            distance,
+            gain=self.gain,
+            deceleration=float(symbols.robot.limits.acceleration[joint.idx_v]),
+            dt=symbols.dt,
+            saturation=self.saturation,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class JointTracking(Task):
+    """MP: chosen joints follow a trajectory or hold a preferred posture ([Gao2022] Case 2)."""
+
+    name: str = "MP"
+    task_class: TaskClass = TaskClass.OPTIMIZATION
+    joints: tuple[str, ...]
+    goal: VectorGoal  # (len(joints),) [rad or m]
+    gain: float = 0.5  # [1/s]
+    saturation: float = 0.5  # [rad/s]
+
+    def __post_init__(self) -> None:
+        require_positive(self.name, gain=self.gain, saturation=self.saturation)
+        value, _ = evaluate_vector(self.name, self.goal, 0.0)
+        if value.shape != (len(self.joints),):
+            raise InvalidInput(f"{self.name}: goal of shape {value.shape} for {len(self.joints)} joints; give one each")
+
+    def n_parameters(self, robot: Robot) -> int:
+        return 2 * len(self.joints)
+
+    def reference(self, t: float) -> np.ndarray:
+        return np.concatenate(evaluate_vector(self.name, self.goal, t))
+
+    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
+        joints = [symbols.robot.joint(name) for name in self.joints]
+        error = parameters[: len(joints)] - symbols.q[[joint.idx_q for joint in joints]]
+        rate = parameters[len(joints) :] + saturate(self.gain * error, self.saturation)
+        jacobian = symbols.velocity_rows([joint.idx_v for joint in joints])
+        return equality_rows(jacobian, rate, {"posture_error": ca.norm_2(error)})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Manipulability(Task):
+    """MU: the manipulability ``mu = sqrt(det(J J'))`` of the arm stays away from 0.
+
+    J is the Jacobian of `frame` with the arm's joints alone. Rate ``gain (target - mu)``.
+    """
+
+    equality: ClassVar[bool] = False
+    name: str = "MU"
+    task_class: TaskClass = TaskClass.PREREQUISITE
+    frame: str = "tool"
+    gain: float = 0.1  # [1/s]
+    target: float = 0.12
+    bell: Bell = Bell(0.02, 0.05)
+
+    def __post_init__(self) -> None:
+        require_positive(self.name, gain=self.gain, target=self.target)
+
+    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
+        mu = manipulability(symbols, self.frame)
+        return Rows(
+            jacobian=_arm_gradient(symbols, mu),
+            rate=self.gain * (self.target - mu),
+            lower=self.gain * (self.bell.end - mu),
+            upper=ca.SX(ca.inf),
+            activation=self.bell.decreasing(mu),
+            quantities={"manipulability": mu},
+        )
+
+
+def manipulability(symbols: TickSymbols, frame: str) -> ca.SX:
+    """sqrt(det(J J')) of the arm's Jacobian (6, n_joints) at `frame`; of J' J where the arm has fewer than 6 joints."""
+    J = symbols.kinematics.jacobian(frame)[:, symbols.robot.joint_v]
+    gram = J @ J.T if J.shape[1] >= 6 else J.T @ J
+    pivots, _, _ = ca.ldl(gram + _SINGULAR * ca.SX.eye(gram.shape[0]), False)
+    return ca.sqrt(ca.fmax(_product(pivots), 0) + _SINGULAR**2)
+
+
+def bounded_joints(robot: Robot) -> list[tuple[Joint, float, float]]:
+    """The arm's joints with finite limits, with their lower and upper position."""
+    limits = robot.limits
+    rows = zip(robot.joints, _per_joint(robot, limits.position_lower), _per_joint(robot, limits.position_upper), strict=True)
+    return [(joint, low, up) for joint, low, up in rows if joint.n_q == joint.n_v == 1 and np.isfinite([low, up]).all()]
+
+
+def _per_joint(robot: Robot, values: np.ndarray) -> list[float]:
+    return [float(values[joint.idx_v - robot.joint_v.start]) for joint in robot.joints]
+
+
+def _arm_gradient(symbols: TickSymbols, scalar: ca.SX) -> ca.SX:
+    """Row (1, n_v) of a scalar that depends on one-degree-of-freedom arm joints."""
+    gradient = ca.jacobian(scalar, symbols.q)
+    row = ca.SX.zeros(1, symbols.robot.n_v)
+    for joint in symbols.robot.joints:
+        if joint.n_q == joint.n_v == 1:
+            row[joint.idx_v] = gradient[joint.idx_q]
+    return row
+
+
+def _product(values: ca.SX) -> ca.SX:
+    result = ca.SX(1)
+    for i in range(values.numel()):
+        result = result * values[i]
+    return result

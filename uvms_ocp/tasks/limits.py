@@ -1,0 +1,31 @@
+"""Bounds on velocity that keep a position inside its limit, and references that keep their direction."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+_ABRUPT = 1e6  # [1/s^2] stands in for an acceleration without limit, where the formula would give inf * 0
+
+
+def approach_speed(distance: ca.SX, *, gain: float, deceleration: float, dt: float, saturation: float) -> ca.SX:
+    """Largest speed towards a limit that is `distance` away; negative (retreat) where the limit is already passed.
+
+    The smaller of a velocity damper ``gain * distance`` and the speed from which a full stop at `deceleration`
+    still fits: in sampled time the stop after speed s takes at most ``s dt + s^2 / (2 a)``. If s keeps that inequality,
+    s - a dt keeps it one tick later, so a hierarchy with acceleration limits on top can always obey.
+
+    distance [m or rad] any shape; gain [1/s]; deceleration [1/s^2]; dt [s]; saturation [1/s] caps both directions.
+    """
+    damper = ca.fmin(ca.fmax(gain * distance, -saturation), saturation)
+    return ca.fmin(damper, stopping_speed(distance, deceleration=deceleration, dt=dt))
+
+
+def stopping_speed(distance: ca.SX, *, deceleration: float, dt: float) -> ca.SX:
+    """Largest speed from which a full stop within `distance` is possible in sampled time; 0 beyond the limit."""
+    deceleration = min(deceleration, _ABRUPT)
+    return deceleration * (ca.sqrt(dt**2 + 2 * ca.fmax(distance, 0) / deceleration) - dt)
+
+
+def saturate(x: ca.SX, limit: float) -> ca.SX:
+    """`x` scaled so that its norm is at most `limit`; the direction is kept."""
+    return x * limit / ca.fmax(ca.norm_2(x), limit)

@@ -1,0 +1,120 @@
+"""Pose tasks: vehicle pose (PC), tool pose (T), tool position."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.spatial import log3
+from uvms_ocp.tasks.limits import saturate
+from uvms_ocp.tasks.reference import PoseGoal, evaluate_pose
+from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, equality_rows, require_positive
+
+_N_POSE = 12 + 6  # p (3), R column by column (9), rate (6)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class PoseTask(Task):
+    """A frame F reaches a pose and follows it ([Gao2022] eqs 28-33, and the tool's CartError).
+
+    Rows: twist of F in W at its origin, linear rows first. Rate: feed-forward plus ``[gain_linear (p_goal - p);
+    gain_angular log3(R_goal R')]``, each half saturated with its direction kept.
+    """
+
+    frame: str
+    goal: PoseGoal  # X_WF
+    gain_linear: float  # [1/s]
+    gain_angular: float  # [1/s]
+    saturation_linear: float = 0.5  # [m/s]
+    saturation_angular: float = 0.5  # [rad/s]
+
+    def __post_init__(self) -> None:
+        require_positive(
+            self.name,
+            gain_linear=self.gain_linear,
+            gain_angular=self.gain_angular,
+            saturation_linear=self.saturation_linear,
+            saturation_angular=self.saturation_angular,
+        )
+        evaluate_pose(self.name, self.goal, 0.0)
+
+    def n_parameters(self, robot: Robot) -> int:
+        return _N_POSE
+
+    def reference(self, t: float) -> np.ndarray:
+        pose, rate = evaluate_pose(self.name, self.goal, t)
+        return pose_parameters(pose, rate)
+
+    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
+        R_WF, p_WF = symbols.kinematics.pose(self.frame)
+        error_linear = parameters[:3] - p_WF
+        error_angular = log3(ca.reshape(parameters[3:12], 3, 3) @ R_WF.T)
+        rate = parameters[12:] + ca.vertcat(
+            saturate(self.gain_linear * error_linear, self.saturation_linear),
+            saturate(self.gain_angular * error_angular, self.saturation_angular),
+        )
+        quantities = {
+            "position_error": ca.norm_2(error_linear),
+            "orientation_error": ca.norm_2(error_angular),
+        }
+        return equality_rows(symbols.kinematics.jacobian(self.frame), rate, quantities)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class VehiclePose(PoseTask):
+    """PC: the vehicle reaches a way point."""
+
+    name: str = "PC"
+    task_class: TaskClass = TaskClass.ACTION
+    frame: str = "base_link"
+    gain_linear: float = 0.2
+    gain_angular: float = 0.5
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ToolPose(PoseTask):
+    """T: the tool reaches a pose."""
+
+    name: str = "T"
+    task_class: TaskClass = TaskClass.ACTION
+    frame: str = "tool"
+    gain_linear: float = 0.6
+    gain_angular: float = 0.6
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ToolPosition(Task):
+    """The origin of a frame reaches a position; its orientation stays free."""
+
+    name: str = "TP"
+    task_class: TaskClass = TaskClass.ACTION
+    frame: str = "tool"
+    goal: PoseGoal  # X_WF, of which the translation is used
+    gain: float = 0.6  # [1/s]
+    saturation: float = 0.5  # [m/s]
+
+    def __post_init__(self) -> None:
+        require_positive(self.name, gain=self.gain, saturation=self.saturation)
+        evaluate_pose(self.name, self.goal, 0.0)
+
+    def n_parameters(self, robot: Robot) -> int:
+        return 6
+
+    def reference(self, t: float) -> np.ndarray:
+        pose, rate = evaluate_pose(self.name, self.goal, t)
+        return np.concatenate([pose.translation, rate[:3]])
+
+    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
+        error = parameters[:3] - symbols.kinematics.pose(self.frame)[1]
+        rate = parameters[3:] + saturate(self.gain * error, self.saturation)
+        jacobian = symbols.kinematics.jacobian(self.frame)[:3, :]
+        return equality_rows(jacobian, rate, {"position_error": ca.norm_2(error)})
+
+
+def pose_parameters(pose: pin.SE3, rate: np.ndarray) -> np.ndarray:
+    """Pose and rate as the flat vector (18,) that `PoseTask.rows` reads."""
+    return np.concatenate([pose.translation, pose.rotation.ravel(order="F"), rate])

@@ -1,0 +1,37 @@
+"""Goals: constants or functions of time.
+
+A goal is either a constant or a `Reference`, any callable ``t -> (value, rate)``; trajectories are references.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.exceptions import InvalidInput
+
+VectorReference: TypeAlias = Callable[[float], tuple[np.ndarray, np.ndarray]]
+PoseReference: TypeAlias = Callable[[float], tuple[pin.SE3, np.ndarray]]
+VectorGoal: TypeAlias = np.ndarray | VectorReference
+PoseGoal: TypeAlias = pin.SE3 | PoseReference
+
+
+def evaluate_vector(name: str, goal: VectorGoal, t: float) -> tuple[np.ndarray, np.ndarray]:
+    """Value (n,) and rate (n,) of a vector goal at time t [s]; raises `InvalidInput` where it is not finite."""
+    value, rate = goal(t) if callable(goal) else (np.asarray(goal, dtype=float), np.zeros(np.shape(goal)))
+    if not (np.all(np.isfinite(value)) and np.all(np.isfinite(rate))):
+        raise InvalidInput(f"{name}: goal {value} with rate {rate} at t = {t} s; give finite numbers")
+    return np.asarray(value, dtype=float), np.asarray(rate, dtype=float)
+
+
+def evaluate_pose(name: str, goal: PoseGoal, t: float) -> tuple[pin.SE3, np.ndarray]:
+    """Pose in W and its rate (6,) in W, linear first, at time t [s]; raises `InvalidInput` where not finite."""
+    pose, rate = goal(t) if callable(goal) else (goal, np.zeros(6))
+    if not isinstance(pose, pin.SE3):
+        raise InvalidInput(f"{name}: goal of type {type(pose).__name__}; give a pinocchio.SE3 or a function of time")
+    if not (np.all(np.isfinite(pose.homogeneous)) and np.all(np.isfinite(rate))):
+        raise InvalidInput(f"{name}: goal at t = {t} s is not finite; give finite numbers")
+    return pose, np.asarray(rate, dtype=float)

@@ -1,0 +1,124 @@
+"""A task: rows ``y`` of the velocity hierarchy, written once as CasADi expressions ([Gao2022] section 3).
+
+Every task turns the symbols of one tick into `Rows`. The rows serve both kinds of solver: the regularised pseudo-inverse
+reads ``rate`` and ``activation``, the strict hierarchy reads ``lower`` and ``upper`` (see `uvms_ocp.solvers.level`).
+"""
+
+from __future__ import annotations
+
+import enum
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.symbolic import SymbolicKinematics
+
+
+class TaskClass(enum.IntEnum):
+    """Classes of tasks; the smaller value has the higher priority ([Gao2022] section 'Task planning')."""
+
+    CONSTRAINT = 0
+    SAFETY = 1
+    PREREQUISITE = 2
+    ACTION = 3
+    OPTIMIZATION = 4
+
+    @property
+    def letters(self) -> str:
+        """The abbreviation used in the paper's tables."""
+        return ("C", "S", "P", "AD", "O")[self]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class TickSymbols:
+    """The symbols that one tick knows, given to every task."""
+
+    robot: Robot
+    kinematics: SymbolicKinematics  # forward kinematics at q
+    q: ca.SX  # (n_q,) configuration
+    velocity: ca.SX  # (n_v,) measured generalized velocity
+    altimeter_range: ca.SX  # () [m] range along -z of the altimeter frame
+    dt: float  # [s] control period
+
+    def velocity_rows(self, indices: list[int]) -> ca.SX:
+        """Jacobian (m, n_v) that selects generalized velocities."""
+        return ca.SX.eye(self.robot.n_v)[indices, :]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Rows:
+    """What a task asks of v: ``jacobian @ v`` at `rate`, or within ``[lower, upper]``.
+
+    `quantities` are scalars for transitions, plots and reports, such as errors and distances.
+    """
+
+    jacobian: ca.SX  # (m, n_v)
+    rate: ca.SX  # (m,)
+    lower: ca.SX  # (m,)
+    upper: ca.SX  # (m,)
+    activation: ca.SX  # (m,) internal bell in [0, 1]
+    quantities: Mapping[str, ca.SX] = field(default_factory=dict)
+
+    @property
+    def n_rows(self) -> int:
+        return int(self.jacobian.shape[0])
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Task(ABC):
+    """Base of all tasks. Fields of every task can be changed with `dataclasses.replace`."""
+
+    name: str
+    task_class: TaskClass
+    reactive: ClassVar[bool] = True
+    equality: ClassVar[bool] = True
+
+    @abstractmethod
+    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
+        """The rows of this task; `parameters` holds what `reference` returns at each tick."""
+
+    def n_parameters(self, robot: Robot) -> int:
+        """Length of the vector that `reference` returns."""
+        return 0
+
+    def reference(self, t: float) -> np.ndarray:
+        """Goal at time t [s] as a parameter vector (n_parameters,)."""
+        return np.zeros(0)
+
+    def with_goal(self, goal: Any) -> Task:
+        """This task with another goal; raises `InvalidInput` where the task has none."""
+        if "goal" not in {item.name for item in fields(self)}:
+            raise InvalidInput(f"{self.name}: {type(self).__name__} has no goal to replace; drop it from the phase's goals")
+        return replace(self, goal=goal)  # type: ignore[call-arg]
+
+    @property
+    def label(self) -> str:
+        """The paper's bracket, such as ``[R,E,AD]``."""
+        reactive = "R" if self.reactive else "NR"
+        kind = "E" if self.equality else "I"
+        return f"[{reactive},{kind},{self.task_class.letters}]"
+
+
+def equality_rows(jacobian: ca.SX, rate: ca.SX, quantities: Mapping[str, ca.SX] | None = None) -> Rows:
+    """Rows that ask for ``jacobian @ v = rate``, always active inside."""
+    return Rows(
+        jacobian=jacobian,
+        rate=rate,
+        lower=rate,
+        upper=rate,
+        activation=ca.SX.ones(rate.shape),
+        quantities=quantities or {},
+    )
+
+
+def require_positive(task: str, **values: float) -> None:
+    """Raise `InvalidInput` unless every value is finite and positive."""
+    for name, value in values.items():
+        if not (np.isfinite(value) and value > 0):
+            raise InvalidInput(f"{task}: {name} = {value}; give a finite value > 0")

@@ -1,0 +1,47 @@
+"""Tasks on generalized velocities themselves: vehicle null velocity (NR) and under-actuation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import casadi as ca
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, equality_rows
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class VehicleVelocity(Task):
+    """Shared part of tasks on chosen vehicle axes (0-2 linear, 3-5 angular, in B)."""
+
+    reactive: ClassVar[bool] = False
+    task_class: TaskClass = TaskClass.CONSTRAINT
+    axes: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        if not self.axes or not set(self.axes) <= set(range(6)):
+            raise InvalidInput(f"{self.name}: axes {self.axes}; give some of 0 to 5")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class NullVelocity(VehicleVelocity):
+    """NR: the vehicle stands still."""
+
+    name: str = "NR"
+    axes: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
+
+    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
+        return equality_rows(symbols.velocity_rows(list(self.axes)), ca.SX.zeros(len(self.axes)))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class UnderActuation(VehicleVelocity):
+    """Axes without thrust keep their measured velocity, so that the other rows reckon with it."""
+
+    name: str = "UA"
+    axes: tuple[int, ...]
+
+    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
+        axes = list(self.axes)
+        return equality_rows(symbols.velocity_rows(axes), symbols.velocity[axes])
