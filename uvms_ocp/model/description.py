@@ -53,9 +53,7 @@ class LinkCoefficients(_Section):
         default=(0.0,) * 6, description="factor of v|v| per axis [N/(m/s)^2, N m/(rad/s)^2], >= 0"
     )
     volume: float = Field(default=0.0, ge=0.0, le=1e4, description="displaced volume [m3]")
-    centre_of_buoyancy: Vector3 | None = Field(
-        default=None, description="in the link frame [m]; needs a volume"
-    )
+    centre_of_buoyancy: Vector3 | None = Field(default=None, description="in the link frame [m]; needs a volume")
 
     @field_validator("added_mass")
     @classmethod
@@ -97,9 +95,7 @@ class Cylinder(_Shape):
 
     radius: float = Field(gt=0.0, le=10.0, description="[m]")
     length: float = Field(gt=0.0, le=100.0, description="[m]")
-    axial_added_mass: float = Field(
-        default=0.1, ge=0.0, le=1.0, description="axial share of the displaced mass [-]"
-    )
+    axial_added_mass: float = Field(default=0.1, ge=0.0, le=1.0, description="axial share of the displaced mass [-]")
 
 
 class Box(_Shape):
@@ -154,9 +150,7 @@ class Thruster(_Section):
     name: str
     link: str = "base_link"
     position: Vector3 = Field(description="in the link frame [m]")
-    direction: Vector3 = Field(
-        description="of positive thrust on the vehicle, in the link frame; any length > 0"
-    )
+    direction: Vector3 = Field(description="of positive thrust on the vehicle, in the link frame; any length > 0")
     minimum: float = Field(ge=-1e5, le=0.0, description="thrust limit [N]")
     maximum: float = Field(gt=0.0, le=1e5, description="thrust limit [N]")
     time_constant: float = Field(ge=0.0, le=10.0, description="first-order lag [s]; 0 is instantaneous")
@@ -198,30 +192,22 @@ class VehicleLimits(_Section):
 class JointDescription(_Section):
     """What the URDF does not say about a joint."""
 
-    home: float = Field(default=0.0, description="stowed position [rad or m]")
-    acceleration: Positive | None = Field(
-        default=None, description="limit [rad/s2 or m/s2]; none is unlimited"
+    home: float | None = Field(
+        default=None, description="stowed position [rad or m]; left out: 0, or mid-range where 0 is not allowed"
     )
+    acceleration: Positive | None = Field(default=None, description="limit [rad/s2 or m/s2]; none is unlimited")
 
 
 class RobotDescription(_Section):
     """The whole file."""
 
     base: Literal["free_flyer", "fixed"] = "free_flyer"
-    convention: Literal["FLU", "NED"] = Field(
-        default="FLU", description="axes of every vector and matrix in links"
-    )
-    water_density: float = Field(
-        default=998.0, ge=900.0, le=1300.0, description="[kg/m3], fresh 998, sea 1025"
-    )
-    altimeter: str | None = Field(
-        default=None, description="frame of the range sensor, which looks along its -z"
-    )
+    convention: Literal["FLU", "NED"] = Field(default="FLU", description="axes of every vector and matrix in links")
+    water_density: float = Field(default=998.0, ge=900.0, le=1300.0, description="[kg/m3], fresh 998, sea 1025")
+    altimeter: str | None = Field(default=None, description="frame of the range sensor, which looks along its -z")
     vehicle_limits: VehicleLimits | None = None
     joints: dict[str, JointDescription] = Field(default={}, description="by joint name")
-    joint_efficiency: float = Field(
-        default=0.6, gt=0.0, le=1.0, description="mechanical / electrical power [-]"
-    )
+    joint_efficiency: float = Field(default=0.6, gt=0.0, le=1.0, description="mechanical / electrical power [-]")
     links: dict[str, LinkDescription] = Field(default={}, description="by link name; links left out are dry")
     trim: tuple[TrimBody, ...] = Field(default=(), description="floats and ballast")
     thrusters: tuple[Thruster, ...] = ()

@@ -94,14 +94,21 @@ def _position_limit(limit: np.ndarray, joints: tuple[Joint, ...], unlimited: flo
     return read_only(np.where(np.abs(values) > _UNLIMITED, unlimited, values))
 
 
-def home_of(model: pin.Model, description: RobotDescription, joints: tuple[Joint, ...]) -> np.ndarray:
+def home_of(model: pin.Model, description: RobotDescription, joints: tuple[Joint, ...], limits: Limits) -> np.ndarray:
     """Return the joint part of q in the stowed posture."""
+    n_vehicle = model.nv - len(limits.position_lower)
     values = np.zeros(model.nv)
+    values[n_vehicle:] = _zero_or_middle(limits.position_lower, limits.position_upper)
     for joint in joints:
         entry = description.joints.get(joint.name)
-        values[joint.v] = 0.0 if entry is None else entry.home
-    first = 7 if description.base == "free_flyer" else 0
-    return read_only(from_joint_values(model, values)[first:])
+        if entry is not None and entry.home is not None:
+            values[joint.v] = entry.home
+    return read_only(from_joint_values(model, values)[7 if n_vehicle else 0 :])
+
+
+def _zero_or_middle(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    inside = (lower <= 0.0) & (upper >= 0.0)
+    return np.where(inside, 0.0, 0.5 * (np.where(inside, 0.0, lower) + np.where(inside, 0.0, upper)))
 
 
 def from_joint_values(model: pin.Model, values: np.ndarray) -> np.ndarray:

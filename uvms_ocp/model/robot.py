@@ -156,15 +156,11 @@ def load_robot(
     if base is not None:
         description = description.model_copy(update={"base": base})
     free_flyer = description.base == "free_flyer"
-    models = read_urdf(
-        urdf_path, free_flyer=free_flyer, package_dirs=[Path(folder) for folder in package_dirs]
-    )
+    models = read_urdf(urdf_path, free_flyer=free_flyer, package_dirs=[Path(folder) for folder in package_dirs])
     return assemble(models, description, yaml_path or urdf_path, name)
 
 
-def _paths(
-    name: str | None, urdf: Path | str | None, hydrodynamics: Path | str | None
-) -> tuple[Path, Path | None]:
+def _paths(name: str | None, urdf: Path | str | None, hydrodynamics: Path | str | None) -> tuple[Path, Path | None]:
     if (name is None) == (urdf is None):
         raise InvalidInput("load_robot needs either a name or urdf=PATH; list_robots() gives the names")
     given = None if hydrodynamics is None else Path(hydrodynamics)
@@ -179,16 +175,26 @@ def assemble(models: UrdfModels, description: RobotDescription, path: Path, name
     _check_names(models.model, description, path)
     model = _with_trim(models.model, description.trim)
     joints = joints_of(model, free_flyer=description.base == "free_flyer")
-    return Robot(
+    limits = limits_of(model, description, joints)
+    robot = Robot(
         name=name or models.name,
         model=model,
         visual_model=models.visual,
         collision_model=models.collision,
         description=description,
         joints=joints,
-        limits=limits_of(model, description, joints),
-        home=home_of(model, description, joints),
+        limits=limits,
+        home=home_of(model, description, joints, limits),
     )
+    _check_home(robot, path)
+    return robot
+
+
+def _check_home(robot: Robot, path: Path) -> None:
+    try:
+        robot.configuration()
+    except InvalidInput as error:
+        raise RobotDataError(path, f"home: {error}") from None
 
 
 def _check_names(model: pin.Model, description: RobotDescription, path: Path) -> None:

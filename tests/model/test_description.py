@@ -1,0 +1,135 @@
+"""The schema of hydrodynamics.yaml: a mistake is one line with the file, the key, the value and what is allowed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from uvms_ocp.exceptions import RobotDataError
+from uvms_ocp.model.description import RobotDescription, as_matrix6, read_description
+
+THRUSTER = "name: t, position: [0, 0, 0], direction: [1, 0, 0], minimum: -40, maximum: 40, time_constant: 0.1"
+INDEFINITE = [[1.0 if i == j else 0.0 for j in range(6)] for i in range(6)]
+INDEFINITE[0][1] = INDEFINITE[1][0] = 2.0
+SKEWED = [[1.0 if i == j else 0.0 for j in range(6)] for i in range(6)]
+SKEWED[0][1] = 0.5
+GENERATING = [[0.1 if i == j else 0.0 for j in range(6)] for i in range(6)]
+GENERATING[2][2] = -1.0
+
+
+def read(tmp_path: Path, text: str) -> RobotDescription:
+    path = tmp_path / "hydrodynamics.yaml"
+    path.write_text(text, encoding="utf-8")
+    return read_description(path)
+
+
+def coefficients(text: str) -> str:
+    return f"links: {{hull: {{coefficients: {{{text}}}}}}}"
+
+
+MISTAKES = {
+    "unknown key": ("densty: 1000", "densty", "Extra inputs"),
+    "unknown key in a thruster": (f"thrusters: [{{{THRUSTER}, colour: red}}]", r"thrusters.0.colour", "red"),
+    "word for a number": ("water_density: heavy", "water_density", "'heavy'"),
+    "density in g/cm3": ("water_density: 1", "water_density: given 1;", "greater than or equal to 900"),
+    "NaN": ("water_density: .nan", "water_density", "finite"),
+    "wrong base": ("base: wheels", "base", "'free_flyer' or 'fixed'"),
+    "negative volume": (coefficients("volume: -0.1"), "links.hull.coefficients.volume: given -0.1;", "or equal to 0"),
+    "buoyancy without volume": (
+        coefficients("centre_of_buoyancy: [0, 0, 0.1]"),
+        "links.hull.coefficients",
+        "volume > 0",
+    ),
+    "five coefficients": (coefficients("quadratic_drag: [1, 1, 1, 1, 1]"), "quadratic_drag", "Field required"),
+    "negative quadratic drag": (
+        coefficients("quadratic_drag: [1, 1, -1, 1, 1, 1]"),
+        r"quadratic_drag.2: given -1;",
+        "0",
+    ),
+    "drag that generates energy": (coefficients("linear_drag: [1, 1, -1, 1, 1, 1]"), "linear_drag", "generate energy"),
+    "drag matrix that generates energy": (coefficients(f"linear_drag: {GENERATING}"), "linear_drag", "generate energy"),
+    "negative added mass": (coefficients("added_mass: [-1, 1, 1, 1, 1, 1]"), "added_mass", "indefinite"),
+    "indefinite added mass": (coefficients(f"added_mass: {INDEFINITE}"), "added_mass", "indefinite"),
+    "non-symmetric added mass": (coefficients(f"added_mass: {SKEWED}"), "added_mass", "symmetric"),
+    "two ways to describe a link": (
+        "links: {arm: {sphere: {radius: 0.1}, box: {size: [1, 1, 1]}}}",
+        "links.arm",
+        "exactly one of",
+    ),
+    "zero radius": ("links: {arm: {sphere: {radius: 0}}}", "links.arm.sphere.radius: given 0;", "greater than 0"),
+    "negative mass": ("trim: [{name: a, position: [0, 0, 0], mass: -1, volume: 0}]", r"trim.0.mass: given -1;", "0"),
+    "missing key": ("trim: [{name: a, position: [0, 0, 0], mass: 1}]", "trim.0.volume", "required"),
+    "thruster without direction": (
+        f"thrusters: [{{{THRUSTER.replace('[1, 0, 0]', '[0, 0, 0]')}}}]",
+        "thrusters.0.direction",
+        "length > 0",
+    ),
+    "thruster limit of the wrong sign": (
+        f"thrusters: [{{{THRUSTER.replace('minimum: -40', 'minimum: 40')}}}]",
+        "thrusters.0.minimum: given 40;",
+        "0",
+    ),
+    "dead zone beyond the limit": (f"thrusters: [{{{THRUSTER}, dead_zone: 50}}]", "thrusters.0", "dead_zone 50"),
+    "falling thrust curve": (
+        f"thrusters: [{{{THRUSTER}, curve: [[0, 1], [1, 0]]}}]",
+        "thrusters.0.curve",
+        "increasing",
+    ),
+    "two thrusters of one name": (f"thrusters: [{{{THRUSTER}}}, {{{THRUSTER}}}]", "thrusters", "unique"),
+    "speed limit 0": (
+        "vehicle_limits: {velocity: [0, 1, 1, 1, 1, 1], acceleration: [1, 1, 1, 1, 1, 1]}",
+        "velocity.0",
+        "greater than 0",
+    ),
+    "repeated key": ("water_density: 998\nwater_density: 1025", "YAML", "repeated key"),
+    "not YAML": ("links: [", "not valid YAML", "hydrodynamics.yaml"),
+    "empty file": ("", "empty", "hydrodynamics.yaml"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_one_line_that_names_file_key_and_range(mistake: str, tmp_path: Path) -> None:
+    text, key, allowed = MISTAKES[mistake]
+    with pytest.raises(RobotDataError, match=key) as caught:
+        read(tmp_path, text)
+    message = str(caught.value)
+    assert allowed in message
+    assert "hydrodynamics.yaml" in message
+    assert "\n" not in message
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(RobotDataError, match=r"nowhere\.yaml: cannot be read"):
+        read_description(tmp_path / "nowhere.yaml")
+
+
+def test_defaults_describe_a_dry_free_flyer(tmp_path: Path) -> None:
+    description = read(tmp_path, "base: free_flyer")
+    assert description == RobotDescription()
+    assert not description.links
+
+
+def test_a_description_cannot_be_changed() -> None:
+    with pytest.raises(ValueError, match="frozen"):
+        RobotDescription().water_density = 1025.0
+
+
+def test_a_diagonal_and_its_matrix_mean_the_same() -> None:
+    diagonal = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+    matrix = as_matrix6(diagonal)
+    assert (as_matrix6(tuple(map(tuple, matrix.tolist()))) == matrix).all()
+
+
+def test_the_json_schema_says_every_unit_and_forbids_other_keys() -> None:
+    schema = RobotDescription.model_json_schema()
+    assert schema["additionalProperties"] is False
+    assert "[kg/m3]" in schema["properties"]["water_density"]["description"]
+    assert schema["$defs"]["Thruster"]["properties"]["time_constant"]["description"].startswith("first-order lag [s]")
+
+
+def test_a_description_survives_a_round_trip_through_yaml(tmp_path: Path) -> None:
+    description = read(tmp_path, f"thrusters: [{{{THRUSTER}}}]\nlinks: {{arm: {{sphere: {{radius: 0.1}}}}}}")
+    text = yaml.safe_dump(description.model_dump(mode="json", exclude_none=True))
+    assert read(tmp_path, text) == description

@@ -1,0 +1,91 @@
+"""Kinematic control layer: measurements in, reference velocities out ([Gao2022] figure 4)."""
+
+from __future__ import annotations
+
+from time import perf_counter
+from typing import Protocol
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.control.levels import LevelsProblem, build_levels
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.mission import Event, Mission, MissionState
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.state import Command, Measurement
+from uvms_ocp.solvers import Status, Tick, TickResult
+
+NO_ECHO_RANGE = 100.0  # [m] stands in for the altimeter's range where there is no echo
+_STATUS_CODE = {status: code for code, status in enumerate(Status)}
+
+
+class HierarchySolver(Protocol):
+    """What a solver of hierarchies offers to the control layer."""
+
+    def bind(self, levels_function: ca.Function, sizes: tuple[int, ...]) -> Tick: ...
+
+
+class KinematicController:
+    """Runs a mission: a callable ``(Measurement, t) -> Command``.
+
+    Holds the mission's state and the last command; `events` is the log of transitions. Build one per run.
+    """
+
+    def __init__(self, *, robot: Robot, mission: Mission, solver: HierarchySolver, dt: float) -> None:
+        """dt [s] is the control period. Raises what `build_levels` and `Mission.check_quantities` raise."""
+        if not (np.isfinite(dt) and dt > 0):
+            raise InvalidInput(f"control period dt = {dt} s; give a finite time > 0")
+        self.robot, self.mission, self.dt = robot, mission, dt
+        self.problem: LevelsProblem = build_levels(robot, mission.hierarchy, dt)
+        mission.check_quantities(self.problem.quantity_names)
+        self._tick = solver.bind(self.problem.function, self.problem.sizes)
+        self.events: list[Event] = []
+        self.state: MissionState = mission.start()
+        self.quantities: dict[str, float] = {}
+        self._previous = np.zeros(robot.n_v)
+
+    def __call__(self, measurement: Measurement, t: float) -> Command:
+        """The command for the tick at time t [s]."""
+        begin = perf_counter()
+        phase, gates = self.state.phase, self.mission.gates(self.state, t)
+        echo = measurement.altimeter_range
+        result = self._tick(
+            measurement.q,
+            measurement.v,
+            self._previous,
+            np.array([echo if np.isfinite(echo) else NO_ECHO_RANGE]),
+            self.mission.reference(self.state, t),
+            gates,
+        )
+        self._previous = self._within_limits(result)
+        quantities, activity = result.extras
+        self._advance(t, dict(zip(self.problem.quantity_names, quantities.tolist(), strict=True)))
+        telemetry = {
+            "phase": phase,
+            "gates": gates,
+            "activity": activity,
+            "residual": result.residual,
+            "quantities": quantities,
+            "status": _STATUS_CODE[result.status],
+            "solve_time": result.solve_time,
+            "tick_time": perf_counter() - begin,
+        }
+        return Command(v=self._previous, finished=self.state.completed, telemetry=telemetry)
+
+    def pending(self) -> str:
+        """What the current phase still waits for, with the last measured values."""
+        return self.mission.pending(self.state, self.quantities)
+
+    def _advance(self, t: float, quantities: dict[str, float]) -> None:
+        self.quantities = quantities
+        self.state, event = self.mission.step(self.state, t, quantities)
+        if event is not None:
+            self.events.append(event)
+
+    def _within_limits(self, result: TickResult) -> np.ndarray:
+        """The solver's velocity, shortened to the velocity limits with its direction kept; braking where unusable."""
+        if not result.status.usable:
+            step = self.robot.limits.acceleration * self.dt
+            return self._previous - np.clip(self._previous, -step, step)
+        excess = np.max(np.abs(result.v) / self.robot.limits.velocity, initial=1.0)
+        return result.v / excess

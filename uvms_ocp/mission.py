@@ -1,0 +1,215 @@
+"""Which tasks act when: phases, their transitions, and the log of why ([Gao2022] figures 3 and 4).
+
+`Mission` is a value without memory. Its memory is `MissionState`, another value: `Mission.step` maps one to the next.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.tasks.activation import Bell
+from uvms_ocp.tasks.hierarchy import Hierarchy
+from uvms_ocp.tasks.task import Task
+
+DONE = "done"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Below:
+    """True while a measured quantity, named ``task.quantity``, is below a limit."""
+
+    quantity: str
+    limit: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.limit) and self.limit > 0):
+            raise InvalidInput(f"threshold of {self.quantity} = {self.limit}; give a finite value > 0")
+
+    def holds(self, quantities: Mapping[str, float]) -> bool:
+        return quantities[self.quantity] < self.limit
+
+    def describe(self, quantities: Mapping[str, float]) -> str:
+        """One clause with the measured value, true or not."""
+        sign = "<" if self.holds(quantities) else "not <"
+        return f"{self.quantity} = {quantities[self.quantity]:.4g} {sign} {self.limit:g}"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Transition:
+    """Leads to phase `to` (or `DONE`) once every condition has held for `hold` seconds without a gap."""
+
+    to: str
+    when: tuple[Below, ...]
+    hold: float = 0.0  # [s]
+
+    def __post_init__(self) -> None:
+        if not self.when:
+            raise InvalidInput(f"transition to {self.to!r} has no conditions; give at least one")
+        if not (math.isfinite(self.hold) and self.hold >= 0):
+            raise InvalidInput(f"transition to {self.to!r}: hold = {self.hold} s; give a finite time >= 0")
+
+    def holds(self, quantities: Mapping[str, float]) -> bool:
+        return all(condition.holds(quantities) for condition in self.when)
+
+    def describe(self, quantities: Mapping[str, float]) -> str:
+        return ", ".join(condition.describe(quantities) for condition in self.when)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Phase:
+    """One action: the external activation of each task, and what ends it.
+
+    `gates` maps task names to values in [0, 1]; tasks that are not named are off. `goals` maps task names to goals that
+    replace the task's own during this phase.
+    """
+
+    name: str
+    title: str = ""
+    gates: Mapping[str, float]
+    transitions: tuple[Transition, ...]
+    goals: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        bad = {name: gate for name, gate in self.gates.items() if not 0 <= gate <= 1}
+        if bad:
+            raise InvalidInput(f"phase {self.name!r}: activations {bad}; give values from 0 to 1")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class MissionState:
+    """Where a mission is."""
+
+    phase: int
+    since: float  # [s] start of the phase
+    gates_before: np.ndarray  # (n_tasks,) gates when the phase began; the bell leads on from them
+    held_since: tuple[float | None, ...]  # [s] since when each transition of the phase holds
+    completed: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Event:
+    """Why a phase ended."""
+
+    t: float  # [s]
+    source: str
+    target: str
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Mission:
+    """Phases over one hierarchy; the first phase begins at t = 0.
+
+    Raises `NameNotFound` for an unknown task or phase name, and `InvalidInput` for quantities that no task measures.
+    """
+
+    hierarchy: Hierarchy
+    phases: tuple[Phase, ...]
+    ramp: float = 0.2  # [s] duration of the bell on external activations
+    _targets: np.ndarray = field(init=False, repr=False)  # (n_phases, n_tasks)
+    _tasks: tuple[tuple[Task, ...], ...] = field(init=False, repr=False)  # per phase, with its goals
+
+    def __post_init__(self) -> None:
+        if not self.phases:
+            raise InvalidInput("mission without phases; give at least one")
+        if not (math.isfinite(self.ramp) and self.ramp >= 0):
+            raise InvalidInput(f"mission: ramp = {self.ramp} s; give a finite time >= 0")
+        self._check_targets()
+        object.__setattr__(self, "_targets", np.array([self._gates_of(phase) for phase in self.phases]))
+        object.__setattr__(self, "_tasks", tuple(self._tasks_of(phase) for phase in self.phases))
+
+    @property
+    def phase_names(self) -> tuple[str, ...]:
+        return tuple(phase.name for phase in self.phases)
+
+    def check_quantities(self, known: Sequence[str]) -> None:
+        """Raise `NameNotFound` where a transition reads a quantity that is not in `known`."""
+        for phase in self.phases:
+            for transition in phase.transitions:
+                for condition in transition.when:
+                    if condition.quantity not in known:
+                        raise NameNotFound(f"quantity in phase {phase.name!r}", condition.quantity, known)
+
+    def start(self) -> MissionState:
+        """The state at t = 0: every gate rises from zero."""
+        return self._enter(0, 0.0, np.zeros(len(self.hierarchy.tasks)))
+
+    def gates(self, state: MissionState, t: float) -> np.ndarray:
+        """External activation (n_tasks,) of each task at time t [s] ([Gao2022] eq. 22 in time)."""
+        blend = float(Bell(0.0, self.ramp).increasing(t - state.since)) if self.ramp > 0 else 1.0
+        return (1 - blend) * state.gates_before + blend * self._targets[state.phase]
+
+    def reference(self, state: MissionState, t: float) -> np.ndarray:
+        """Goals of all tasks at time t [s], one after the other, as `Task.reference` gives them."""
+        return np.concatenate([task.reference(t) for task in self._tasks[state.phase]])
+
+    def step(
+        self, state: MissionState, t: float, quantities: Mapping[str, float]
+    ) -> tuple[MissionState, Event | None]:
+        """The state after the quantities measured at t, and the event if a transition fired."""
+        if state.completed:
+            return state, None
+        phase = self.phases[state.phase]
+        held = tuple(_held(tr, since, t, quantities) for tr, since in zip(phase.transitions, state.held_since, strict=True))
+        for transition, since in zip(phase.transitions, held, strict=True):
+            if since is not None and t - since >= transition.hold - 1e-9:
+                event = Event(t=t, source=phase.name, target=transition.to, reason=_reason(transition, quantities))
+                return self._follow(state, transition, t), event
+        return replace(state, held_since=held), None
+
+    def pending(self, state: MissionState, quantities: Mapping[str, float]) -> str:
+        """What the current phase still waits for."""
+        return " or ".join(tr.describe(quantities) for tr in self.phases[state.phase].transitions)
+
+    def table(self) -> list[dict[str, Any]]:
+        """Tasks by phases: one row per task with its external activation in each phase ([Gao2022] Table 4)."""
+        return [
+            {"task": task.name, "type": task.label, **dict(zip(self.phase_names, column, strict=True))}
+            for task, column in zip(self.hierarchy.tasks, self._targets.T.tolist(), strict=True)
+        ]
+
+    def _follow(self, state: MissionState, transition: Transition, t: float) -> MissionState:
+        if transition.to == DONE:
+            return replace(state, completed=True)
+        return self._enter(self.phase_names.index(transition.to), t, self.gates(state, t))
+
+    def _enter(self, phase: int, t: float, gates: np.ndarray) -> MissionState:
+        waiting = (None,) * len(self.phases[phase].transitions)
+        return MissionState(phase=phase, since=t, gates_before=gates, held_since=waiting)
+
+    def _gates_of(self, phase: Phase) -> np.ndarray:
+        gates = np.zeros(len(self.hierarchy.tasks))
+        for name, gate in phase.gates.items():
+            gates[self.hierarchy.index(name)] = gate
+        return gates
+
+    def _tasks_of(self, phase: Phase) -> tuple[Task, ...]:
+        tasks = list(self.hierarchy.tasks)
+        for name, goal in phase.goals.items():
+            index = self.hierarchy.index(name)
+            tasks[index] = tasks[index].with_goal(goal)
+        return tuple(tasks)
+
+    def _check_targets(self) -> None:
+        for phase in self.phases:
+            for transition in phase.transitions:
+                if transition.to not in (*self.phase_names, DONE):
+                    raise NameNotFound("phase", transition.to, (*self.phase_names, DONE))
+
+
+def _held(transition: Transition, since: float | None, t: float, quantities: Mapping[str, float]) -> float | None:
+    if not transition.holds(quantities):
+        return None
+    return t if since is None else since
+
+
+def _reason(transition: Transition, quantities: Mapping[str, float]) -> str:
+    held = f" for {transition.hold:g} s" if transition.hold else ""
+    return transition.describe(quantities) + held
+

@@ -1,0 +1,184 @@
+"""Checks of a URDF's XML, each mistake one line that names the element.
+
+Pinocchio's parser writes to stderr, ignores what it does not understand and does not say which element is wrong.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from uvms_ocp.exceptions import RobotDataError
+
+Element = ElementTree.Element
+
+_JOINT_TYPES = ("revolute", "continuous", "prismatic", "planar", "floating", "fixed")
+_INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_SHAPES = {"box": (), "sphere": ("radius",), "cylinder": ("radius", "length"), "mesh": ()}
+
+
+def check_urdf(path: Path, root: Element) -> None:
+    """Raise ``RobotDataError`` for the first mistake in links, joints or the tree they form."""
+    _check_links(path, root)
+    _check_joints(path, root)
+    _check_tree(path, root)
+
+
+def _check_links(path: Path, root: Element) -> None:
+    names = _names(path, root, "link")
+    if not names:
+        raise RobotDataError(path, "no <link>; a robot needs at least one")
+    for link in root.findall("link"):
+        _check_shapes(path, link)
+    total = sum(_check_inertial(path, link) for link in root.findall("link"))
+    if total <= 0.0:
+        raise RobotDataError(path, "no link has a mass; give an <inertial> with mass > 0 kg to the moving links")
+
+
+def _check_shapes(path: Path, link: Element) -> None:
+    for kind in ("visual", "collision"):
+        where = f"link {link.get('name')!r} {kind}"
+        for element in link.findall(kind):
+            _check_origin(path, element, where)
+            _check_shape(path, element.find("geometry/*"), where)
+
+
+def _check_shape(path: Path, shape: Element | None, where: str) -> None:
+    if shape is None or shape.tag not in _SHAPES:
+        given = "nothing" if shape is None else f"<{shape.tag}>"
+        raise RobotDataError(path, f"{where} geometry: given {given}; allowed: {', '.join(_SHAPES)}")
+    sizes = [_number(path, shape, key, f"{where} {shape.tag} {key}") for key in _SHAPES[shape.tag]]
+    if shape.tag == "box":
+        sizes.extend(_vector(path, shape, "size", f"{where} box"))
+    if min(sizes, default=1.0) <= 0.0:
+        raise RobotDataError(path, f"{where} {shape.tag}: given {dict(shape.attrib)}; allowed: sizes > 0 m")
+
+
+def _check_inertial(path: Path, link: Element) -> float:
+    inertial = link.find("inertial")
+    if inertial is None:
+        return 0.0
+    where = f"link {link.get('name')!r}"
+    _check_origin(path, inertial, where)
+    mass = _number(path, inertial.find("mass"), "value", f"{where} mass")
+    if mass < 0.0:
+        raise RobotDataError(path, f"{where} mass: given {mass} kg; allowed: >= 0 kg")
+    _check_inertia(path, inertial.find("inertia"), f"{where} inertia", mass)
+    return mass
+
+
+def _check_inertia(path: Path, element: Element | None, where: str, mass: float) -> None:
+    xx, xy, xz, yy, yz, zz = (_number(path, element, key, f"{where} {key}") for key in _INERTIA)
+    moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    if mass > 0.0 and moments[0] < -1e-9 * max(1.0, moments[2]):
+        raise RobotDataError(path, f"{where}: principal moment {moments[0]:.4g} kg m2; allowed: >= 0")
+
+
+def _check_joints(path: Path, root: Element) -> None:
+    _names(path, root, "joint")
+    for joint in root.findall("joint"):
+        where = f"joint {joint.get('name')!r}"
+        kind = joint.get("type")
+        if kind not in _JOINT_TYPES:
+            raise RobotDataError(path, f"{where}: type {kind!r}; allowed: {', '.join(_JOINT_TYPES)}")
+        _check_origin(path, joint, where)
+        _check_axis(path, joint, where)
+        if kind in ("revolute", "prismatic"):
+            _check_limit(path, joint.find("limit"), f"{where} limit")
+
+
+def _check_axis(path: Path, joint: Element, where: str) -> None:
+    axis = joint.find("axis")
+    if axis is None or joint.get("type") in ("fixed", "floating"):
+        return
+    if math.hypot(*_vector(path, axis, "xyz", f"{where} axis")) < 1e-9:
+        raise RobotDataError(path, f"{where} axis: given {axis.get('xyz')!r}; allowed: a direction, not zero")
+
+
+def _check_limit(path: Path, element: Element | None, where: str) -> None:
+    if element is None:
+        raise RobotDataError(path, f"{where} is missing; give lower, upper, velocity and effort")
+    lower, upper = (_number(path, element, key, f"{where} {key}", default=0.0) for key in ("lower", "upper"))
+    if lower > upper:
+        raise RobotDataError(path, f"{where}: lower {lower} > upper {upper}; allowed: lower <= upper")
+    for key in ("velocity", "effort"):
+        value = _number(path, element, key, f"{where} {key}")
+        if value < 0.0:
+            raise RobotDataError(path, f"{where} {key}: given {value}; allowed: >= 0")
+
+
+def _check_tree(path: Path, root: Element) -> None:
+    links = [link.get("name") for link in root.findall("link")]
+    parent_of: dict[str | None, str | None] = {}
+    for joint in root.findall("joint"):
+        parent, child = (_linked(path, joint, end, links) for end in ("parent", "child"))
+        if child in parent_of:
+            raise RobotDataError(path, f"link {child!r} has two parents; allowed: one (a tree)")
+        parent_of[child] = parent
+    roots = [link for link in links if link not in parent_of]
+    if len(roots) != 1:
+        raise RobotDataError(path, f"{len(roots)} root links {roots}; allowed: exactly one, joints must form a tree")
+    _check_acyclic(path, parent_of)
+
+
+def _check_acyclic(path: Path, parent_of: dict[str | None, str | None]) -> None:
+    for start in parent_of:
+        link: str | None = start
+        for _ in parent_of:
+            link = parent_of.get(link)
+        if link is not None and link in parent_of:
+            raise RobotDataError(path, f"the joints form a loop through link {start!r}; allowed: a tree")
+
+
+def _linked(path: Path, joint: Element, end: str, links: Sequence[str | None]) -> str:
+    element = joint.find(end)
+    name = None if element is None else element.get("link")
+    if name is None or name not in links:
+        raise RobotDataError(path, f"joint {joint.get('name')!r}: {end} link {name!r} does not exist")
+    return name
+
+
+def _names(path: Path, root: Element, tag: str) -> list[str]:
+    names = [element.get("name", "") for element in root.findall(tag)]
+    if "" in names:
+        raise RobotDataError(path, f"a <{tag}> has no name")
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise RobotDataError(path, f"<{tag}> names must be unique; repeated: {', '.join(repeated)}")
+    return names
+
+
+def _check_origin(path: Path, element: Element, where: str) -> None:
+    origin = element.find("origin")
+    for key in ("xyz", "rpy"):
+        if origin is not None and key in origin.attrib:
+            _vector(path, origin, key, f"{where} origin")
+
+
+def _vector(path: Path, element: Element, key: str, where: str) -> tuple[float, ...]:
+    text = element.get(key, "")
+    values = tuple(_to_float(word) for word in text.split())
+    if len(values) != 3 or not all(map(math.isfinite, values)):
+        raise RobotDataError(path, f"{where} {key}: given {text!r}; allowed: three finite numbers")
+    return values
+
+
+def _number(path: Path, element: Element | None, key: str, where: str, default: float | None = None) -> float:
+    text = None if element is None else element.get(key)
+    if text is None and default is not None:
+        return default
+    value = _to_float(text)
+    if not math.isfinite(value):
+        raise RobotDataError(path, f"{where}: given {text!r}; allowed: a finite number")
+    return value
+
+
+def _to_float(text: str | None) -> float:
+    try:
+        return float(text) if text is not None else math.nan
+    except ValueError:
+        return math.nan

@@ -1,0 +1,129 @@
+"""Composition root: robot + mission + environment + solver, run into a `Record`."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp import __version__
+from uvms_ocp.control.kinematic import HierarchySolver, KinematicController
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.mission import Mission
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.state import Command, Measurement, State
+from uvms_ocp.record import Record
+from uvms_ocp.sim import Altimeter, FlatSeafloor, KinematicPlant, simulate
+from uvms_ocp.solvers import LexicographicQp, Status
+from uvms_ocp.tasks.pose import PoseTask, ToolPose, ToolPosition
+
+Progress = Callable[[float, Command, KinematicController], None]
+PLANTS = {"kinematic": KinematicPlant}
+_DEPENDENCIES = ("pin", "casadi", "coal", "numpy")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Scenario:
+    """Everything that one simulation needs.
+
+    Raises `InvalidInput` for a start outside the joint limits, a start or goal below the seafloor, or a bad period or
+    duration, and `NameNotFound` for an unknown plant.
+    """
+
+    name: str
+    robot: Robot
+    mission: Mission
+    seafloor: FlatSeafloor
+    start: np.ndarray  # (n_q,) configuration at t = 0
+    solver: HierarchySolver = field(default_factory=LexicographicQp)
+    plant: str = "kinematic"
+    altimeter_frame: str = "altimeter"
+    dt: float = 1 / 200  # [s] control period
+    duration: float = 120.0  # [s] at which an incomplete mission is stopped
+    markers: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)  # points [m] in W to draw
+
+    def __post_init__(self) -> None:
+        if self.plant not in PLANTS:
+            raise NameNotFound("plant", self.plant, PLANTS)
+        for name, value in (("dt", self.dt), ("duration", self.duration)):
+            if not (np.isfinite(value) and value > 0):
+                raise InvalidInput(f"{name} = {value} s; give a finite time > 0")
+        self.robot.check_configuration(self.start)
+        self.robot.frame_id(self.altimeter_frame)
+        self._require_above_floor("start position of the vehicle", self.start[:3])
+        for task in self.mission.hierarchy.tasks:
+            if isinstance(task, (PoseTask, ToolPosition)):
+                self._require_above_floor(f"goal of {task.name}", task.reference(0.0)[:3])
+
+    def controller(self) -> KinematicController:
+        """A fresh controller for this mission."""
+        return KinematicController(robot=self.robot, mission=self.mission, solver=self.solver, dt=self.dt)
+
+    def run(self, progress: Progress | None = None) -> Record:
+        """Simulate until the mission is complete or `duration` is over."""
+        controller = self.controller()
+        plant = PLANTS[self.plant](self.robot, self.start)
+        altimeter = Altimeter(self.robot, self.seafloor, self.altimeter_frame)
+        begin = perf_counter()
+        recorder = simulate(
+            plant=plant,
+            sense=lambda state: _ideal_measurement(state, altimeter),
+            controller=controller,
+            dt=self.dt,
+            duration=self.duration,
+            progress=None if progress is None else lambda t, command: progress(t, command, controller),
+        )
+        return recorder.freeze(self._meta(controller, perf_counter() - begin))
+
+    def _require_above_floor(self, what: str, position: np.ndarray) -> None:
+        floor = self.seafloor.height(float(position[0]), float(position[1]))
+        if position[2] <= floor:
+            raise InvalidInput(f"{what} z = {position[2]:g} m is below the seafloor z = {floor:g} m; raise it")
+
+    def _meta(self, controller: KinematicController, wall: float) -> dict[str, Any]:
+        tasks = self.mission.hierarchy.tasks
+        tools = [task.name for task in tasks if isinstance(task, (ToolPose, ToolPosition))]
+        return {
+            "scenario": self.name,
+            "robot": self.robot.name,
+            "plant": self.plant,
+            "solver": type(self.solver).__name__,
+            "dt": self.dt,
+            "wall_s": wall,
+            "completed": controller.state.completed,
+            "pending": "" if controller.state.completed else controller.pending(),
+            "events": [{"t": e.t, "source": e.source, "target": e.target, "reason": e.reason} for e in controller.events],
+            "phases": [{"name": phase.name, "title": phase.title} for phase in self.mission.phases],
+            "tasks": [{"name": task.name, "label": task.label} for task in tasks],
+            "tool_task": tools[0] if tools else None,
+            "levels": [
+                {"name": name, "rows": size}
+                for name, size in zip(controller.problem.names, controller.problem.sizes, strict=True)
+            ],
+            "quantities": list(controller.problem.quantity_names),
+            "statuses": [status.value for status in Status],
+            "joints": list(self.robot.joint_names),
+            "floor_z": self.seafloor.height(float(self.start[0]), float(self.start[1])),
+            "markers": {name: [float(x) for x in point] for name, point in self.markers.items()},
+            "versions": _versions(),
+        }
+
+
+def _versions() -> dict[str, str]:
+    own = {"uvms_ocp": __version__, "python": platform.python_version()}
+    return own | {name: version(name) for name in _DEPENDENCIES}
+
+
+def _ideal_measurement(state: State, altimeter: Altimeter) -> Measurement:
+    return Measurement(q=state.q, v=state.v, altimeter_range=altimeter.measure(state.q))
+
+
+def pose_at(position: tuple[float, float, float], rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> pin.SE3:
+    """Pose from a position (3,) [m] and roll, pitch, yaw [rad] (R = Rz Ry Rx)."""
+    return pin.SE3(pin.rpy.rpyToMatrix(np.asarray(rpy, dtype=float)), np.asarray(position, dtype=float))

@@ -1,0 +1,181 @@
+"""One priority level of a hierarchy of linear velocity objectives, and the stacking of levels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from uvms_ocp.exceptions import InvalidInput
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
+class Level:
+    """Rows ``lower <= jacobian @ v <= upper`` of one priority; an equality has ``lower == upper``.
+
+    Every field but ``jacobian`` may be omitted or given as a scalar for all rows; arrays are read-only.
+    """
+
+    jacobian: Array
+    """(m, n), maps the generalized velocity to the rates of the rows."""
+    lower: Array
+    """(m,) smallest rate, default -inf."""
+    upper: Array
+    """(m,) largest rate, default +inf."""
+    rate: Array
+    """(m,) reference rate of ``Icat``, default 0 clipped into [lower, upper]."""
+    activation: Array
+    """(m,) weight in [0, 1] for ``Icat``, default 1 for equalities and where 0 is out of bounds, else 0."""
+    gate: Array
+    """(m,) 0 removes a row, 1 keeps it exactly, default 1; read by the strict solvers."""
+    name: str
+    """Used in error messages only."""
+
+    def __init__(
+        self,
+        *,
+        jacobian: ArrayLike,
+        lower: ArrayLike = -np.inf,
+        upper: ArrayLike = np.inf,
+        rate: ArrayLike | None = None,
+        activation: ArrayLike | None = None,
+        gate: ArrayLike = 1.0,
+        name: str = "",
+    ) -> None:
+        """Raise ``InvalidInput`` naming the level and the field that is wrong."""
+        J = _jacobian(name, jacobian)
+        m = len(J)
+        low, up = _rows(name, "lower", lower, m), _rows(name, "upper", upper, m)
+        _check_order(name, low, up)
+        neutral = np.clip(np.zeros(m), low, up)
+        needed = np.where((neutral != 0.0) | (low == up), 1.0, 0.0)
+        fields = {
+            "jacobian": J,
+            "lower": low,
+            "upper": up,
+            "rate": neutral if rate is None else _finite(name, "rate", rate, m),
+            "activation": needed if activation is None else _fraction(name, "activation", activation, m),
+            "gate": _fraction(name, "gate", gate, m),
+        }
+        for field, value in fields.items():
+            value.flags.writeable = False
+            object.__setattr__(self, field, value)
+        object.__setattr__(self, "name", name)
+
+    @property
+    def n_rows(self) -> int:
+        """m."""
+        return int(self.jacobian.shape[0])
+
+    @property
+    def n_velocities(self) -> int:
+        """n."""
+        return int(self.jacobian.shape[1])
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Stack:
+    """All levels on top of each other, M rows in total."""
+
+    jacobian: Array
+    """(M, n)"""
+    lower: Array
+    upper: Array
+    rate: Array
+    activation: Array
+    gate: Array
+    sizes: tuple[int, ...]
+    """Rows of each level; their sum is M."""
+
+
+def stack(levels: Sequence[Level]) -> Stack:
+    """Raise ``InvalidInput`` where ``levels`` is empty or the levels differ in their number of columns."""
+    if not levels:
+        raise InvalidInput(
+            "levels is empty; give at least one Level, its columns tell the number of velocities"
+        )
+    n = levels[0].n_velocities
+    for index, level in enumerate(levels):
+        if level.n_velocities != n:
+            raise InvalidInput(
+                f"{_label(level.name, 'jacobian')} (number {index}) has {level.n_velocities} columns; "
+                f"the first level has {n}, give all levels the same"
+            )
+    return Stack(
+        jacobian=np.concatenate([level.jacobian for level in levels]),
+        lower=np.concatenate([level.lower for level in levels]),
+        upper=np.concatenate([level.upper for level in levels]),
+        rate=np.concatenate([level.rate for level in levels]),
+        activation=np.concatenate([level.activation for level in levels]),
+        gate=np.concatenate([level.gate for level in levels]),
+        sizes=tuple(level.n_rows for level in levels),
+    )
+
+
+def row_slices(sizes: Sequence[int]) -> Iterator[slice]:
+    """Rows of each level in the stack."""
+    start = 0
+    for size in sizes:
+        yield slice(start, start + size)
+        start += size
+
+
+def _label(name: str, field: str) -> str:
+    return f"level {name!r}: {field}" if name else f"level: {field}"
+
+
+def _numbers(name: str, field: str, value: ArrayLike) -> Array:
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidInput(f"{_label(name, field)} is not numeric; give an array of numbers") from None
+    if np.isnan(array).any():
+        raise InvalidInput(f"{_label(name, field)} contains NaN; give numbers")
+    return array
+
+
+def _jacobian(name: str, value: ArrayLike) -> Array:
+    array = _numbers(name, "jacobian", value)
+    if array.ndim != 2 or array.shape[1] == 0:
+        raise InvalidInput(f"{_label(name, 'jacobian')} has shape {array.shape}; give (m, n) with n >= 1")
+    if not np.isfinite(array).all():
+        raise InvalidInput(f"{_label(name, 'jacobian')} contains an infinite value; give finite numbers")
+    return array
+
+
+def _rows(name: str, field: str, value: ArrayLike, m: int) -> Array:
+    array = _numbers(name, field, value)
+    if array.ndim > 1 or (array.ndim == 1 and array.shape != (m,)):
+        raise InvalidInput(f"{_label(name, field)} has shape {array.shape}; give a scalar or ({m},)")
+    return np.array(np.broadcast_to(array, m))
+
+
+def _finite(name: str, field: str, value: ArrayLike, m: int) -> Array:
+    array = _rows(name, field, value, m)
+    if not np.isfinite(array).all():
+        raise InvalidInput(f"{_label(name, field)} contains an infinite value; give finite numbers")
+    return array
+
+
+def _fraction(name: str, field: str, value: ArrayLike, m: int) -> Array:
+    array = _rows(name, field, value, m)
+    if ((array < 0.0) | (array > 1.0)).any():
+        raise InvalidInput(
+            f"{_label(name, field)} spans [{array.min():g}, {array.max():g}]; give values in [0, 1]"
+        )
+    return array
+
+
+def _check_order(name: str, lower: Array, upper: Array) -> None:
+    # A bound of +inf below, or -inf above, has no rate that could satisfy it.
+    wrong = (lower > upper) | (lower == np.inf) | (upper == -np.inf)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise InvalidInput(
+            f"{_label(name, 'lower')}[{row}] = {lower[row]:g} and upper[{row}] = {upper[row]:g}; "
+            "give lower <= upper, and infinity only outwards"
+        )
