@@ -1,0 +1,252 @@
+"""Trajectories around obstacles by a soft collision cost, [Gao2022] eqs (76)-(82), and their verification."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from enum import Enum
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..exceptions import InvalidInput
+from .certificate import ClearanceReport, PairDistances, check_clearance
+from .clearance import CoalDistances
+from .collision_scene import CollisionScene
+from .descent import Descent, DescentOptions, descend
+from .free_derivatives import pieces_of
+from .min_snap import min_snap, solution_of
+from .path_cost import CostParts, CostWeights, Distances, LocalModel, PathCost
+from .polynomial import PiecewisePolynomial
+from .segment_times import MotionLimits, scale_to_limits, trapezoidal_times
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+class PlanStatus(Enum):
+    """Outcome of a plan; ``advice`` says what to do about it."""
+
+    FREE = "free of collision"
+    UNDECIDED = "no collision found, not certified"
+    COLLIDING = "still in collision"
+
+    @property
+    def advice(self) -> str:
+        return _ADVICE[self]
+
+
+_ADVICE = {
+    PlanStatus.FREE: "none needed.",
+    PlanStatus.UNDECIDED: "the path all but touches something; plan again with a larger clearance.",
+    PlanStatus.COLLIDING: "give way points around the obstacle (sampled_waypoints finds some), more pieces or restarts.",
+}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SoftCollisionOptions:
+    """Settings of ``plan_soft_collision``."""
+
+    pieces: int = 10
+    weights: CostWeights = field(default_factory=CostWeights)
+    descent: DescentOptions = field(default_factory=DescentOptions)
+    restarts: int = 4
+    """Further attempts, from randomly bent starts, while the result collides."""
+    bend: float = 0.5
+    """[m or rad] size of the first bend; it grows with each attempt."""
+    free_waypoints: bool = True
+    """Move interior way points too; otherwise only their derivatives."""
+    seed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class CollisionPlan:
+    """A trajectory of the scene's coordinates and how clear of collision it is."""
+
+    trajectory: PiecewisePolynomial
+    status: PlanStatus
+    clearance: ClearanceReport
+    cost: CostParts
+    iterations: int
+    attempts: int
+    solve_time: float
+    """[s]"""
+
+    @property
+    def collision_free(self) -> bool:
+        return self.clearance.collision_free
+
+
+def plan_soft_collision(
+    scene: CollisionScene,
+    waypoints: ArrayLike,
+    *,
+    limits: MotionLimits,
+    times: ArrayLike | None = None,
+    options: SoftCollisionOptions | None = None,
+    distances: Distances | None = None,
+) -> CollisionPlan:
+    """Bend a minimum-snap trajectory away from collisions, then verify it.
+
+    Args:
+        waypoints: (n >= 2, n_axes) of the scene's coordinates, end points included; two are a straight start.
+        limits: Velocity and acceleration limits; the result is slowed down to keep them.
+        times: (n,) [s] of the way points; default: trapezoidal, scaled to the limits.
+        distances: Distances for the optimisation; default coal. The verification always uses coal.
+
+    Raises:
+        InvalidInput: an end point in collision or outside the position limits, or arguments as for ``min_snap``.
+    """
+    began, settings = perf_counter(), options or SoftCollisionOptions()
+    exact = CoalDistances(scene)
+    start = straight_start(waypoints, limits, times)
+    _check_ends(scene, exact, np.asarray(waypoints, dtype=float))
+    problem = _Problem.of(scene, distances or exact, start, waypoints, limits, settings)
+    best: CollisionPlan | None = None
+    for attempt, bent in enumerate(problem.starts(settings), 1):
+        descent = problem.solve(bent, settings)
+        candidate = _verified(problem, descent, exact, attempt, perf_counter() - began)
+        if best is None or candidate.clearance.min_clearance > best.clearance.min_clearance:
+            best = candidate
+        if best.collision_free:
+            break
+    if best is None:
+        raise InvalidInput(f"restarts is {settings.restarts}; it must be 0 or more.")
+    return best
+
+
+def straight_start(
+    waypoints: ArrayLike, limits: MotionLimits, times: ArrayLike | None = None
+) -> PiecewisePolynomial:
+    """Minimum snap through the way points, at the given times or as fast as the limits allow."""
+    if times is not None:
+        return min_snap(waypoints, times).trajectory
+    guess = min_snap(waypoints, trapezoidal_times(waypoints, limits)).trajectory
+    return scale_to_limits(guess, limits)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Problem:
+    """The cost, the start and what is free."""
+
+    cost: PathCost
+    breaks: Array
+    start: Array
+    free: Mask
+
+    @staticmethod
+    def of(
+        scene: CollisionScene,
+        distances: Distances,
+        start: PiecewisePolynomial,
+        waypoints: ArrayLike,
+        limits: MotionLimits,
+        options: SoftCollisionOptions,
+    ) -> _Problem:
+        breaks, is_waypoint = _refined(start.breaks, options.pieces)
+        values = np.stack([start.evaluate(breaks, d) for d in range(4)])
+        pieces = pieces_of(np.diff(breaks), 4)
+        cost = PathCost(distances=distances, pieces=pieces, weights=options.weights, limits=limits)
+        free = np.ones(values.shape, dtype=bool)
+        free[:, [0, -1]] = False
+        free[0, is_waypoint] = options.free_waypoints
+        free[0, [0, -1]] = False
+        return _Problem(
+            cost=cost,
+            breaks=breaks,
+            start=cost.variables(values),
+            free=free.transpose(1, 0, 2).reshape(len(breaks), -1),
+        )
+
+    def starts(self, options: SoftCollisionOptions) -> Iterator[Array]:
+        """The given start, then smooth random bends of it: noise whose covariance is the inverse of the snap Hessian."""
+        yield self.start
+        rng = np.random.default_rng(options.seed)
+        factor = self.cost.smoothness_hessian.pinned(self.free).cholesky()
+        for attempt in range(options.restarts if factor is not None else 0):
+            noise = factor.back(rng.normal(size=self.start.shape) * self.free)
+            size = np.abs(self.cost.values(noise)[0]).max()
+            yield self._within_limits(self.start + noise * (options.bend * (1.0 + 0.5 * attempt) / size))
+
+    def solve(self, start: Array, options: SoftCollisionOptions) -> Descent:
+        """Out of collision first, then the whole cost."""
+        metric = self.cost.smoothness_hessian.scaled(1.0 / max(options.weights.smoothness, 1e-12))
+        first = descend(
+            lambda y: self.cost.model(y, collision_only=True), start, self.free, metric, options.descent, _touches_nothing
+        )
+        second = descend(self.cost.model, first.variables, self.free, metric, options.descent)
+        return Descent(
+            variables=second.variables,
+            model=second.model,
+            iterations=first.iterations + second.iterations,
+            converged=second.converged,
+        )
+
+    def trajectory(self, variables: Array) -> PiecewisePolynomial:
+        """As fast as given, or slowed down to keep the limits."""
+        found = solution_of(self.breaks, self.cost.pieces, self.cost.values(variables)).trajectory
+        return scale_to_limits(found, self.cost.limits) if self.cost.limits.ratio(found) > 1.0 else found
+
+    def _within_limits(self, variables: Array) -> Array:
+        lower, upper = self.cost.distances.scene.coordinates.limits()
+        values = self.cost.values(variables)
+        values[0] = np.clip(values[0], lower, upper)
+        return np.where(self.free, self.cost.variables(values), self.start)
+
+
+def _touches_nothing(model: LocalModel) -> bool:
+    return model.parts.collision <= 1e-3
+
+
+def _refined(breaks: Array, pieces: int) -> tuple[Array, NDArray[np.intp]]:
+    """Breaks split evenly into at least ``pieces`` pieces, and which of them were breaks before."""
+    each = max(1, -(-pieces // (breaks.size - 1)))
+    parts = [np.linspace(a, b, each, endpoint=False) for a, b in zip(breaks[:-1], breaks[1:], strict=True)]
+    return np.concatenate([*parts, breaks[-1:]]), np.arange(0, each * (breaks.size - 1) + 1, each)
+
+
+def _check_ends(scene: CollisionScene, distances: PairDistances, waypoints: Array) -> None:
+    if waypoints.ndim != 2 or waypoints.shape[1] != scene.coordinates.n_axes:
+        raise InvalidInput(
+            f"way points have shape {waypoints.shape}; allowed is (n, {scene.coordinates.n_axes}), one column per axis."
+        )
+    lower, upper = scene.coordinates.limits()
+    for index, name in ((0, "start"), (len(waypoints) - 1, "goal")):
+        outside = (waypoints[index] < lower - 1e-9) | (waypoints[index] > upper + 1e-9)
+        if outside.any():
+            axis = int(np.argmax(outside))
+            raise InvalidInput(
+                f"way point {index} (the {name}) has {scene.coordinates.names[axis]} = {waypoints[index, axis]:.6g}; "
+                f"allowed is {lower[axis]:.6g} to {upper[axis]:.6g}."
+            )
+        d = distances.distances(waypoints[index : index + 1])[0]
+        if d.size and d.min() <= 0.0:
+            pair = scene.pairs[int(np.argmin(d))].name
+            raise InvalidInput(
+                f"way point {index} (the {name}) is in collision: {pair} overlap by {-d.min():.3g} m; move it or the obstacle."
+            )
+
+
+def _verified(
+    problem: _Problem, descent: Descent, exact: CoalDistances, attempt: int, elapsed: float
+) -> CollisionPlan:
+    trajectory = problem.trajectory(descent.variables)
+    report = check_clearance(exact, trajectory)
+    return CollisionPlan(
+        trajectory=trajectory,
+        status=_status(report),
+        clearance=report,
+        cost=descent.model.parts,
+        iterations=descent.iterations,
+        attempts=attempt,
+        solve_time=elapsed,
+    )
+
+
+def _status(report: ClearanceReport) -> PlanStatus:
+    if report.collision_free:
+        return PlanStatus.FREE
+    return PlanStatus.UNDECIDED if report.undecided else PlanStatus.COLLIDING
+
+
