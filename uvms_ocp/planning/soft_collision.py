@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from time import perf_counter
 
@@ -19,6 +19,7 @@ from .free_derivatives import pieces_of
 from .min_snap import min_snap, solution_of
 from .path_cost import CostParts, CostWeights, Distances, LocalModel, PathCost
 from .polynomial import PiecewisePolynomial
+from .sampling import SamplingOptions, sampled_waypoints
 from .segment_times import MotionLimits, scale_to_limits, trapezoidal_times
 
 Array = NDArray[np.float64]
@@ -51,8 +52,10 @@ class SoftCollisionOptions:
     pieces: int = 10
     weights: CostWeights = field(default_factory=CostWeights)
     descent: DescentOptions = field(default_factory=DescentOptions)
-    restarts: int = 4
+    restarts: int = 2
     """Further attempts, from randomly bent starts, while the result collides."""
+    sampling: SamplingOptions | None = field(default_factory=SamplingOptions)
+    """Then one attempt through way points found by sampling, unless None or way points are kept."""
     bend: float = 0.5
     """[m or rad] size of the first bend; it grows with each attempt."""
     free_waypoints: bool = True
@@ -102,18 +105,20 @@ def plan_soft_collision(
     exact = CoalDistances(scene)
     start = straight_start(waypoints, limits, times)
     _check_ends(scene, exact, np.asarray(waypoints, dtype=float))
-    problem = _Problem.of(scene, distances or exact, start, waypoints, limits, settings)
-    best: CollisionPlan | None = None
-    for attempt, bent in enumerate(problem.starts(settings), 1):
-        descent = problem.solve(bent, settings)
-        candidate = _verified(problem, descent, exact, attempt, perf_counter() - began)
-        if best is None or candidate.clearance.min_clearance > best.clearance.min_clearance:
-            best = candidate
+    attempts = _attempts(distances or exact, exact, start, limits, settings)
+    plans = (_verified(problem, problem.solve(guess, settings), exact) for problem, guess in attempts)
+    best, n_attempts = _first_free(plans)
+    return replace(best, attempts=n_attempts, solve_time=perf_counter() - began)
+
+
+def _first_free(plans: Iterator[CollisionPlan]) -> tuple[CollisionPlan, int]:
+    """The first plan free of collision, or else the clearest, and how many were made."""
+    best, n = next(plans), 1
+    for plan in plans if not best.collision_free else ():
+        best, n = max(best, plan, key=lambda p: (p.collision_free, p.clearance.min_clearance)), n + 1
         if best.collision_free:
             break
-    if best is None:
-        raise InvalidInput(f"restarts is {settings.restarts}; it must be 0 or more.")
-    return best
+    return best, n
 
 
 def straight_start(
@@ -124,6 +129,26 @@ def straight_start(
         return min_snap(waypoints, times).trajectory
     guess = min_snap(waypoints, trapezoidal_times(waypoints, limits)).trajectory
     return scale_to_limits(guess, limits)
+
+
+def _attempts(
+    distances: Distances,
+    exact: CoalDistances,
+    start: PiecewisePolynomial,
+    limits: MotionLimits,
+    options: SoftCollisionOptions,
+) -> Iterator[tuple[_Problem, Array]]:
+    """Problems and where to start them: as given, bent at random, through sampled way points."""
+    problem = _Problem.of(distances, start, limits, options)
+    yield problem, problem.start
+    for bent in problem.bent_starts(options):
+        yield problem, bent
+    if options.sampling is not None and options.free_waypoints:
+        ends = start.evaluate([start.start, start.end])
+        found = sampled_waypoints(exact, ends[0], ends[1], options.sampling)
+        if found is not None:
+            detour = _Problem.of(distances, straight_start(found, limits), limits, options)
+            yield detour, detour.start
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -137,12 +162,7 @@ class _Problem:
 
     @staticmethod
     def of(
-        scene: CollisionScene,
-        distances: Distances,
-        start: PiecewisePolynomial,
-        waypoints: ArrayLike,
-        limits: MotionLimits,
-        options: SoftCollisionOptions,
+        distances: Distances, start: PiecewisePolynomial, limits: MotionLimits, options: SoftCollisionOptions
     ) -> _Problem:
         breaks, is_waypoint = _refined(start.breaks, options.pieces)
         values = np.stack([start.evaluate(breaks, d) for d in range(4)])
@@ -159,9 +179,8 @@ class _Problem:
             free=free.transpose(1, 0, 2).reshape(len(breaks), -1),
         )
 
-    def starts(self, options: SoftCollisionOptions) -> Iterator[Array]:
-        """The given start, then smooth random bends of it: noise whose covariance is the inverse of the snap Hessian."""
-        yield self.start
+    def bent_starts(self, options: SoftCollisionOptions) -> Iterator[Array]:
+        """Smooth random bends of the start: noise whose covariance is the inverse of the snap Hessian."""
         rng = np.random.default_rng(options.seed)
         factor = self.cost.smoothness_hessian.pinned(self.free).cholesky()
         for attempt in range(options.restarts if factor is not None else 0):
@@ -228,9 +247,7 @@ def _check_ends(scene: CollisionScene, distances: PairDistances, waypoints: Arra
             )
 
 
-def _verified(
-    problem: _Problem, descent: Descent, exact: CoalDistances, attempt: int, elapsed: float
-) -> CollisionPlan:
+def _verified(problem: _Problem, descent: Descent, exact: CoalDistances) -> CollisionPlan:
     trajectory = problem.trajectory(descent.variables)
     report = check_clearance(exact, trajectory)
     return CollisionPlan(
@@ -239,8 +256,8 @@ def _verified(
         clearance=report,
         cost=descent.model.parts,
         iterations=descent.iterations,
-        attempts=attempt,
-        solve_time=elapsed,
+        attempts=1,
+        solve_time=0.0,
     )
 
 
