@@ -149,14 +149,14 @@ class Mission:
         """Goals of all tasks at time t [s], one after the other, as `Task.reference` gives them."""
         return np.concatenate([task.reference(t) for task in self._tasks[state.phase]])
 
-    def step(
-        self, state: MissionState, t: float, quantities: Mapping[str, float]
-    ) -> tuple[MissionState, Event | None]:
+    def step(self, state: MissionState, t: float, quantities: Mapping[str, float]) -> tuple[MissionState, Event | None]:
         """The state after the quantities measured at t, and the event if a transition fired."""
         if state.completed:
             return state, None
         phase = self.phases[state.phase]
-        held = tuple(_held(tr, since, t, quantities) for tr, since in zip(phase.transitions, state.held_since, strict=True))
+        held = tuple(
+            _held(tr, since, t, quantities) for tr, since in zip(phase.transitions, state.held_since, strict=True)
+        )
         for transition, since in zip(phase.transitions, held, strict=True):
             if since is not None and t - since >= transition.hold - 1e-9:
                 event = Event(t=t, source=phase.name, target=transition.to, reason=_reason(transition, quantities))
@@ -212,4 +212,3 @@ def _held(transition: Transition, since: float | None, t: float, quantities: Map
 def _reason(transition: Transition, quantities: Mapping[str, float]) -> str:
     held = f" for {transition.hold:g} s" if transition.hold else ""
     return transition.describe(quantities) + held
-

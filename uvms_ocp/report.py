@@ -55,7 +55,10 @@ def phase_table(record: Record) -> list[dict[str, Any]]:
     """One row per phase that was entered, in order of time: name, title, start, end, reason, errors at its end."""
     events = record.meta["events"]
     starts = [0.0, *(event["t"] for event in events if event["target"] != "done")]
-    names = [record.meta["phases"][0]["name"], *(event["target"] for event in events if event["target"] != "done")]
+    names = [
+        record.meta["phases"][0]["name"],
+        *(event["target"] for event in events if event["target"] != "done"),
+    ]
     ends = [event["t"] for event in events] + [float(record["t"][-1])]
     reasons = [event["reason"] for event in events] + [f"time is over, waiting for: {record.meta['pending']}"]
     titles = {phase["name"]: phase["title"] for phase in record.meta["phases"]}

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp import __version__
 from uvms_ocp.control.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.mission import Mission
@@ -22,6 +21,7 @@ from uvms_ocp.record import Record
 from uvms_ocp.sim import Altimeter, FlatSeafloor, KinematicPlant, simulate
 from uvms_ocp.solvers import LexicographicQp, Status
 from uvms_ocp.tasks.pose import PoseTask, ToolPose, ToolPosition
+from uvms_ocp.version import __version__
 
 Progress = Callable[[float, Command, KinematicController], None]
 PLANTS = {"kinematic": KinematicPlant}
@@ -98,7 +98,9 @@ class Scenario:
             "wall_s": wall,
             "completed": controller.state.completed,
             "pending": "" if controller.state.completed else controller.pending(),
-            "events": [{"t": e.t, "source": e.source, "target": e.target, "reason": e.reason} for e in controller.events],
+            "events": [
+                {"t": e.t, "source": e.source, "target": e.target, "reason": e.reason} for e in controller.events
+            ],
             "phases": [{"name": phase.name, "title": phase.title} for phase in self.mission.phases],
             "tasks": [{"name": task.name, "label": task.label} for task in tasks],
             "tool_task": tools[0] if tools else None,

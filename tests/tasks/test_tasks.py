@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
-
 from task_registry import GOAL, REGISTRY
+
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.robot import Robot, load_robot
 from uvms_ocp.model.symbolic import SymbolicModel

@@ -6,22 +6,20 @@ import contextlib
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache, lru_cache
 from time import perf_counter
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.solvers.level import Level, stack
-from uvms_ocp.solvers.qp_graph import QpSettings, cascade_graph
-from uvms_ocp.solvers.solution import Solution, Status, row_residuals
+from uvms_ocp.solvers.qp_graph import LevelStep, QpSettings, cascade, level_step, outcome, sanitised
+from uvms_ocp.solvers.qp_tick import QpFunctions, QpTick
+from uvms_ocp.solvers.solution import Solution, row_residuals
 from uvms_ocp.solvers.tick import (
     LEVEL_OUTPUTS,
-    Buffered,
     Tick,
-    TickResult,
     check_levels_function,
     dense_inputs,
     dense_outputs,
@@ -60,8 +58,7 @@ class LexicographicQp:
             raise NameNotFound("conic plugin", self.plugin, conic_plugins())
         if not (self.proximal > 0.0 and self.tolerance > 0.0 and self.attempts >= 1):
             raise InvalidInput(
-                f"proximal {self.proximal}, tolerance {self.tolerance}, attempts {self.attempts}; "
-                "give positive numbers"
+                f"proximal {self.proximal}, tolerance {self.tolerance}, attempts {self.attempts}; give positive numbers"
             )
 
     def solve(self, levels: Sequence[Level]) -> Solution:
@@ -80,15 +77,22 @@ class LexicographicQp:
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> Tick:
         """One Function of ``levels_function`` and the cascade; outputs beyond the six of ``Level`` are extras."""
         check_levels_function(levels_function, sizes)
-        inputs = dense_inputs(levels_function)
+        inputs, names = dense_inputs(levels_function), levels_function.name_in()
         J, lower, upper, _, _, gate, *extras = dense_outputs(levels_function, inputs)
-        # Some plugins print a banner through Python's stdout when they are created and first used.
+        # Some plugins print a banner through Python's stdout when they are created.
         with contextlib.redirect_stdout(io.StringIO()):
-            v, status, residual = cascade_graph(self._settings(), J, lower, upper, gate, tuple(sizes))
-            function = ca.Function("tick", inputs, [v, status, residual, *extras])
-            buffered = Buffered(function)
-            buffered([np.zeros(function.size_in(i)) for i in range(function.n_in())])
-        return _QpTick(buffered)
+            steps = self._steps(J.shape[1], sizes)
+        valid, J_safe, low, up = sanitised(J, lower, upper, gate)
+        v, inexact = cascade(steps, J_safe, low, up)
+        status, residual = outcome(valid, v, inexact, J, lower, upper, gate)
+        outputs, raw = [v, status, residual, *extras], [J_safe, low, up, J, lower, upper, gate, *extras]
+        tick = ca.Function("tick", inputs, outputs, names, [f"out_{i}" for i in range(len(outputs))])
+        levels = ca.Function("levels", inputs, raw, names, [f"out_{i}" for i in range(len(raw))])
+        return QpTick(QpFunctions(tick=tick, levels=levels, steps=steps))
+
+    def _steps(self, n: int, sizes: Sequence[int]) -> list[LevelStep | None]:
+        settings, above = self._settings(), np.cumsum([0, *sizes])
+        return [level_step(settings, n, int(above[k]), size) if size else None for k, size in enumerate(sizes)]
 
     def _settings(self) -> QpSettings:
         options = {"error_on_fail": False, **_QUIET.get(self.plugin, {}), **self.options}
@@ -108,7 +112,7 @@ def conic_plugins() -> tuple[str, ...]:
     return tuple(name for name in names if _exists(name))
 
 
-@lru_cache(maxsize=None)
+@cache
 def _exists(plugin: str) -> bool:
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         return bool(ca.has_conic(plugin))
@@ -119,27 +123,4 @@ def _stack_tick(solver: LexicographicQp, n: int, sizes: tuple[int, ...]) -> Tick
     m = sum(sizes)
     symbols = [ca.MX.sym(name, m, n if name == "J" else 1) for name in LEVEL_OUTPUTS]
     names = list(LEVEL_OUTPUTS)
-    return solver.bind(
-        ca.Function("levels", symbols, symbols, [f"{name}_in" for name in names], names), sizes
-    )
-
-
-_STATUS = (Status.SOLVED, Status.INEXACT, Status.INVALID_INPUT)
-
-
-class _QpTick:
-    __slots__ = ("_function",)
-
-    def __init__(self, function: Buffered) -> None:
-        self._function = function
-
-    def __call__(self, *inputs: ArrayLike) -> TickResult:
-        start = perf_counter()
-        v, status, residual, *extras = self._function(inputs)
-        return TickResult(
-            v=v,
-            status=_STATUS[int(status[0])],
-            residual=residual,
-            extras=tuple(extras),
-            solve_time=perf_counter() - start,
-        )
+    return solver.bind(ca.Function("levels", symbols, symbols, [f"{name}_in" for name in names], names), sizes)

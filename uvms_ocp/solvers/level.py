@@ -95,9 +95,7 @@ class Stack:
 def stack(levels: Sequence[Level]) -> Stack:
     """Raise ``InvalidInput`` where ``levels`` is empty or the levels differ in their number of columns."""
     if not levels:
-        raise InvalidInput(
-            "levels is empty; give at least one Level, its columns tell the number of velocities"
-        )
+        raise InvalidInput("levels is empty; give at least one Level, its columns tell the number of velocities")
     n = levels[0].n_velocities
     for index, level in enumerate(levels):
         if level.n_velocities != n:
@@ -164,9 +162,7 @@ def _finite(name: str, field: str, value: ArrayLike, m: int) -> Array:
 def _fraction(name: str, field: str, value: ArrayLike, m: int) -> Array:
     array = _rows(name, field, value, m)
     if ((array < 0.0) | (array > 1.0)).any():
-        raise InvalidInput(
-            f"{_label(name, field)} spans [{array.min():g}, {array.max():g}]; give values in [0, 1]"
-        )
+        raise InvalidInput(f"{_label(name, field)} spans [{array.min():g}, {array.max():g}]; give values in [0, 1]")
     return array
 
 

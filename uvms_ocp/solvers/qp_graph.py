@@ -1,18 +1,27 @@
 """The cascade of quadratic programs as one CasADi expression.
 
-Level k is ``min |s|^2 + proximal |v - v_0|^2`` over (v, s), subject to ``lower <= J v - s <= upper`` and to the
-rows of all levels above, whose bounds are widened to what the level above reached. Equalities enter the
-objective instead, so that the active-set iterations of the plugin deal with inequalities only.
+Level k is ``min |s|^2 + proximal |z|^2`` over (z, s) with ``v = v_0 + P z``, subject to ``lower <= J v - s <= upper``
+and to the rows of the levels above. v_0 is the result of the levels above and P the projector on what their fixed
+rows (equalities and rows that had to be violated) leave free, so z = 0 is feasible exactly and the constraints
+of the program are inequalities only: that is what keeps an active-set plugin from cycling.
+Equalities of the level itself enter the objective.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 
 _INVALID = 2
+# Relative to its row: a row of which less than this is free counts as fixed already.
+_RANK_TOLERANCE = 1e-10
+# A level whose rows are violated by less needs no program.
+_SATISFIED = 1e-12
+# Rows violated by less are held as inequalities, which costs nothing at an optimum.
+_VIOLATED = 1e-9
+_NOTHING, _SATISFIED_CASE = 0, 1
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -26,121 +35,250 @@ class QpSettings:
     attempts: int
 
 
-def cascade_graph(
-    settings: QpSettings, J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX, sizes: tuple[int, ...]
-) -> tuple[ca.MX, ca.MX, ca.MX]:
-    """v (n,), status (0 solved, 1 inexact, 2 invalid input), residual (M,)."""
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Held:
+    """Rows of all levels above, with bounds widened to what was reached."""
+
+    J: ca.MX
+    lower: ca.MX
+    upper: ca.MX
+    fixed: ca.MX
+    """1 where the row cannot move any more."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _LevelSymbols:
+    held: _Held
+    J: ca.MX
+    lower: ca.MX
+    upper: ca.MX
+    v: ca.MX
+    P: ca.MX
+
+    def inputs(self, v: ca.MX | None = None) -> list[ca.MX]:
+        held = self.held
+        start = self.v if v is None else v
+        return [held.J, held.lower, held.upper, held.fixed, self.J, self.lower, self.upper, start, self.P]
+
+
+def sanitised(J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]:
+    """valid (1,), then J and the gated bounds, which are harmless where the input is not valid."""
     valid = _is_valid(J, lower, upper, gate)
     J = ca.if_else(valid, J, ca.MX.zeros(J.shape))
     low, up = _gated(J, lower, upper, ca.if_else(valid, gate, ca.MX.zeros(gate.shape)))
-    v, inexact = _cascade(settings, J, low, up, sizes)
-    status = ca.if_else(valid, inexact, _INVALID)
-    residual = ca.if_else(gate > 0, _distance(J @ v, lower, upper), ca.MX.zeros(gate.shape))
-    return v, status, ca.if_else(valid, residual, ca.MX.zeros(gate.shape))
+    return valid, J, low, up
 
 
-def _cascade(
-    settings: QpSettings, J: ca.MX, lower: ca.MX, upper: ca.MX, sizes: tuple[int, ...]
+def outcome(
+    valid: ca.MX, v: ca.MX, inexact: ca.MX, J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX
 ) -> tuple[ca.MX, ca.MX]:
-    v, inexact = ca.MX.zeros(J.shape[1]), ca.MX.zeros(1)
-    held_lower, held_upper, start = ca.MX(0, 1), ca.MX(0, 1), 0
-    for k, size in enumerate(sizes):
-        if size == 0:
+    """status (0 solved, 1 inexact, 2 invalid input) and residual (M,)."""
+    shown = ca.logic_and(valid, gate > 0)
+    residual = ca.if_else(shown, distance(J @ v, lower, upper), ca.MX.zeros(gate.shape))
+    return ca.if_else(valid, inexact, _INVALID), residual
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LevelStep:
+    """Functions of one level: (held J, lower, upper, fixed, J, lower, upper, v, P) -> (v, P, failed)."""
+
+    solve: ca.Function
+    give_up: ca.Function
+    """Keeps v; for a plugin that fails even on a fresh start."""
+    conic: ca.Function
+    """Its memory holds the active set of the last call."""
+
+
+def cascade(steps: Sequence[LevelStep | None], J: ca.MX, lower: ca.MX, upper: ca.MX) -> tuple[ca.MX, ca.MX]:
+    """v (n,) and 1 if any level is inexact, from one ``level_function`` per level (None: no rows)."""
+    n = J.shape[1]
+    v, P, inexact = ca.MX.zeros(n), ca.MX.eye(n), ca.MX.zeros(1)
+    held = _Held(J=ca.MX(0, n), lower=ca.MX(0, 1), upper=ca.MX(0, 1), fixed=ca.MX(0, 1))
+    for step in steps:
+        if step is None:
             continue
-        rows = slice(start, start + size)
-        step = _level_function(settings, f"level_{k}", J.shape[1], start, size)
-        held, own = (J[:start, :], held_lower, held_upper), (J[rows, :], lower[rows], upper[rows])
-        v, failed = step(*held, *own, v)
-        y = own[0] @ v
-        held_lower = ca.vertcat(held_lower, ca.fmin(own[1], y))
-        held_upper = ca.vertcat(held_upper, ca.fmax(own[2], y))
-        inexact, start = ca.fmax(inexact, failed), start + size
+        rows = slice(held.J.shape[0], held.J.shape[0] + step.solve.size1_in(4))
+        own = _LevelSymbols(held=held, J=J[rows, :], lower=lower[rows], upper=upper[rows], v=v, P=ca.densify(P))
+        v, P, failed = step.solve.call(own.inputs())
+        held, inexact = _extended(own, v), ca.fmax(inexact, failed)
     return v, inexact
 
 
-def _level_function(settings: QpSettings, name: str, n: int, held: int, size: int) -> ca.Function:
-    """(held J, lower, upper, own J, lower, upper, v) -> (v, failed): as few programs as are needed."""
-    symbols = _level_symbols(n, held, size)
-    v = symbols[-1]
-    unchanged = ca.Function(f"{name}_kept", symbols, [v, ca.MX.zeros(1)])
-    step = ca.Function(f"{name}_given_up", symbols, [v, ca.MX.ones(1)])
-    solver = _conic(settings, name, n, held, size)
+def level_step(settings: QpSettings, n: int, held: int, size: int) -> LevelStep:
+    """Level of ``size`` rows below ``held`` rows; it does as little as is needed."""
+    name, symbols = f"level_{held}", _level_symbols(n, held, size)
+    inputs, zero = symbols.inputs(), ca.MX.zeros(1)
+    nothing = ca.Function(f"{name}_nothing", inputs, [symbols.v, symbols.P, zero])
+    projector = _projector(symbols, symbols.v)
+    satisfied = ca.Function(f"{name}_satisfied", inputs, [symbols.v, projector, zero])
+    conic = _conic(settings, name, symbols)
+    programs = _programs(settings, name, conic, symbols)
+    choice = ca.Function.conditional(f"{name}_case", [nothing, satisfied], programs)
+    return LevelStep(
+        solve=ca.Function(name, inputs, choice.call([_case(symbols), *inputs])),
+        give_up=ca.Function(f"{name}_kept", inputs, [symbols.v, projector, ca.MX.ones(1)]),
+        conic=conic,
+    )
+
+
+def distance(y: ca.MX, lower: ca.MX, upper: ca.MX) -> ca.MX:
+    """Signed distance of y to [lower, upper]."""
+    return y - ca.fmin(ca.fmax(y, lower), upper)
+
+
+def _level_symbols(n: int, held: int, size: int) -> _LevelSymbols:
+    return _LevelSymbols(
+        held=_Held(
+            J=ca.MX.sym("held_J", held, n),
+            lower=ca.MX.sym("held_lower", held),
+            upper=ca.MX.sym("held_upper", held),
+            fixed=ca.MX.sym("held_fixed", held),
+        ),
+        J=ca.MX.sym("J", size, n),
+        lower=ca.MX.sym("lower", size),
+        upper=ca.MX.sym("upper", size),
+        v=ca.MX.sym("v", n),
+        P=ca.MX.sym("P", n, n),
+    )
+
+
+def _case(symbols: _LevelSymbols) -> ca.MX:
+    """_NOTHING where no program could change v, _SATISFIED_CASE where v is optimal but P may shrink, else 2."""
+    free = ca.norm_inf(symbols.J @ symbols.P) > _RANK_TOLERANCE * ca.norm_inf(symbols.J)
+    satisfied = ca.norm_inf(distance(symbols.J @ symbols.v, symbols.lower, symbols.upper)) <= _SATISFIED
+    equality = ca.sum1(symbols.lower >= symbols.upper) > 0
+    unchanged = ca.if_else(equality, _SATISFIED_CASE, _NOTHING)
+    return ca.if_else(free, ca.if_else(satisfied, unchanged, 2), _NOTHING)
+
+
+def _extended(own: _LevelSymbols, v: ca.MX) -> _Held:
+    y, held = own.J @ v, own.held
+    return _Held(
+        J=ca.vertcat(held.J, own.J),
+        lower=ca.vertcat(held.lower, ca.fmin(own.lower, y)),
+        upper=ca.vertcat(held.upper, ca.fmax(own.upper, y)),
+        fixed=ca.vertcat(held.fixed, _fixed(own, v)),
+    )
+
+
+def _fixed(own: _LevelSymbols, v: ca.MX) -> ca.MX:
+    violated = ca.fabs(distance(own.J @ v, own.lower, own.upper)) > _VIOLATED
+    return ca.logic_or(own.lower >= own.upper, violated)
+
+
+def _projector(own: _LevelSymbols, v: ca.MX) -> ca.MX:
+    """P without the directions of the rows that are fixed at v."""
+    P, fixed = own.P, _fixed(own, v)
+    for i in range(own.J.shape[0]):
+        a = own.J[i, :].T
+        # Applied twice, so that what earlier rows have removed stays removed to rounding.
+        r = P @ (P @ a)
+        size = ca.sumsqr(r)
+        new = ca.logic_and(fixed[i], size > _RANK_TOLERANCE**2 * ca.sumsqr(a))
+        P = P - r @ (r * ca.if_else(new, 1 / size, 0)).T
+    return P
+
+
+def _programs(settings: QpSettings, name: str, solver: ca.Function, symbols: _LevelSymbols) -> ca.Function:
+    inputs = symbols.inputs()
+    step = ca.Function(f"{name}_given_up", inputs, [symbols.v, ca.MX.ones(1)])
     for _ in range(settings.attempts):
         step = _attempt(settings, name, solver, symbols, step)
-    own_J, low, up = symbols[3:6]
-    violation = ca.norm_inf(_distance(own_J @ v, low, up))
-    choice = ca.Function.if_else(f"{name}_choice", step, unchanged)
-    return ca.Function(name, symbols, choice.call([violation > 1e-14, *symbols]))
+    v, failed = step.call(inputs)
+    return ca.Function(f"{name}_programs", inputs, [v, _projector(symbols, v), failed])
 
 
-def _level_symbols(n: int, held: int, size: int) -> list[ca.MX]:
-    shapes = ((held, n), (held, 1), (held, 1), (size, n), (size, 1), (size, 1), (n, 1))
-    names = ("held_J", "held_lower", "held_upper", "J", "lower", "upper", "v")
-    return [ca.MX.sym(name, *shape) for name, shape in zip(names, shapes, strict=True)]
-
-
-def _conic(settings: QpSettings, name: str, n: int, held: int, size: int) -> ca.Function:
+def _conic(settings: QpSettings, name: str, symbols: _LevelSymbols) -> ca.Function:
+    size, n = symbols.J.shape
     H = ca.diagcat(ca.Sparsity.dense(n, n), ca.Sparsity.diag(size))
-    A = ca.Sparsity.dense(held + size, n + size)
+    A = ca.Sparsity.dense(symbols.held.J.shape[0] + size, n + size)
     return ca.conic(f"{name}_qp", settings.plugin, {"h": H, "a": A}, dict(settings.options))
 
 
 def _attempt(
-    settings: QpSettings, name: str, solver: ca.Function, symbols: list[ca.MX], otherwise: ca.Function
+    settings: QpSettings, name: str, solver: ca.Function, symbols: _LevelSymbols, otherwise: ca.Function
 ) -> ca.Function:
     """One program; ``otherwise`` continues from its result if that is not verified to be optimal."""
-    held_J, held_lower, held_upper, J, low, up, v_0 = symbols
     v, multipliers = _program(settings, solver, symbols)
-    better = _is_better(settings, symbols, v)
-    v = ca.if_else(better, v, v_0)
-    slack = _distance(J @ v, low, up)
-    gradient = J.T @ slack + held_J.T @ multipliers
-    slope = ca.norm_inf(gradient) / (1 + ca.norm_inf(J))
-    verified = ca.logic_and(better, slope <= settings.tolerance)
-    done = ca.Function(f"{name}_done", symbols, [v_0, ca.MX.zeros(1)])
+    accepted = _is_acceptable(settings, symbols, v)
+    v = ca.if_else(accepted, v, symbols.v)
+    verified = ca.logic_and(accepted, _is_optimal(settings, symbols, v, multipliers))
+    inputs = symbols.inputs()
+    done = ca.Function(f"{name}_done", inputs, [symbols.v, ca.MX.zeros(1)])
     choice = ca.Function.if_else(f"{name}_again", done, otherwise)
-    return ca.Function(f"{name}_try", symbols, choice.call([verified, *symbols[:-1], v]))
+    return ca.Function(f"{name}_try", inputs, choice.call([verified, *symbols.inputs(v)]))
 
 
-def _program(settings: QpSettings, solver: ca.Function, symbols: list[ca.MX]) -> tuple[ca.MX, ca.MX]:
-    held_J, held_lower, held_upper, J, low, up, v_0 = symbols
-    n, held, size = J.shape[1], held_J.shape[0], J.shape[0]
-    equal = low >= up
-    E = ca.repmat(equal, 1, n) * J
-    target = ca.if_else(equal, low, ca.MX.zeros(size))
-    H = ca.diagcat(E.T @ E + settings.proximal * ca.MX.eye(n), ca.MX.eye(size))
-    free = ca.MX(ca.inf * ca.DM.ones(size))
-    bounds = (ca.if_else(equal, -free, low), ca.if_else(equal, free, up))
-    A = ca.vertcat(ca.horzcat(held_J, ca.MX.zeros(held, size)), ca.horzcat(J, ca.MX(-ca.DM.eye(size))))
+def _program(settings: QpSettings, solver: ca.Function, symbols: _LevelSymbols) -> tuple[ca.MX, ca.MX]:
+    """v, and the multipliers of the rows of the levels above."""
+    size, n = symbols.J.shape
+    JP, y = symbols.J @ symbols.P, symbols.J @ symbols.v
+    equal = symbols.lower >= symbols.upper
+    E = ca.repmat(equal, 1, n) * JP
+    target = ca.if_else(equal, symbols.lower - y, 0)
+    curvature = E.T @ E + settings.proximal * ca.sumsqr(JP) / size * ca.MX.eye(n)
+    held_JP, held_lower, held_upper = _held_rows(symbols)
+    held = held_JP.shape[0]
+    own = (_where(equal, -ca.inf, symbols.lower - y), _where(equal, ca.inf, symbols.upper - y))
     solution = solver(
-        h=H,
-        g=ca.vertcat(-settings.proximal * v_0 - E.T @ target, ca.MX.zeros(size)),
-        a=ca.densify(A),
-        lba=ca.vertcat(held_lower, bounds[0]),
-        uba=ca.vertcat(held_upper, bounds[1]),
-        x0=ca.vertcat(v_0, ca.MX.zeros(size)),
+        h=ca.diagcat(curvature, ca.MX.eye(size)),
+        g=ca.vertcat(-(E.T @ target), ca.MX.zeros(size)),
+        a=ca.densify(
+            ca.vertcat(
+                ca.horzcat(held_JP, ca.MX.zeros(held, size)),
+                ca.horzcat(JP, ca.MX(-ca.DM.eye(size))),
+            )
+        ),
+        lba=ca.vertcat(held_lower, own[0]),
+        uba=ca.vertcat(held_upper, own[1]),
     )
-    return solution["x"][:n], solution["lam_a"][:held]
+    return symbols.v + symbols.P @ solution["x"][:n], solution["lam_a"][:held]
 
 
-def _is_better(settings: QpSettings, symbols: list[ca.MX], v: ca.MX) -> ca.MX:
-    """True if v is finite, keeps all levels above, and is no worse than v_0 at this one."""
-    held_J, held_lower, held_upper, J, low, up, v_0 = symbols
-    before = ca.sumsqr(_distance(J @ v_0, low, up))
-    better = ca.logic_and(ca.sumsqr(v) < 1e30, ca.sumsqr(_distance(J @ v, low, up)) <= before)
-    if held_J.shape[0] == 0:
+def _held_rows(symbols: _LevelSymbols) -> tuple[ca.MX, ca.MX, ca.MX]:
+    held = symbols.held
+    JP, y = held.J @ symbols.P, held.J @ symbols.v
+    if held.J.shape[0] == 0:
+        return JP, y, y
+    moves = ca.sum2(JP**2) > _RANK_TOLERANCE**2 * ca.sum2(held.J**2)
+    dropped = ca.logic_or(held.fixed, ca.logic_not(moves))
+    low = _where(dropped, -ca.inf, ca.fmin(held.lower - y, 0))
+    return JP, low, _where(dropped, ca.inf, ca.fmax(held.upper - y, 0))
+
+
+def _is_acceptable(settings: QpSettings, symbols: _LevelSymbols, v: ca.MX) -> ca.MX:
+    """True if v is finite, keeps all levels above, and is no worse than before at this one."""
+    before = ca.sumsqr(distance(symbols.J @ symbols.v, symbols.lower, symbols.upper))
+    after = ca.sumsqr(distance(symbols.J @ v, symbols.lower, symbols.upper))
+    # Comparisons with NaN are false, but norm_inf ignores NaN.
+    better = ca.logic_and(ca.sumsqr(v) < 1e30, after <= before)
+    held = symbols.held
+    if held.J.shape[0] == 0:
         return better
-    excess = ca.fabs(_distance(held_J @ v, held_lower, held_upper))
-    scale = 1 + ca.sum2(ca.fabs(held_J))
-    return ca.logic_and(better, ca.norm_inf(excess / scale) <= settings.tolerance)
+    excess = ca.fabs(distance(held.J @ v, held.lower, held.upper)) / (1 + ca.sum2(ca.fabs(held.J)))
+    return ca.logic_and(better, ca.norm_inf(excess) <= settings.tolerance)
+
+
+def _is_optimal(settings: QpSettings, symbols: _LevelSymbols, v: ca.MX, multipliers: ca.MX) -> ca.MX:
+    """Karush-Kuhn-Tucker conditions of the level without the proximal term."""
+    slack = distance(symbols.J @ v, symbols.lower, symbols.upper)
+    scale = settings.tolerance * (1 + ca.norm_fro(symbols.J) * ca.norm_2(slack))
+    held = symbols.held
+    gradient = symbols.P.T @ (symbols.J.T @ slack + held.J.T @ multipliers)
+    stationary = ca.norm_2(gradient) <= scale
+    if held.J.shape[0] == 0:
+        return stationary
+    y, far = held.J @ v, 1e6
+    above = ca.fmax(multipliers, 0) * ca.fmin(ca.fmax(held.upper - y, 0), far)
+    below = ca.fmax(-multipliers, 0) * ca.fmin(ca.fmax(y - held.lower, 0), far)
+    return ca.logic_and(stationary, ca.norm_inf(above + below) <= scale)
 
 
 def _gated(J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX) -> tuple[ca.MX, ca.MX]:
     """Bounds that leave to infinity as the gate goes from 1 to 0; sum |J_row| is J v's range for |v| <= 1."""
-    free = ca.MX(ca.inf * ca.DM.ones(gate.shape[0]))
     width = (1 - gate) / ca.fmax(gate, 1e-300) * ca.sum2(ca.fabs(J))
-    low = ca.if_else(gate > 0, lower - width, -free)
-    return low, ca.if_else(gate > 0, upper + width, free)
+    removed = gate <= 0
+    return _where(removed, -ca.inf, lower - width), _where(removed, ca.inf, upper + width)
 
 
 def _is_valid(J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX) -> ca.MX:
@@ -150,9 +288,9 @@ def _is_valid(J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX) -> ca.MX:
     return ca.logic_and(_all(ca.fabs(J) < 1e15), ca.logic_and(_all(ordered), _all(gated)))
 
 
+def _where(condition: ca.MX, value: float, otherwise: ca.MX) -> ca.MX:
+    return ca.if_else(condition, ca.MX(value * ca.DM.ones(otherwise.shape)), otherwise)
+
+
 def _all(condition: ca.MX) -> ca.MX:
     return ca.sum1(ca.vec(condition)) >= condition.numel()
-
-
-def _distance(y: ca.MX, lower: ca.MX, upper: ca.MX) -> ca.MX:
-    return y - ca.fmin(ca.fmax(y, lower), upper)

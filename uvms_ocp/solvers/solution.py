@@ -63,8 +63,7 @@ class Solution:
 def row_residuals(levels: Sequence[Level], v: Array) -> tuple[Array, ...]:
     """Signed distance of ``J v`` to [lower, upper], one array (m,) per level; 0 where the gate is 0."""
     return tuple(
-        read_only(distance(level.jacobian @ v, level.lower, level.upper) * (level.gate > 0.0))
-        for level in levels
+        read_only(distance(level.jacobian @ v, level.lower, level.upper) * (level.gate > 0.0)) for level in levels
     )
 
 

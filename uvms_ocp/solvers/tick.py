@@ -66,26 +66,27 @@ class Buffered:
         self._evaluate()
         return [array.copy() for array in self._outputs]
 
+    @property
+    def failed(self) -> bool:
+        """True if the last evaluation was abandoned, which leaves the outputs meaningless."""
+        return bool(self._buffer.ret())
+
     def _write(self, i: int, value: ArrayLike) -> None:
         target, array = self._inputs[i], np.asarray(value, dtype=np.float64)
         if array.shape != target.shape:
             if array.size != target.size or array.squeeze().shape != target.squeeze().shape:
-                raise InvalidInput(
-                    f"input {self._function.name_in(i)!r} has shape {array.shape}; give {target.shape}"
-                )
+                raise InvalidInput(f"input {self._function.name_in(i)!r} has shape {array.shape}; give {target.shape}")
             array = array.reshape(target.shape)
         target[...] = array
 
 
 def check_levels_function(levels: ca.Function, sizes: Sequence[int]) -> None:
-    """Raise ``InvalidInput`` unless ``levels`` gives J, lower, upper, rate, activation, gate for ``sizes``."""
+    """Raise ``InvalidInput`` unless ``levels`` starts with ``LEVEL_OUTPUTS`` and has the rows of ``sizes``."""
     given = tuple(levels.name_out()[: len(LEVEL_OUTPUTS)])
     if given != LEVEL_OUTPUTS:
         raise InvalidInput(f"levels function returns {given}; its first outputs must be {LEVEL_OUTPUTS}")
     if levels.size1_out(0) != sum(sizes) or any(size < 0 for size in sizes):
-        raise InvalidInput(
-            f"sizes {tuple(sizes)} sum to {sum(sizes)}; the Jacobian of the levels has {levels.size1_out(0)} rows"
-        )
+        raise InvalidInput(f"sizes {tuple(sizes)} sum to {sum(sizes)}; the levels have {levels.size1_out(0)} rows")
 
 
 def dense_inputs(function: ca.Function) -> list[ca.MX]:

@@ -43,7 +43,11 @@ class MinimumAltitude(Task):
 
     def __post_init__(self) -> None:
         require_positive(
-            self.name, threshold=self.threshold, margin=self.margin, gain=self.gain, saturation=self.saturation
+            self.name,
+            threshold=self.threshold,
+            margin=self.margin,
+            gain=self.gain,
+            saturation=self.saturation,
         )
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:

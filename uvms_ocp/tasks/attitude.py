@@ -88,8 +88,8 @@ class Alignment(AngleTask):
     """AT: the body x axis points along the horizontal direction to a target ([Gao2022] eqs 36-58).
 
     theta takes a = body x axis to b = d / |d|, d the horizontal part of target minus vehicle position, and
-    ``d theta / dt = -n . (omega_W + [d x] diag(1,1,0) v_W / |d|^2)``. A target straight above or below has no direction:
-    the row is zero then and the quantity ``overhead`` is 1.
+    ``d theta / dt = -n . (omega_W + [d x] diag(1,1,0) v_W / |d|^2)``. A target straight above or below has no
+    direction: the row is zero then and the quantity ``overhead`` is 1.
     """
 
     name: str = "AT"

@@ -147,7 +147,12 @@ def manipulability(symbols: TickSymbols, frame: str) -> ca.SX:
 def bounded_joints(robot: Robot) -> list[tuple[Joint, float, float]]:
     """The arm's joints with finite limits, with their lower and upper position."""
     limits = robot.limits
-    rows = zip(robot.joints, _per_joint(robot, limits.position_lower), _per_joint(robot, limits.position_upper), strict=True)
+    rows = zip(
+        robot.joints,
+        _per_joint(robot, limits.position_lower),
+        _per_joint(robot, limits.position_upper),
+        strict=True,
+    )
     return [(joint, low, up) for joint, low, up in rows if joint.n_q == joint.n_v == 1 and np.isfinite([low, up]).all()]
 
 

@@ -1,7 +1,7 @@
 """A task: rows ``y`` of the velocity hierarchy, written once as CasADi expressions ([Gao2022] section 3).
 
-Every task turns the symbols of one tick into `Rows`. The rows serve both kinds of solver: the regularised pseudo-inverse
-reads ``rate`` and ``activation``, the strict hierarchy reads ``lower`` and ``upper`` (see `uvms_ocp.solvers.level`).
+Every task turns the symbols of one tick into `Rows`. The rows serve both kinds of solver: the regularised
+pseudo-inverse reads ``rate`` and ``activation``, the strict hierarchy ``lower`` and ``upper`` (`uvms_ocp.solvers.level`).
 """
 
 from __future__ import annotations
@@ -94,7 +94,9 @@ class Task(ABC):
     def with_goal(self, goal: Any) -> Task:
         """This task with another goal; raises `InvalidInput` where the task has none."""
         if "goal" not in {item.name for item in fields(self)}:
-            raise InvalidInput(f"{self.name}: {type(self).__name__} has no goal to replace; drop it from the phase's goals")
+            raise InvalidInput(
+                f"{self.name}: {type(self).__name__} has no goal to replace; drop it from the phase's goals"
+            )
         return replace(self, goal=goal)  # type: ignore[call-arg]
 
     @property

@@ -1,1 +1,15 @@
+"""Figures and 3-D scenes of a `Record`; the only package that imports Matplotlib and meshcat."""
 
+from uvms_ocp.viz.plots import figure_activations as figure_activations
+from uvms_ocp.viz.plots import figure_altitude as figure_altitude
+from uvms_ocp.viz.plots import figure_errors as figure_errors
+from uvms_ocp.viz.plots import figure_joints as figure_joints
+from uvms_ocp.viz.plots import figure_misalignment as figure_misalignment
+from uvms_ocp.viz.plots import figure_path as figure_path
+from uvms_ocp.viz.plots import figure_tick_time as figure_tick_time
+from uvms_ocp.viz.plots import figure_tool_error as figure_tool_error
+from uvms_ocp.viz.plots import figure_velocities as figure_velocities
+from uvms_ocp.viz.plots import write_figures as write_figures
+from uvms_ocp.viz.scene import show as show
+from uvms_ocp.viz.scene import write_scene as write_scene
+from uvms_ocp.viz.viewer import ScenePage as ScenePage

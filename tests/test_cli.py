@@ -1,0 +1,107 @@
+"""The command line: exit codes, one-line errors, nothing half-written."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uvms_ocp.record import Record
+
+
+def cli(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "uvms_ocp", *arguments]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300, check=False)
+
+
+@pytest.fixture(scope="module")
+def complete(tmp_path_factory: pytest.TempPathFactory) -> tuple[subprocess.CompletedProcess[str], Path]:
+    folder = tmp_path_factory.mktemp("run")
+    return cli("run", "--json", cwd=folder), folder / "uvms_runs" / "case1-kinematic-lexqp"
+
+
+def test_run_completes_the_mission(complete: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    process, _ = complete
+    assert process.returncode == 0, process.stderr
+    assert json.loads(process.stdout)["completed"] is True
+
+
+def test_json_is_all_that_stdout_holds(complete: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    process, folder = complete
+    assert json.loads(process.stdout) == json.loads((folder / "report.json").read_text())
+    assert "mission complete" in process.stderr
+
+
+def test_the_report_has_the_documented_keys(complete: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    report = json.loads(complete[0].stdout)
+    assert set(report) >= {
+        "completed",
+        "phases",
+        "tool_position_error_m",
+        "tool_orientation_error_rad",
+        "vehicle_drift_in_last_phase_m",
+        "max_velocity_step",
+        "tick_us",
+        "wall_s",
+        "simulated_s",
+        "versions",
+    }
+    assert set(report["tick_us"]) == {"p50", "p99", "max"}
+    assert all({"name", "start_s", "end_s", "reason"} <= set(phase) for phase in report["phases"])
+
+
+def test_run_writes_record_report_figures_and_scene(complete: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    _, folder = complete
+    assert {path.name for path in folder.iterdir()} == {"record.npz", "report.json", "figures", "scene.html"}
+    assert len(list((folder / "figures").glob("*.png"))) >= 5
+    assert "<html" in (folder / "scene.html").read_text()[:2000].lower()
+    record = Record.load(folder / "record.npz")
+    assert np.isfinite(record["q"]).all()
+
+
+def test_a_mission_out_of_time_exits_with_3_and_says_why(tmp_path: Path) -> None:
+    process = cli("run", "--duration", "0.5", "--out", "short", "--json", cwd=tmp_path)
+    assert process.returncode == 3
+    report = json.loads(process.stdout)
+    assert "PC.position_error" in report["phases"][-1]["reason"]
+    assert (tmp_path / "short" / "report.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "case9"], "unknown scenario 'case9'; known: case1"),
+        (["run", "--solver", "lexpq"], "unknown solver 'lexpq'; known: lexqp, icat. Did you mean 'lexqp'?"),
+        (["run", "--robot", "girona"], "unknown robot 'girona'; known: girona_maris7"),
+        (["run", "--plant", "wet"], "unknown plant 'wet'; known: kinematic"),
+        (["run", "--duration", "-1"], "duration = -1.0 s; give a finite time > 0"),
+        (["run", "--duration", "nan"], "duration = nan s"),
+        (["run", "--out", "taken/out"], "cannot write there"),
+    ],
+)
+def test_mistakes_get_one_line_and_exit_code_2(arguments: list[str], message: str, tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("a file, not a folder")
+    process = cli(*arguments, cwd=tmp_path)
+    assert process.returncode == 2
+    assert message in process.stderr
+    assert len(process.stderr.strip().splitlines()) == 1
+    assert process.stdout == ""
+    assert [path.name for path in tmp_path.iterdir()] == ["taken"]
+
+
+def test_options_that_do_not_parse_exit_with_2(tmp_path: Path) -> None:
+    assert cli("run", "--duration", "soon", cwd=tmp_path).returncode == 2
+    assert cli("fly", cwd=tmp_path).returncode == 2
+
+
+def test_list_names_everything(tmp_path: Path) -> None:
+    process = cli("list", "--json", cwd=tmp_path)
+    known = json.loads(process.stdout)
+    assert process.returncode == 0
+    assert "case1" in known["scenarios"]
+    assert "girona_maris7_full" in known["robots"]
+    assert set(known["solvers"]) >= {"lexqp", "icat"}

@@ -1,0 +1,80 @@
+"""Records survive a round trip without pickle; output folders appear whole or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uvms_ocp.exceptions import InvalidInput, NameNotFound, OutputError
+from uvms_ocp.output import staged_folder
+from uvms_ocp.record import Record, Recorder
+
+
+def record(rows: int = 5) -> Record:
+    recorder = Recorder(capacity=2)
+    for k in range(rows):
+        recorder.append({"t": 0.1 * k, "q": np.full(3, k), "phase": k})
+    return recorder.freeze({"name": "é", "list": [1, 2.5]})
+
+
+def test_a_recorder_grows_and_keeps_every_row() -> None:
+    np.testing.assert_array_equal(record()["q"][:, 0], np.arange(5))
+    assert len(record()) == 5
+
+
+def test_a_record_survives_a_round_trip(tmp_path: Path) -> None:
+    record().save(tmp_path / "r.npz")
+    loaded = Record.load(tmp_path / "r.npz")
+    assert dict(loaded.meta) == dict(record().meta)
+    for name in ("t", "q", "phase"):
+        np.testing.assert_array_equal(loaded[name], record()[name])
+
+
+def test_a_record_cannot_be_changed() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        record()["t"][0] = 1.0
+
+
+def test_an_unknown_series_is_named_with_the_alternatives() -> None:
+    with pytest.raises(NameNotFound, match="unknown series 'qq'; known: phase, q, t"):
+        record()["qq"]
+
+
+def test_a_file_that_is_no_record_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "r.npz"
+    path.write_text("no")
+    with pytest.raises(InvalidInput, match=r"r\.npz: not a record"):
+        Record.load(path)
+
+
+def test_a_folder_appears_whole(tmp_path: Path) -> None:
+    target = tmp_path / "a" / "b"
+    with staged_folder(target) as staging:
+        (staging / "figures").mkdir()
+        (staging / "figures" / "x.png").write_text("new")
+        assert not (target / "figures").exists()
+    assert [path.name for path in target.iterdir()] == ["figures"]
+
+
+def test_an_error_leaves_nothing_behind(tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError), staged_folder(tmp_path / "a" / "b") as staging:
+        (staging / "half").write_text("x")
+        raise RuntimeError
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_error_keeps_earlier_results(tmp_path: Path) -> None:
+    (tmp_path / "report.json").write_text("old")
+    with pytest.raises(RuntimeError), staged_folder(tmp_path) as staging:
+        (staging / "report.json").write_text("new")
+        raise RuntimeError
+    assert (tmp_path / "report.json").read_text() == "old"
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="cannot write there"), staged_folder(tmp_path / "file" / "out"):
+        pass

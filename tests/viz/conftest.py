@@ -1,0 +1,17 @@
+from __future__ import annotations
+
+import pytest
+from synthetic_record import synthetic_record
+
+from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.record import Record
+
+
+@pytest.fixture(scope="session")
+def robot() -> Robot:
+    return load_robot("girona_maris7")
+
+
+@pytest.fixture(scope="session")
+def record(robot: Robot) -> Record:
+    return synthetic_record(robot)

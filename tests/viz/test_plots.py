@@ -1,0 +1,134 @@
+"""Figures: all that the record can fill, none that it cannot, and no trace in Matplotlib's global state."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from synthetic_record import synthetic_record
+
+from uvms_ocp.exceptions import InvalidInput, OutputError
+from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.record import Record
+from uvms_ocp.viz import figure_activations, figure_altitude, figure_errors, figure_velocities, write_figures
+from uvms_ocp.viz.plots import FIGURES
+from uvms_ocp.viz.series import phase_spans, task_activity
+
+_PNG = b"\x89PNG"
+
+
+def _texts(figure: Figure) -> str:
+    words = [text for axis in figure.axes for text in (axis.get_xlabel(), axis.get_ylabel(), axis.get_title())]
+    notes = [text.get_text() for axis in figure.axes for text in axis.texts]
+    return "\n".join([*words, *notes])
+
+
+def _without(record: Record, *names: str) -> Record:
+    return replace(record, meta={name: value for name, value in record.meta.items() if name not in names})
+
+
+def test_every_figure_of_a_complete_record_is_written_as_png(record: Record, tmp_path: Path) -> None:
+    paths = write_figures(record, tmp_path / "figures")
+    assert [path.stem for path in paths] == list(FIGURES)
+    assert all(path.read_bytes().startswith(_PNG) for path in paths)
+
+
+def test_figures_whose_quantities_are_missing_are_left_out(record: Record) -> None:
+    poor = replace(record, meta={**record.meta, "quantities": []})
+    assert figure_errors(poor) is None
+    assert figure_altitude(poor) is None
+    assert figure_velocities(poor) is not None
+
+
+def test_a_record_with_nothing_but_time_and_motion_still_gives_figures(record: Record, tmp_path: Path) -> None:
+    series = {name: record[name] for name in ("t", "q", "v")}
+    bare = Record(series=series, meta={"joints": record.meta["joints"]})
+    assert {path.stem for path in write_figures(bare, tmp_path)} == {"velocities", "joints", "path"}
+
+
+def test_a_robot_without_a_free_vehicle_has_no_vehicle_figures() -> None:
+    fixed = synthetic_record(load_robot("planar5"))
+    drawn = {name for name, draw in FIGURES.items() if draw(fixed) is not None}
+    assert "joints" in drawn
+    assert not drawn & {"velocities", "path"}
+
+
+@pytest.mark.parametrize("name", list(FIGURES))
+def test_every_panel_has_units_or_a_task_and_every_phase_is_named(record: Record, name: str) -> None:
+    figure = FIGURES[name](record)
+    assert figure is not None
+    labels = [axis.get_xlabel() for axis in figure.axes]
+    assert any("[" in label for label in labels)
+    named = _texts(figure) + "".join(
+        text.get_text() for axis in figure.axes if axis.get_legend() for text in axis.get_legend().texts
+    )
+    assert "A way point" in named
+    assert "B tool frame" in named
+
+
+def test_thresholds_of_the_mission_are_drawn_with_their_value(record: Record) -> None:
+    figure = figure_altitude(record)
+    assert figure is not None
+    assert "0.17 m" in _texts(figure)
+
+
+def test_one_panel_per_task_in_order_of_priority(record: Record) -> None:
+    figure = figure_activations(record)
+    assert figure is not None
+    assert [axis.get_ylabel() for axis in figure.axes] == ["PC", "T", "HA"]
+
+
+def test_rows_of_a_task_are_cut_out_of_the_stacked_activity(record: Record) -> None:
+    rows = task_activity(record, "T")
+    assert rows is not None
+    np.testing.assert_array_equal(rows[:, 0], record["activity"][:, -1])
+
+
+def test_phases_cover_the_record_without_gaps(record: Record) -> None:
+    spans = phase_spans(record)
+    assert [span.name for span in spans] == ["A", "B"]
+    assert spans[0].start == record["t"][0]
+    assert spans[0].end == spans[1].start
+    assert spans[1].end == record["t"][-1]
+
+
+def test_a_phase_that_comes_back_has_two_spans(record: Record) -> None:
+    phase = np.zeros(len(record), dtype=int)
+    phase[40:80] = 1
+    again = Record(series={**record.series, "phase": phase}, meta=record.meta)
+    assert [span.name for span in phase_spans(again)] == ["A", "B", "A"]
+
+
+def test_figures_show_themselves_in_notebooks(record: Record) -> None:
+    figure = figure_velocities(record)
+    assert figure is not None
+    assert figure._repr_png_().startswith(_PNG)
+
+
+def test_drawing_leaves_the_settings_of_matplotlib_alone(record: Record) -> None:
+    before = dict(mpl.rcParams)
+    figure_velocities(record)
+    assert dict(mpl.rcParams) == before
+
+
+def test_pyplot_is_never_imported() -> None:
+    code = "import sys, uvms_ocp.viz; sys.exit('matplotlib.pyplot' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_record_without_motion_says_so(robot: Robot, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="1 rows; at least 2"):
+        write_figures(synthetic_record(robot, duration=0.0), tmp_path)
+
+
+def test_a_folder_that_is_a_file_is_an_output_error(record: Record, tmp_path: Path) -> None:
+    place = tmp_path / "taken"
+    place.write_text("")
+    with pytest.raises(OutputError, match="taken"):
+        write_figures(record, place)

@@ -1,0 +1,211 @@
+"""The scene: one page, no network, no server, and an animation that is the run."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+import umsgpack
+from synthetic_record import synthetic_record
+
+from uvms_ocp.exceptions import InvalidInput, OutputError
+from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.record import Record
+from uvms_ocp.viz import show, write_scene
+from uvms_ocp.viz.shapes import draw_shape, tube
+from uvms_ocp.viz.viewer import CommandLog
+
+_FPS = 25
+
+
+def _commands(page: str) -> list[Any]:
+    blobs = re.search(r"^const COMMANDS = (\[.*\]);$", page, re.MULTILINE)
+    assert blobs is not None
+    return [umsgpack.unpackb(base64.b64decode(blob)) for blob in json.loads(blobs[1])]
+
+
+def _tracks(page: str) -> dict[tuple[str, str], Any]:
+    (command,) = [command for command in _commands(page) if command["type"] == "set_animation"]
+    return {
+        (animation["path"], track["name"]): track["keys"]
+        for animation in command["animations"]
+        for track in animation["clip"]["tracks"]
+    }
+
+
+def _positions(page: str, end: str) -> Any:
+    (keys,) = [keys for (path, name), keys in _tracks(page).items() if name == ".position" and path.endswith(end)]
+    return keys
+
+
+class _References(HTMLParser):
+    """Collects what a browser would load."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found += [value or "" for name, value in attrs if name in ("src", "href", "srcset", "data", "poster")]
+
+
+@pytest.fixture(scope="module")
+def page(record: Record, robot: Robot) -> str:
+    return show(record, robot, fps=_FPS).html
+
+
+def test_the_page_loads_nothing_from_elsewhere(page: str) -> None:
+    parser = _References()
+    parser.feed(page)
+    assert all(reference.startswith("data:") for reference in parser.found)
+    assert not re.search(r"@import|url\(\s*['\"]?(https?:)?//", page)
+    assert "viewer.connect(" not in page
+
+
+def test_the_page_is_small(page: str) -> None:
+    assert len(page) < 3_000_000
+
+
+def test_the_animation_covers_the_run(page: str, record: Record) -> None:
+    tracks = _tracks(page)
+    assert tracks
+    for keys in tracks.values():
+        assert keys[0]["time"] == 0
+        assert keys[-1]["time"] / _FPS == pytest.approx(record["t"][-1] - record["t"][0])
+
+
+def test_the_vehicle_is_animated_through_the_recorded_poses(page: str, record: Record) -> None:
+    (positions,) = [
+        keys for (path, name), keys in _tracks(page).items() if name == ".position" and "root_joint" in path
+    ]
+    np.testing.assert_allclose(positions[-1]["value"], record["q"][-1, :3], atol=1e-5)
+    np.testing.assert_allclose(positions[0]["value"], record["q"][0, :3], atol=1e-5)
+
+
+def test_every_visual_shape_is_drawn(page: str, robot: Robot) -> None:
+    drawn = {
+        c["path"].rsplit("/", 2)[0] for c in _commands(page) if c["type"] == "set_object" and "/robot/" in c["path"]
+    }
+    assert len(drawn) == len(robot.visual_model.geometryObjects)
+
+
+def test_markers_and_trails_are_drawn(page: str) -> None:
+    objects = {command["path"] for command in _commands(page) if command["type"] == "set_object"}
+    for name in ("trails/vehicle", "trails/tool", "goals/target/ball", "goals/way point/ball", "beam/ray"):
+        assert f"/meshcat/scene/{name}" in objects
+
+
+def test_frames_of_the_record_become_triads(record: Record, robot: Robot) -> None:
+    meta = {**record.meta, "frames": {"tool goal": [2.5, 1.0, -39.9, 1.0, 0.0, 0.0, 0.0]}}
+    page = show(Record(series=record.series, meta=meta), robot).html
+    assert "/meshcat/scene/goals/frame tool goal/x" in {command["path"] for command in _commands(page)}
+
+
+def test_no_server_and_no_browser_are_started(
+    record: Record, robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*args: Any, **kwargs: Any) -> None:
+        raise RuntimeError("a process was started")
+
+    monkeypatch.setattr("subprocess.Popen.__init__", refuse)
+    monkeypatch.setattr("webbrowser.open", refuse)
+    assert write_scene(record, robot, tmp_path / "scene.html").stat().st_size > 500_000
+
+
+def test_text_of_a_user_cannot_break_out_of_the_page(robot: Robot) -> None:
+    evil = "</script><img src=http://example.org>"
+    record = synthetic_record(robot, scenario=evil, markers={evil.replace("/", ""): [0, 0, -39]})
+    parser = _References()
+    parser.feed(show(record, robot).html)
+    assert all(reference.startswith("data:") for reference in parser.found)
+
+
+def test_a_notebook_gets_the_page_in_a_frame(record: Record, robot: Robot) -> None:
+    frame = show(record, robot, height=333)._repr_html_()
+    assert frame.startswith("<iframe srcdoc=")
+    assert "height:333px" in frame
+
+
+def test_a_fixed_base_robot_has_a_scene_too() -> None:
+    planar = load_robot("planar5")
+    assert _tracks(show(synthetic_record(planar), planar).html)
+
+
+def test_a_robot_that_does_not_fit_the_record_is_refused(record: Record) -> None:
+    with pytest.raises(InvalidInput, match="planar5"):
+        show(record, load_robot("planar5"))
+
+
+@pytest.mark.parametrize("fps", [0, -1, float("nan")])
+def test_an_impossible_frame_rate_is_refused(record: Record, robot: Robot, fps: float) -> None:
+    with pytest.raises(InvalidInput, match="fps"):
+        show(record, robot, fps=fps)
+
+
+def test_a_place_that_cannot_be_written_is_an_output_error(record: Record, robot: Robot, tmp_path: Path) -> None:
+    with pytest.raises(OutputError):
+        write_scene(record, robot, tmp_path)
+
+
+def _triangle_mesh() -> coal.BVHModelOBBRSS:
+    mesh = coal.BVHModelOBBRSS()
+    mesh.beginModel(1, 3)
+    mesh.addTriangle(np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]))
+    mesh.endModel()
+    return mesh
+
+
+def _tetrahedron() -> coal.ConvexBase:
+    mesh = coal.BVHModelOBBRSS()
+    mesh.beginModel(4, 4)
+    corners = np.vstack([np.zeros(3), np.eye(3)])
+    for i, j, k in ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)):
+        mesh.addTriangle(corners[i], corners[j], corners[k])
+    mesh.endModel()
+    mesh.buildConvexHull(False, "Qt")
+    return mesh.convex
+
+
+@pytest.mark.parametrize(
+    ("shape", "parts"),
+    [
+        (coal.Box(1, 2, 3), 1),
+        (coal.Sphere(1), 1),
+        (coal.Ellipsoid(1, 2, 3), 1),
+        (coal.Cylinder(1, 2), 1),
+        (coal.Cone(1, 2), 1),
+        (coal.Capsule(1, 2), 3),
+        (_triangle_mesh(), 1),
+        (_tetrahedron(), 1),
+    ],
+)
+def test_every_shape_of_a_urdf_can_be_drawn(shape: coal.CollisionGeometry, parts: int) -> None:
+    log = CommandLog()
+    assert draw_shape(log.visualizer(), shape, np.ones(4))
+    assert sum(command["type"] == "set_object" for command in log.commands()) == parts
+
+
+def test_a_shape_without_end_is_not_drawn() -> None:
+    assert not draw_shape(CommandLog().visualizer(), coal.Halfspace(np.array([0, 0, 1.0]), 0.0), np.ones(4))
+
+
+def test_a_tube_keeps_its_radius_around_a_bent_path() -> None:
+    path = np.column_stack([np.linspace(0, 1, 30), np.sin(np.linspace(0, 1, 30)), np.zeros(30)])
+    rings = tube(path, 0.1).vertices.reshape(30, 6, 3)
+    np.testing.assert_allclose(np.linalg.norm(rings - path[:, None], axis=-1), 0.1, atol=1e-6)
+
+
+def test_poses_in_the_page_agree_with_pinocchio(page: str, record: Record, robot: Robot) -> None:
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, record["q"][-1])
+    last = f"{robot.model.njoints - 1:02d} {robot.model.names[robot.model.njoints - 1]}"
+    keys = _positions(page, last)
+    np.testing.assert_allclose(keys[-1]["value"], data.oMi[robot.model.njoints - 1].translation, atol=1e-5)

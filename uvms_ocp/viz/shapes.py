@@ -1,0 +1,144 @@
+"""From coal's shapes to meshcat's: primitives stay primitives, meshes become triangles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from types import MappingProxyType
+from typing import Any
+
+import coal
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from uvms_ocp.viz.meshcat_parts import Visualizer
+from uvms_ocp.viz.meshcat_parts import geometry as mg
+
+# three.js draws cylinders along y, coal along z.
+Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
+
+Part = tuple[mg.Geometry, np.ndarray]  # geometry and its pose (4, 4) in the shape's frame
+
+
+def material(rgba: tuple[float, ...] | np.ndarray, **options: Any) -> mg.MeshPhongMaterial:
+    """A softly shining material of colour rgba (4,) in [0, 1]."""
+    red, green, blue, alpha = (float(x) for x in rgba)
+    return mg.MeshPhongMaterial(color=_hex(red, green, blue), opacity=alpha, shininess=45, specular=0x333333, **options)
+
+
+def _hex(red: float, green: float, blue: float) -> int:
+    r, g, b = (round(255 * min(max(x, 0.0), 1.0)) for x in (red, green, blue))
+    return (r << 16) + (g << 8) + b
+
+
+def draw_shape(node: Visualizer, shape: coal.CollisionGeometry, rgba: np.ndarray) -> bool:
+    """Draw `shape` below `node`; tells whether meshcat can (half-spaces and planes it cannot)."""
+    parts = [*_parts(shape)]
+    for i, (geometry, pose) in enumerate(parts):
+        flat = isinstance(geometry, mg.TriangularMeshGeometry)
+        node[str(i)].set_object(geometry, material(rgba, flatShading=flat))
+        node[str(i)].set_transform(pose)
+    return bool(parts)
+
+
+def _parts(shape: coal.CollisionGeometry) -> Iterator[Part]:
+    for kind, build in _BUILDERS.items():
+        if isinstance(shape, kind):
+            yield from build(shape)
+            return
+
+
+def _box(shape: coal.Box) -> Iterator[Part]:
+    yield mg.Box((2 * shape.halfSide).tolist()), np.eye(4)
+
+
+def _sphere(shape: coal.Sphere) -> Iterator[Part]:
+    yield mg.Sphere(shape.radius), np.eye(4)
+
+
+def _ellipsoid(shape: coal.Ellipsoid) -> Iterator[Part]:
+    yield mg.Sphere(1.0), np.diag([*shape.radii, 1.0])
+
+
+def _cylinder(shape: coal.Cylinder) -> Iterator[Part]:
+    yield mg.Cylinder(2 * shape.halfLength, shape.radius), Y_TO_Z
+
+
+def _cone(shape: coal.Cone) -> Iterator[Part]:
+    yield mg.Cylinder(2 * shape.halfLength, radiusTop=0.0, radiusBottom=shape.radius), Y_TO_Z
+
+
+def _capsule(shape: coal.Capsule) -> Iterator[Part]:
+    yield mg.Cylinder(2 * shape.halfLength, shape.radius), Y_TO_Z
+    for end in (-shape.halfLength, shape.halfLength):
+        yield mg.Sphere(shape.radius), shifted(np.array([0.0, 0.0, end]))
+
+
+def _mesh(shape: coal.BVHModelBase) -> Iterator[Part]:
+    faces = [_corners(shape.tri_indices(k)) for k in range(shape.num_tris)]
+    yield mg.TriangularMeshGeometry(shape.vertices(), faces), np.eye(4)
+
+
+def _convex(shape: coal.ConvexBase) -> Iterator[Part]:
+    """coal gives the corners only."""
+    points = shape.points()
+    yield mg.TriangularMeshGeometry(points, ConvexHull(points).simplices), np.eye(4)
+
+
+def _corners(triangle: coal.Triangle) -> list[int]:
+    """coal's triangles can be indexed but not iterated over."""
+    return [triangle[i] for i in range(3)]
+
+
+_BUILDERS: Mapping[type, Callable[[Any], Iterator[Part]]] = MappingProxyType(
+    {
+        coal.Box: _box,
+        coal.Sphere: _sphere,
+        coal.Ellipsoid: _ellipsoid,
+        coal.Cylinder: _cylinder,
+        coal.Cone: _cone,
+        coal.Capsule: _capsule,
+        coal.BVHModelBase: _mesh,
+        coal.ConvexBase: _convex,
+    }
+)
+
+
+def shifted(position: np.ndarray) -> np.ndarray:
+    """Homogeneous matrix (4, 4) of a translation (3,) [m]."""
+    matrix = np.eye(4)
+    matrix[:3, 3] = position
+    return matrix
+
+
+def draw_triad(node: Visualizer, length: float) -> None:
+    """Three solid arrows, x red, y green, z blue, of `length` [m] (lines are one pixel wide in WebGL)."""
+    for axis, rgb in enumerate(((0.85, 0.15, 0.1), (0.1, 0.65, 0.2), (0.15, 0.35, 0.9))):
+        extent = np.full(3, 0.05 * length)
+        extent[axis] = length
+        node["xyz"[axis]].set_object(mg.Box(extent.tolist()), material((*rgb, 1.0)))
+        node["xyz"[axis]].set_transform(shifted(np.eye(3)[axis] * length / 2))
+
+
+def tube(points: np.ndarray, radius: float, sides: int = 6) -> mg.TriangularMeshGeometry:
+    """A tube of `radius` [m] along points (n, 3), ordered so that its first 6 * sides * k indices draw k segments."""
+    rings = (points[:, None] + radius * _rings(points, sides)).reshape(-1, 3)
+    corner = np.arange(sides)
+    after = (corner + 1) % sides
+    quad = np.stack([corner, after, corner + sides, after, after + sides, corner + sides], axis=-1).reshape(-1, 3)
+    faces = quad[None] + sides * np.arange(len(points) - 1)[:, None, None]
+    return mg.TriangularMeshGeometry(rings, faces.reshape(-1, 3))
+
+
+def _rings(points: np.ndarray, sides: int) -> np.ndarray:
+    """Unit circles (n, sides, 3) across the path; their first axis is carried along against twisting."""
+    tangent = np.gradient(points, axis=0)
+    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
+    first = np.empty_like(tangent)
+    axis = np.eye(3)[int(np.argmin(np.abs(tangent[0])))]
+    for i, direction in enumerate(tangent):
+        axis = axis - direction * (axis @ direction)
+        axis /= max(float(np.linalg.norm(axis)), 1e-12)
+        first[i] = axis
+    angle = 2 * np.pi * np.arange(sides) / sides
+    second = np.cross(tangent, first)
+    return np.cos(angle)[None, :, None] * first[:, None] + np.sin(angle)[None, :, None] * second[:, None]

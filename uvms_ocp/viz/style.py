@@ -1,0 +1,153 @@
+"""One look for all figures: colours that colour-blind readers can tell apart, phase bands, a figure without pyplot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import wraps
+from io import BytesIO
+from typing import Any, ParamSpec, TypeVar
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from uvms_ocp.viz.series import PhaseSpan
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+DPI = 180
+WIDTH = 7.2  # [in] two columns of a journal page
+
+# Okabe and Ito (2008), without the yellow that vanishes on white.
+BLUE, VERMILLION, GREEN, ORANGE, PINK, SKY, BLACK = (
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#E69F00",
+    "#CC79A7",
+    "#56B4E9",
+    "#000000",
+)
+LINES = (BLUE, VERMILLION, GREEN, ORANGE, PINK, SKY, BLACK)
+AXES_XYZ = (VERMILLION, GREEN, BLUE)
+THRESHOLD = "#555555"
+FADED = "#AEB4B9"
+DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (4, 1.5, 1, 1.5)))
+_LETTER = 0.058  # [in] mean width of a letter in a phase's label
+_BANDS = ("#E8F1FA", "#FDF0E1", "#E6F4EC", "#F6EAF2", "#EFEFEF")
+
+_STYLE: dict[str, Any] = {
+    "font.family": "sans-serif",
+    "font.size": 8.5,
+    "mathtext.fontset": "dejavusans",
+    "axes.titlesize": 9,
+    "axes.labelsize": 8.5,
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "grid.color": "#C8CDD2",
+    "grid.linewidth": 0.4,
+    "grid.alpha": 0.8,
+    "lines.linewidth": 1.3,
+    "legend.fontsize": 7.5,
+    "legend.frameon": True,
+    "legend.framealpha": 0.85,
+    "legend.edgecolor": "none",
+    "legend.borderpad": 0.25,
+    "legend.handlelength": 1.6,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "xtick.direction": "out",
+    "ytick.direction": "out",
+    "savefig.facecolor": "white",
+    "figure.facecolor": "white",
+}
+
+
+class RecordFigure(Figure):
+    """A Matplotlib figure that no pyplot window manager knows; notebooks show it as PNG."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(dpi=DPI, layout="constrained", **options)
+        FigureCanvasAgg(self)
+
+    def _repr_png_(self) -> bytes:
+        buffer = BytesIO()
+        self.savefig(buffer, format="png", dpi=DPI)
+        return buffer.getvalue()
+
+
+def styled(draw: Callable[P, R]) -> Callable[P, R]:
+    """Run `draw` under this module's settings and restore the caller's."""
+
+    @wraps(draw)
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
+        with mpl.rc_context(_STYLE):
+            return draw(*args, **kwargs)
+
+    return wrapper
+
+
+def stacked(n_rows: int, height: float, title: str) -> tuple[RecordFigure, list[Axes]]:
+    """`n_rows` panels over one time axis; `height` [in] of one panel."""
+    figure = RecordFigure(figsize=(WIDTH, height * n_rows + 0.55))
+    figure.suptitle(title, fontsize=10, fontweight="bold", x=0.01, ha="left")
+    axes = figure.subplots(n_rows, 1, sharex=True, squeeze=False)[:, 0]
+    axes[-1].set_xlabel("time [s]")
+    return figure, list(axes)
+
+
+def heading_legend(figure: Figure, handles: Sequence[Line2D]) -> None:
+    """One legend for all panels, on the line of the title."""
+    figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
+
+
+def shade_phases(axes: Sequence[Axes], spans: Sequence[PhaseSpan], *, named: bool = True, share: float = 1.0) -> None:
+    """Colour the phases behind every panel and name them above the first; `share` of the page's width is theirs."""
+    for axis in axes:
+        for span in spans:
+            axis.axvspan(span.start, span.end, color=_BANDS[span.index % len(_BANDS)], lw=0, zorder=-2)
+        for span in spans[1:]:
+            axis.axvline(span.start, color="#9AA3AB", lw=0.6, zorder=-1)
+        axis.set_xlim(spans[0].start, spans[-1].end)
+    if named:
+        _name_phases(axes[0], spans, 0.88 * WIDTH * share)
+
+
+def _name_phases(axis: Axes, spans: Sequence[PhaseSpan], width: float) -> None:
+    """Full labels where they fit; `width` [in] of the panel."""
+    scale = width / (spans[-1].end - spans[0].start)
+    for span in spans:
+        room = scale * (span.end - span.start) / _LETTER
+        axis.annotate(
+            span.label if len(span.label) < room else span.name,
+            ((span.start + span.end) / 2, 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(0, 3),
+            textcoords="offset points",
+            ha="center",
+            va="bottom",
+            fontsize=7.5,
+            color="#333333",
+        )
+
+
+def threshold(axis: Axes, value: float, text: str) -> None:
+    """A dashed line at `value`, with its meaning written on it."""
+    axis.axhline(value, color=THRESHOLD, lw=0.9, ls=(0, (5, 3)), zorder=1.5)
+    axis.annotate(
+        text,
+        (0.0, value),
+        xycoords=("axes fraction", "data"),
+        xytext=(4, 2),
+        textcoords="offset points",
+        ha="left",
+        va="bottom",
+        fontsize=7,
+        color=THRESHOLD,
+    )
