@@ -104,7 +104,7 @@ class CoalDistances:
             self._collect(sample, np.flatnonzero(candidates[sample]).tolist(), thresholds, found)
             jacobians[sample] = self._jacobian(configurations[sample])
         if not found:
-            return _nothing(x.shape[1])
+            return nothing_near(x.shape[1])
         samples, pairs, distances, normals, points, centres = map(np.array, zip(*found, strict=True))
         screws = (jacobians @ self.scene.coordinates.velocity_map(x))[samples]
         wrench = np.concatenate([normals, np.cross(points, normals)], axis=1)
@@ -135,7 +135,8 @@ class CoalDistances:
 _Contact = tuple[int, int, float, Array, Array, Array]
 
 
-def _nothing(n_axes: int) -> NearPairs:
+def nothing_near(n_axes: int) -> NearPairs:
+    """No pair."""
     none = np.zeros(0, dtype=np.intp)
     return NearPairs(
         sample=none,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from time import perf_counter
@@ -16,6 +16,7 @@ from .clearance import CoalDistances
 from .collision_scene import CollisionScene
 from .descent import Descent, DescentOptions, descend
 from .free_derivatives import pieces_of
+from .ipopt_descent import Bounds, IpoptOptions, descend_ipopt
 from .min_snap import min_snap, solution_of
 from .path_cost import CostParts, CostWeights, Distances, LocalModel, PathCost
 from .polynomial import PiecewisePolynomial
@@ -51,7 +52,8 @@ class SoftCollisionOptions:
 
     pieces: int = 10
     weights: CostWeights = field(default_factory=CostWeights)
-    descent: DescentOptions = field(default_factory=DescentOptions)
+    descent: DescentOptions | IpoptOptions = field(default_factory=DescentOptions)
+    """The solver: trust region on the banded structure, or IPOPT with joint limits as hard bounds on the nodes."""
     restarts: int = 2
     """Further attempts, from randomly bent starts, while the result collides."""
     sampling: SamplingOptions | None = field(default_factory=SamplingOptions)
@@ -190,17 +192,28 @@ class _Problem:
 
     def solve(self, start: Array, options: SoftCollisionOptions) -> Descent:
         """Out of collision first, then the whole cost."""
+        first = self._descent(lambda y: self.cost.model(y, collision_only=True), start, options, _touches_nothing)
+        second = self._descent(self.cost.model, first.variables, options)
+        return replace(second, iterations=first.iterations + second.iterations)
+
+    def _descent(
+        self,
+        model: Callable[[Array], LocalModel],
+        start: Array,
+        options: SoftCollisionOptions,
+        enough: Callable[[LocalModel], bool] = lambda _: False,
+    ) -> Descent:
+        if isinstance(options.descent, IpoptOptions):
+            return descend_ipopt(model, start, self.free, self._bounds(), options.descent)
         metric = self.cost.smoothness_hessian.scaled(1.0 / max(options.weights.smoothness, 1e-12))
-        first = descend(
-            lambda y: self.cost.model(y, collision_only=True), start, self.free, metric, options.descent, _touches_nothing
-        )
-        second = descend(self.cost.model, first.variables, self.free, metric, options.descent)
-        return Descent(
-            variables=second.variables,
-            model=second.model,
-            iterations=first.iterations + second.iterations,
-            converged=second.converged,
-        )
+        return descend(model, start, self.free, metric, options.descent, enough)
+
+    def _bounds(self) -> Bounds:
+        """Position limits on the nodes."""
+        lower, upper = self.cost.distances.scene.coordinates.limits()
+        low, high = np.full(self.start.shape, -np.inf), np.full(self.start.shape, np.inf)
+        low[:, : lower.size], high[:, : upper.size] = lower, upper
+        return Bounds(lower=low, upper=high)
 
     def trajectory(self, variables: Array) -> PiecewisePolynomial:
         """As fast as given, or slowed down to keep the limits."""
