@@ -1,6 +1,6 @@
-"""Command line: ``uvms-ocp run`` and ``uvms-ocp list``.
+"""Command line: ``uvms-ocp run``, ``check`` and ``list``.
 
-Exit codes: 0 done, 1 internal error, 2 bad input, 3 mission not completed.
+Exit codes: 0 done, 1 internal error, 2 bad input or refused by pre-flight, 3 mission not completed.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from uvms_ocp.control.kinematic import HierarchySolver, KinematicController
-from uvms_ocp.exceptions import NameNotFound, UvmsError
+from uvms_ocp.exceptions import InvalidInput, NameNotFound, UvmsError
 from uvms_ocp.model.robot import list_robots
 from uvms_ocp.model.state import Command
 from uvms_ocp.output import staged_folder
+from uvms_ocp.preflight import PreflightReport, Severity
 from uvms_ocp.record import Record
 from uvms_ocp.report import summarize
 from uvms_ocp.scenario import PLANTS, Scenario
@@ -49,29 +50,49 @@ def main() -> None:
         sys.exit(BAD_INPUT)
 
 
+Name = Annotated[str, typer.Argument(metavar="SCENARIO", help="Scenario, see `uvms-ocp list`.")]
+RobotName = Annotated[str | None, typer.Option(help="Robot, see `uvms-ocp list`; default: the scenario's.")]
+Plant = Annotated[str | None, typer.Option(help=f"Plant: {', '.join(PLANTS)}; default: the scenario's.")]
+SolverName = Annotated[str, typer.Option(help=f"Hierarchy solver: {', '.join(SOLVERS)}.")]
+CurrentVelocity = Annotated[
+    tuple[float, float, float] | None,
+    typer.Option(metavar="X Y Z", help="Uniform current in W [m/s]; default: the scenario's."),
+]
+Seed = Annotated[int, typer.Option(help="Seed of the sensor noise.")]
+Noise = Annotated[bool, typer.Option("--noise/--no-noise", help="Sensors with noise, rates and delays.")]
+Duration = Annotated[float | None, typer.Option(metavar="S", help="Time limit of the mission [s].")]
+Out = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the results.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the report on stdout, the rest on stderr.")]
+
+
 @app.command()
 def run(
-    name: Annotated[str, typer.Argument(metavar="SCENARIO", help="Scenario to run, see `uvms-ocp list`.")] = "case1",
-    robot: Annotated[str | None, typer.Option(help="Robot, see `uvms-ocp list`; default: the scenario's.")] = None,
-    plant: Annotated[str, typer.Option(help=f"Plant: {', '.join(PLANTS)}.")] = "dynamic",
-    solver: Annotated[str, typer.Option(help=f"Hierarchy solver: {', '.join(SOLVERS)}.")] = "lexqp",
-    current: Annotated[
-        tuple[float, float, float], typer.Option(metavar="X Y Z", help="Uniform current in W [m/s].")
-    ] = (0.0, 0.0, 0.0),
-    seed: Annotated[int, typer.Option(help="Seed of the sensor noise.")] = 0,
-    noise: Annotated[bool, typer.Option("--noise/--no-noise", help="Sensors with noise, rates and delays.")] = False,
-    duration: Annotated[float, typer.Option(metavar="S", help="Time limit of the mission [s].")] = 120.0,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the results.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the report on stdout, the rest on stderr.")] = False,
+    name: Name = "case1",
+    robot: RobotName = None,
+    plant: Plant = None,
+    solver: SolverName = "lexqp",
+    current: CurrentVelocity = None,
+    seed: Seed = 0,
+    noise: Noise = False,
+    duration: Duration = None,
+    out: Out = None,
+    force: Annotated[bool, typer.Option("--force", help="Run even if pre-flight finds errors.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Run a scenario; write its record, report, figures and 3-D scene."""
     console = Console(stderr=as_json)
-    options = {"plant": plant, "duration": duration, "current": current, "seed": seed, "noise": noise}
-    scenario = _build(name, solver, options if robot is None else options | {"robot": robot})
-    folder = out or Path("uvms_runs") / f"{name}-{plant}-{solver}"
+    options = _given(robot=robot, plant=plant, current=current, duration=duration)
+    scenario = _build(name, solver, options | {"seed": seed, "noise": noise})
+    folder = out or Path("uvms_runs") / f"{name}-{scenario.plant}-{solver}"
     with staged_folder(folder) as staging:
+        preflight = scenario.check()
+        print_findings(console, preflight)
+        if not (preflight.accepted or force):
+            raise InvalidInput(
+                f"pre-flight refuses {name} ({len(preflight.errors)} errors); --force runs it all the same"
+            )
         record = _simulate(scenario, console)
-        report = summarize(record)
+        report = summarize(record) | {"preflight": preflight.to_dict()}
         with console.status("writing record, report, figures and scene"):
             _write(scenario, record, report, staging)
         written = sorted(path.relative_to(staging) for path in staging.rglob("*") if path.is_file())
@@ -80,6 +101,24 @@ def run(
         sys.stdout.write(json.dumps(report, indent=2) + "\n")
     if not report["completed"]:
         raise typer.Exit(NOT_COMPLETED)
+
+
+@app.command()
+def check(
+    name: Name = "case1",
+    robot: RobotName = None,
+    plant: Plant = None,
+    current: CurrentVelocity = None,
+    as_json: Json = False,
+) -> None:
+    """Check whether a mission can be completed, without running it; exit code 2 where it cannot."""
+    scenario = _build(name, "lexqp", _given(robot=robot, plant=plant, current=current))
+    preflight = scenario.check()
+    print_findings(Console(stderr=as_json), preflight, notes=True)
+    if as_json:
+        sys.stdout.write(json.dumps(preflight.to_dict(), indent=2) + "\n")
+    if not preflight.accepted:
+        raise typer.Exit(BAD_INPUT)
 
 
 @app.command(name="list")
@@ -102,6 +141,11 @@ def list_all(
     Console().print(table)
 
 
+def _given(**options: Any) -> dict[str, Any]:
+    """The options that were given on the command line."""
+    return {name: value for name, value in options.items() if value is not None}
+
+
 def _build(name: str, solver: str, options: dict[str, Any]) -> Scenario:
     """The scenario with the options of the command line; raises `UvmsError` where one is wrong."""
     if name not in SCENARIOS:
@@ -109,6 +153,19 @@ def _build(name: str, solver: str, options: dict[str, Any]) -> Scenario:
     if solver not in SOLVERS:
         raise NameNotFound("solver", solver, SOLVERS)
     return SCENARIOS[name](solver=SOLVERS[solver](), **options)
+
+
+def print_findings(console: Console, preflight: PreflightReport, *, notes: bool = False) -> None:
+    """Errors and warnings of pre-flight, one per line, and notes if wanted."""
+    styles = {Severity.ERROR: "red", Severity.WARNING: "yellow", Severity.NOTE: ""}
+    for finding in preflight.findings:
+        if notes or finding.severity is not Severity.NOTE:
+            where = f" (phase {finding.phase})" if finding.phase else ""
+            text = f"{finding.severity.value}: {finding.check}{where}: {finding.text}"
+            console.print(text, style=styles[finding.severity], markup=False, highlight=False, soft_wrap=True)
+    if notes:
+        verdict = "accepted" if preflight.accepted else "refused"
+        console.print(f"pre-flight: {verdict}", markup=False, highlight=False)
 
 
 def _simulate(scenario: Scenario, console: Console) -> Record:

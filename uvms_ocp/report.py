@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.mission import ABORT, DONE
 from uvms_ocp.record import Record
 
 _SETTLING = 0.5  # [s] after the start of a phase, before its drift counts
@@ -54,10 +55,10 @@ def final_quantity(record: Record, name: str) -> float | None:
 def phase_table(record: Record) -> list[dict[str, Any]]:
     """One row per phase that was entered, in order of time: name, title, start, end, reason, errors at its end."""
     events = record.meta["events"]
-    starts = [0.0, *(event["t"] for event in events if event["target"] != "done")]
+    starts = [0.0, *(event["t"] for event in events if event["target"] not in (DONE, ABORT))]
     names = [
         record.meta["phases"][0]["name"],
-        *(event["target"] for event in events if event["target"] != "done"),
+        *(event["target"] for event in events if event["target"] not in (DONE, ABORT)),
     ]
     ends = [event["t"] for event in events] + [float(record["t"][-1])]
     reasons = [event["reason"] for event in events] + [f"time is over, waiting for: {record.meta['pending']}"]

@@ -23,6 +23,7 @@ from uvms_ocp.model.payload import Payload, with_payload
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
 from uvms_ocp.model.state import Command, Measurement, State
+from uvms_ocp.preflight import PreflightReport, Setup, check_mission
 from uvms_ocp.record import Record
 from uvms_ocp.sim import DynamicPlant, Environment, KinematicPlant, SensorSuite, simulate
 from uvms_ocp.sim.loop import Controller, Estimator, Plant
@@ -77,6 +78,21 @@ class Scenario:
         """A fresh kinematic layer for this mission."""
         return KinematicController(robot=self.robot, mission=self.mission, solver=self.solver, dt=self.dt)
 
+    def check(self) -> PreflightReport:
+        """Pre-flight: whether this mission can be completed, and what has to change if not."""
+        return check_mission(
+            Setup(
+                robot=self.robot,
+                mission=self.mission,
+                environment=self.environment,
+                start=np.array(self.start),
+                altimeter_frame=self.altimeter_frame,
+                with_forces=self.plant == "dynamic",
+                dt=self.dt,
+                duration=self.duration,
+            )
+        )
+
     def run(self, progress: Progress | None = None) -> Record:
         """Simulate until the mission is complete or `duration` is over."""
         kinematic = self.controller()
@@ -100,9 +116,7 @@ class Scenario:
             return KinematicPlant(self.robot, self.start), kinematic
         dynamics = robot_dynamics(self.robot)
         laden = self.robot if self.payload is None else with_payload(self.robot, self.payload)
-        plant = DynamicPlant(
-            laden, self.start, dynamics=robot_dynamics(laden), environment=self.environment
-        )
+        plant = DynamicPlant(laden, self.start, dynamics=robot_dynamics(laden), environment=self.environment)
         layer = DynamicController(robot=self.robot, dynamics=dynamics, kinematic=kinematic, gains=self.gains)
         return plant, layer
 

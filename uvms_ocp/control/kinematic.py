@@ -80,7 +80,7 @@ class KinematicController:
         return Command(
             v=self._previous,
             stop=freshness is Freshness.LOST,
-            finished=self.state.completed,
+            finished=self.state.over,
             telemetry=telemetry,
         )
 

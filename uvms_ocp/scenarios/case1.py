@@ -1,4 +1,4 @@
-"""Ready-made scenarios; every number in them can be overridden."""
+"""Case 1 of the paper: way point, alignment, landing, tool frame."""
 
 from __future__ import annotations
 
@@ -87,8 +87,8 @@ def case1(
     the stowed posture by default. target (3,) [m] in W: where AT points. tool_goal: X_WT, at the target with the tool
     pointing down by default. seabed [m]: height of the floor. tasks: field overrides by task name, such as
     ``{"PC": {"gain_linear": 0.3}}``. order: task names, highest priority first, instead of the order of the classes.
-    current: a field, or a uniform velocity (3,) [m/s] in W. noise: of the sensors. observer: of disturbances. payload: at
-    the tool, unknown to the controller.
+    current: a field, or a uniform velocity (3,) [m/s] in W. noise: of the sensors. observer: of disturbances.
+    payload: at the tool, unknown to the controller.
 
     Raises `UvmsError` where a name is unknown or a number is impossible.
     """
@@ -105,10 +105,10 @@ def case1(
         name="case1",
         robot=machine,
         mission=Mission(
-            hierarchy=Hierarchy(_override(_case1_tasks(machine, goal, point, tool), tasks or {}), order),
-            phases=_with_underactuation(machine, _case1_phases(limits)),
+            hierarchy=Hierarchy(override(case1_tasks(machine, goal, point, tool), tasks or {}), order),
+            phases=with_underactuation(machine, case1_phases(limits)),
         ),
-        environment=Environment(seafloor=FlatSeafloor(z=seabed), current=_current(current)),
+        environment=Environment(seafloor=FlatSeafloor(z=seabed), current=current_field(current)),
         start=machine.configuration(
             position=origin.translation, quaternion=pin.Quaternion(origin.rotation).coeffs(), joints=joints
         ),
@@ -124,30 +124,37 @@ def case1(
     )
 
 
-SCENARIOS = {"case1": case1}
+def case1_unreachable(**options: Any) -> Scenario:
+    """Case 1 with a way point from which, once landed, the arm stays 0.2 to 0.4 m short of its target.
+
+    Pre-flight refuses it and suggests a way point that is near enough. Options as for `case1`.
+    """
+    return replace(
+        case1(**{"way_point": pose_at((10.2, 37.5, -38.0), (0.0, -0.06, 0.5)), **options}), name="case1_unreachable"
+    )
 
 
-def _current(given: Current | Sequence[float] | None) -> Current:
+def current_field(given: Current | Sequence[float] | None) -> Current:
     if given is None:
         return StillWater()
     return UniformCurrent(given) if isinstance(given, Sequence | np.ndarray) else given
 
 
-def _underactuation(robot: Robot) -> list[Task]:
+def underactuation(robot: Robot) -> list[Task]:
     axes = unactuated_axes(robot)
     return [UnderActuation(axes=axes)] if axes else []
 
 
-def _with_underactuation(robot: Robot, phases: tuple[Phase, ...]) -> tuple[Phase, ...]:
-    """The phases with the task of `_underactuation` always on."""
-    gates = _on(*(task.name for task in _underactuation(robot)))
+def with_underactuation(robot: Robot, phases: tuple[Phase, ...]) -> tuple[Phase, ...]:
+    """The phases with the task of `underactuation` always on."""
+    gates = on(*(task.name for task in underactuation(robot)))
     return tuple(replace(phase, gates={**gates, **phase.gates}) for phase in phases)
 
 
-def _case1_tasks(robot: Robot, way_point: pin.SE3, target: np.ndarray, tool_goal: pin.SE3) -> list[Task]:
+def case1_tasks(robot: Robot, way_point: pin.SE3, target: np.ndarray, tool_goal: pin.SE3) -> list[Task]:
     wrist = robot.joint_names[-_N_POSTURE_JOINTS:]
     return [
-        *_underactuation(robot),
+        *underactuation(robot),
         NullVelocity(),
         JointLimits(),
         MinimumAltitude(),
@@ -160,7 +167,7 @@ def _case1_tasks(robot: Robot, way_point: pin.SE3, target: np.ndarray, tool_goal
     ]
 
 
-def _case1_phases(thresholds: Thresholds) -> tuple[Phase, ...]:
+def case1_phases(thresholds: Thresholds) -> tuple[Phase, ...]:
     """[Gao2022] Table 4."""
     aligned = Below(quantity="AT.misalignment", limit=thresholds.misalignment)
     arrived = Below(quantity="PC.position_error", limit=thresholds.way_point)
@@ -173,35 +180,35 @@ def _case1_phases(thresholds: Thresholds) -> tuple[Phase, ...]:
         Phase(
             name="A",
             title="way point",
-            gates=_on("JL", "MAC", "HA", "PC", "MP"),
+            gates=on("JL", "MAC", "HA", "PC", "MP"),
             transitions=(Transition(to="B", when=(arrived,)),),
         ),
         Phase(
             name="B",
             title="alignment",
-            gates=_on("JL", "MAC", "HA", "AT", "MP"),
+            gates=on("JL", "MAC", "HA", "AT", "MP"),
             transitions=(Transition(to="C", when=(aligned,)),),
         ),
         Phase(
             name="C",
             title="landing",
-            gates=_on("JL", "HA", "AT", "LA", "MP"),
+            gates=on("JL", "HA", "AT", "LA", "MP"),
             transitions=(Transition(to="D", when=(landed, aligned), hold=thresholds.landing_hold),),
         ),
         Phase(
             name="D",
             title="tool frame",
-            gates=_on("NR", "JL", "HA", "T", "MP"),
+            gates=on("NR", "JL", "HA", "T", "MP"),
             transitions=(Transition(to=DONE, when=reached, hold=thresholds.tool_hold),),
         ),
     )
 
 
-def _on(*names: str) -> dict[str, float]:
+def on(*names: str) -> dict[str, float]:
     return dict.fromkeys(names, 1.0)
 
 
-def _override(tasks: list[Task], overrides: Mapping[str, Mapping[str, Any]]) -> list[Task]:
+def override(tasks: list[Task], overrides: Mapping[str, Mapping[str, Any]]) -> list[Task]:
     """Tasks with fields replaced; raises `NameNotFound` for an unknown task or field."""
     by_name = {task.name: task for task in tasks}
     for name, changes in overrides.items():
