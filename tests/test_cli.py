@@ -124,3 +124,16 @@ def test_run_refuses_what_check_refuses_unless_forced(tmp_path: Path) -> None:
     assert not (tmp_path / "here").exists()
     assert cli(*arguments, "--force", cwd=tmp_path).returncode == 3
     assert (tmp_path / "here" / "record.npz").exists()
+
+
+def test_two_runs_compare_from_their_folders(complete: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    _, folder = complete
+    process = cli("compare", str(folder), str(folder), "--json", cwd=folder.parent)
+    assert process.returncode == 0, process.stderr
+    rows = {row["figure"]: row for row in json.loads(process.stdout)}
+    assert rows["duration_s"]["change"] == 0.0
+
+
+def test_a_mission_prints_as_a_table_or_a_diagram(tmp_path: Path) -> None:
+    assert "MAC   [R,I,S]      1    1    .    ." in cli("mission", "case1", cwd=tmp_path).stdout
+    assert cli("mission", "case1", "--mermaid", cwd=tmp_path).stdout.startswith("stateDiagram-v2")

@@ -1,4 +1,4 @@
-"""Command line: ``uvms-ocp run``, ``check`` and ``list``.
+"""Command line: ``uvms-ocp run``, ``check``, ``mission``, ``compare`` and ``list``.
 
 Exit codes: 0 done, 1 internal error, 2 bad input or refused by pre-flight, 3 mission not completed.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,6 +17,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from uvms_ocp.campaign import STUDIES
 from uvms_ocp.control.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.exceptions import InvalidInput, NameNotFound, UvmsError
 from uvms_ocp.model.robot import list_robots
@@ -24,7 +25,7 @@ from uvms_ocp.model.state import Command
 from uvms_ocp.output import staged_folder
 from uvms_ocp.preflight import PreflightReport, Severity
 from uvms_ocp.record import Record
-from uvms_ocp.report import summarize
+from uvms_ocp.report import compare, summarize
 from uvms_ocp.scenario import PLANTS, Scenario
 from uvms_ocp.scenarios import SCENARIOS
 from uvms_ocp.solvers import Icat, LexicographicQp
@@ -79,8 +80,11 @@ def run(
     force: Annotated[bool, typer.Option("--force", help="Run even if pre-flight finds errors.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Run a scenario; write its record, report, figures and 3-D scene."""
+    """Run a scenario or a study; write its record, report, figures and 3-D scene, or its table."""
     console = Console(stderr=as_json)
+    if name in STUDIES:
+        _run_study(name, seed, out, console, as_json)
+        return
     options = _given(robot=robot, plant=plant, current=current, duration=duration)
     scenario = _build(name, solver, options | {"seed": seed, "noise": noise})
     folder = out or Path("uvms_runs") / f"{name}-{scenario.plant}-{solver}"
@@ -121,6 +125,31 @@ def check(
         raise typer.Exit(BAD_INPUT)
 
 
+@app.command()
+def mission(
+    name: Name = "case1",
+    mermaid: Annotated[bool, typer.Option("--mermaid", help="Print a state diagram in Mermaid's notation.")] = False,
+) -> None:
+    """Print which tasks are on in which phase of a scenario, or its phases as a diagram."""
+    plan = _build(name, "lexqp", {}).mission
+    sys.stdout.write(plan.mermaid() if mermaid else f"{plan}\n")
+
+
+@app.command(name="compare")
+def compare_runs(
+    first: Annotated[Path, typer.Argument(metavar="A", help="Folder of a run, or its record.npz.")],
+    second: Annotated[Path, typer.Argument(metavar="B", help="The other run.")],
+    as_json: Json = False,
+) -> None:
+    """Compare the resources that two runs took."""
+    records = [Record.load(path / "record.npz" if path.is_dir() else path) for path in (first, second)]
+    rows = compare(records[0], records[1])
+    console = Console(stderr=as_json)
+    console.print(_table(f"{first} against {second}", rows, ("figure", "first", "second", "change")))
+    if as_json:
+        sys.stdout.write(json.dumps(rows, indent=2) + "\n")
+
+
 @app.command(name="list")
 def list_all(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
@@ -128,6 +157,7 @@ def list_all(
     """List scenarios, robots, plants and solvers."""
     known = {
         "scenarios": list(SCENARIOS),
+        "studies": list(STUDIES),
         "robots": list(list_robots()),
         "plants": list(PLANTS),
         "solvers": list(SOLVERS),
@@ -141,6 +171,33 @@ def list_all(
     Console().print(table)
 
 
+def _run_study(name: str, seed: int, out: Path | None, console: Console, as_json: bool) -> None:
+    folder = out or Path("uvms_runs") / name
+    with staged_folder(folder) as staging, console.status(name) as status:
+        result = STUDIES[name](seed=seed).run(progress=lambda done, n: status.update(f"{name}: {done} of {n} runs"))
+        (staging / "report.json").write_text(json.dumps(result.to_dict(), indent=2) + "\n")
+        result.write_csv(staging / "runs.csv")
+    console.print(_table(result.title, result.table, tuple(result.table[0])))
+    console.print(str(folder), markup=False, highlight=False)
+    if as_json:
+        sys.stdout.write(json.dumps(result.to_dict(), indent=2) + "\n")
+
+
+def _table(title: str, rows: Sequence[Mapping[str, Any]], columns: tuple[str, ...]) -> Table:
+    table = Table(title=title)
+    for column in columns:
+        table.add_column(column, overflow="fold")
+    for row in rows:
+        table.add_row(*(_cell(row[column]) for column in columns))
+    return table
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
 def _given(**options: Any) -> dict[str, Any]:
     """The options that were given on the command line."""
     return {name: value for name, value in options.items() if value is not None}
@@ -149,7 +206,7 @@ def _given(**options: Any) -> dict[str, Any]:
 def _build(name: str, solver: str, options: dict[str, Any]) -> Scenario:
     """The scenario with the options of the command line; raises `UvmsError` where one is wrong."""
     if name not in SCENARIOS:
-        raise NameNotFound("scenario", name, SCENARIOS)
+        raise NameNotFound("scenario", name, (*SCENARIOS, *STUDIES))
     if solver not in SOLVERS:
         raise NameNotFound("solver", solver, SOLVERS)
     return SCENARIOS[name](solver=SOLVERS[solver](), **options)
@@ -206,19 +263,37 @@ def _write(scenario: Scenario, record: Record, report: dict[str, Any], folder: P
 
 
 def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) -> None:
-    table = Table(title=f"{report['scenario']}, {report['robot']}, {report['plant']} plant, {report['solver']}")
-    for column in ("phase", "start [s]", "end [s]", "why it ended", "errors at its end"):
-        table.add_column(column, overflow="fold")
-    for phase in report["phases"]:
-        errors = ", ".join(f"{name} {value:.3g}" for name, value in phase["final_errors"].items() if "error" in name)
-        times = (f"{phase['start_s']:.2f}", f"{phase['end_s']:.2f}")
-        table.add_row(f"{phase['name']} {phase['title']}", *times, phase["reason"], errors)
-    console.print(table)
+    phases = [_phase_row(phase) for phase in report["phases"]]
+    title = f"{report['scenario']}, {report['robot']}, {report['plant']} plant, {report['solver']}"
+    console.print(_table(title, phases, ("phase", "start [s]", "end [s]", "why it ended", "errors at its end")))
+    resources = _transposed(report["resources"])
+    console.print(_table("resources", resources, tuple(resources[0])))
     verdict = "complete" if report["completed"] else f"not completed: {report['pending']}"
     console.print(
         f"mission {verdict}; simulated {report['simulated_s']:.1f} s in {report['wall_s']:.1f} s, "
         f"tick p50 {report['tick_us']['p50']:.0f} us",
         markup=False,
     )
+    if not report["completed"]:
+        console.print(f"cause: {report['cause']['kind']}: {report['cause']['text']}", markup=False)
     for path in paths:
         console.print(str(path), markup=False, highlight=False)
+
+
+def _transposed(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """One row per figure that some phase has, one column per visit to a phase."""
+    names = [row["phase"] if row["phase"] == "total" else f"{k + 1} {row['phase']}" for k, row in enumerate(rows)]
+    figures = [name for name in rows[0] if name != "phase" and any(row[name] is not None for row in rows)]
+    values = [[row[figure] for row in rows] for figure in figures]
+    return [{"figure": name, **dict(zip(names, row, strict=True))} for name, row in zip(figures, values, strict=True)]
+
+
+def _phase_row(phase: dict[str, Any]) -> dict[str, Any]:
+    errors = ", ".join(f"{name} {value:.3g}" for name, value in phase["final_errors"].items() if "error" in name)
+    return {
+        "phase": f"{phase['name']} {phase['title']}",
+        "start [s]": f"{phase['start_s']:.2f}",
+        "end [s]": f"{phase['end_s']:.2f}",
+        "why it ended": phase["reason"],
+        "errors at its end": errors,
+    }

@@ -202,6 +202,15 @@ class Mission:
         """Goals of all tasks at time t [s], one after the other, as `Task.reference` gives them."""
         return np.concatenate([task.reference(t) for task in self._tasks[state.phase]])
 
+    def parameters(self, state: MissionState, t: float, q: np.ndarray) -> np.ndarray:
+        """Parameters of all tasks at time t [s] and measured configuration q (n_q,), as `Task.parameters` gives them.
+
+        Tasks that are off, and stay off, are not asked for what they would have to measure.
+        """
+        off = (self._targets[state.phase] == 0) & (self.gates(state, t) == 0)
+        tasks = zip(self._tasks[state.phase], off, strict=True)
+        return np.concatenate([task.reference(t) if idle else task.parameters(t, q) for task, idle in tasks])
+
     def step(self, state: MissionState, t: float, quantities: Mapping[str, float]) -> tuple[MissionState, Event | None]:
         """The state after the quantities measured at t, and the event if a transition fired."""
         if state.over:
@@ -227,6 +236,17 @@ class Mission:
             {"task": task.name, "type": task.label, **dict(zip(self.phase_names, column, strict=True))}
             for task, column in zip(self.hierarchy.tasks, self._targets.T.tolist(), strict=True)
         ]
+
+    def __str__(self) -> str:
+        """The table of `table` as text, 1 for on and a dot for off, with the titles of the phases below."""
+        width = max(len(name) for name in (*self.hierarchy.names, "task"))
+        columns = [max(len(name), 4) for name in self.phase_names]
+        head = [name.rjust(size) for name, size in zip(self.phase_names, columns, strict=True)]
+        lines = [f"{'task'.ljust(width)}  {'type':<9} {' '.join(head)}"]
+        for task, gates in zip(self.hierarchy.tasks, self._targets.T, strict=True):
+            cells = [(f"{gate:g}" if gate else ".").rjust(size) for gate, size in zip(gates, columns, strict=True)]
+            lines.append(f"{task.name.ljust(width)}  {task.label:<9} {' '.join(cells)}")
+        return "\n".join([*lines, *(f"{phase.name}: {phase.title}" for phase in self.phases if phase.title)])
 
     def unreachable_phases(self) -> tuple[str, ...]:
         """Names of the phases that no chain of transitions leads to from the first."""

@@ -17,7 +17,7 @@ from uvms_ocp.control.estimator import Estimator as NavigationEstimator
 from uvms_ocp.control.estimator import PassThrough
 from uvms_ocp.control.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.mission import Mission
+from uvms_ocp.mission import Below, Mission
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.payload import Payload, with_payload
 from uvms_ocp.model.robot import Robot
@@ -172,9 +172,15 @@ class Scenario:
                 "position_lower": self.robot.limits.position_lower.tolist(),
                 "position_upper": self.robot.limits.position_upper.tolist(),
                 "velocity": self.robot.limits.velocity.tolist(),
+                "effort": self.robot.limits.effort.tolist(),
             },
             "thresholds": [
-                {"quantity": condition.quantity, "limit": condition.limit, "phase": phase.name}
+                {
+                    "quantity": condition.quantity,
+                    "limit": condition.limit,
+                    "sign": "<" if isinstance(condition, Below) else ">",
+                    "phase": phase.name,
+                }
                 for phase in self.mission.phases
                 for transition in phase.transitions
                 for condition in transition.when

@@ -72,7 +72,7 @@ def _rank(rows: np.ndarray) -> int:
 def _jacobians(setup: Setup, problem: LevelsProblem, q: np.ndarray) -> dict[str, np.ndarray]:
     """Jacobian of each level at q."""
     n_v, n_tasks = setup.robot.n_v, len(setup.mission.hierarchy.tasks)
-    parameters = np.concatenate([task.reference(0.0) for task in setup.mission.hierarchy.tasks])
+    parameters = np.concatenate([task.parameters(0.0, q) for task in setup.mission.hierarchy.tasks])
     zeros = np.zeros(n_v)
     outputs = problem.function(q, zeros, zeros, 10.0, parameters, np.ones(n_tasks))
     J = np.array(outputs[problem.function.index_out("J")])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,14 +11,13 @@ import pinocchio as pin
 
 from uvms_ocp.control.dynamic import VelocityGains
 from uvms_ocp.control.kinematic import HierarchySolver
-from uvms_ocp.exceptions import NameNotFound
 from uvms_ocp.mission import DONE, Below, Mission, Phase, Transition
 from uvms_ocp.model.payload import Payload
 from uvms_ocp.model.robot import Robot, load_robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
-from uvms_ocp.model.thrusters import unactuated_axes
 from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.sim import Current, Environment, FlatSeafloor, StillWater, UniformCurrent
+from uvms_ocp.scenarios.parts import always_underactuated, current_field, on, override, underactuation
+from uvms_ocp.sim import Current, Environment, FlatSeafloor
 from uvms_ocp.solvers import LexicographicQp
 from uvms_ocp.tasks import (
     Alignment,
@@ -31,7 +30,6 @@ from uvms_ocp.tasks import (
     NullVelocity,
     Task,
     ToolPose,
-    UnderActuation,
     VehiclePose,
 )
 
@@ -106,7 +104,7 @@ def case1(
         robot=machine,
         mission=Mission(
             hierarchy=Hierarchy(override(case1_tasks(machine, goal, point, tool), tasks or {}), order),
-            phases=with_underactuation(machine, case1_phases(limits)),
+            phases=always_underactuated(machine, case1_phases(limits)),
         ),
         environment=Environment(seafloor=FlatSeafloor(z=seabed), current=current_field(current)),
         start=machine.configuration(
@@ -132,23 +130,6 @@ def case1_unreachable(**options: Any) -> Scenario:
     return replace(
         case1(**{"way_point": pose_at((10.2, 37.5, -38.0), (0.0, -0.06, 0.5)), **options}), name="case1_unreachable"
     )
-
-
-def current_field(given: Current | Sequence[float] | None) -> Current:
-    if given is None:
-        return StillWater()
-    return UniformCurrent(given) if isinstance(given, Sequence | np.ndarray) else given
-
-
-def underactuation(robot: Robot) -> list[Task]:
-    axes = unactuated_axes(robot)
-    return [UnderActuation(axes=axes)] if axes else []
-
-
-def with_underactuation(robot: Robot, phases: tuple[Phase, ...]) -> tuple[Phase, ...]:
-    """The phases with the task of `underactuation` always on."""
-    gates = on(*(task.name for task in underactuation(robot)))
-    return tuple(replace(phase, gates={**gates, **phase.gates}) for phase in phases)
 
 
 def case1_tasks(robot: Robot, way_point: pin.SE3, target: np.ndarray, tool_goal: pin.SE3) -> list[Task]:
@@ -202,21 +183,3 @@ def case1_phases(thresholds: Thresholds) -> tuple[Phase, ...]:
             transitions=(Transition(to=DONE, when=reached, hold=thresholds.tool_hold),),
         ),
     )
-
-
-def on(*names: str) -> dict[str, float]:
-    return dict.fromkeys(names, 1.0)
-
-
-def override(tasks: list[Task], overrides: Mapping[str, Mapping[str, Any]]) -> list[Task]:
-    """Tasks with fields replaced; raises `NameNotFound` for an unknown task or field."""
-    by_name = {task.name: task for task in tasks}
-    for name, changes in overrides.items():
-        if name not in by_name:
-            raise NameNotFound("task", name, by_name)
-        allowed = [field.name for field in fields(by_name[name])]
-        for field_name in changes:
-            if field_name not in allowed:
-                raise NameNotFound(f"field of task {name}", field_name, allowed)
-        by_name[name] = replace(by_name[name], **changes)
-    return list(by_name.values())

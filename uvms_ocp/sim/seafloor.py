@@ -6,10 +6,14 @@ import math
 from dataclasses import dataclass, field
 from typing import Protocol
 
+import coal
 import numpy as np
+import pinocchio as pin
 from scipy.optimize import brentq
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.model.collision import mesh
+from uvms_ocp.model.obstacles import Obstacle
 
 _LEVEL = 1e-9  # sine of the angle to the horizon below which a ray counts as level
 _SAMPLES_PER_RADIUS = 12  # of the smallest protuberance, when a ray looks for the floor
@@ -271,3 +275,15 @@ def floor_mesh(
     corner = np.arange(len(x)).reshape(len(side), -1)
     a, b, c, d = (corner[i, j].ravel() for i, j in _CELL)
     return np.stack([x, y, z], axis=1), np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+
+
+def floor_obstacle(
+    seafloor: Seafloor, *, centre: tuple[float, float], extent: float, spacing: float = 0.25
+) -> Obstacle:
+    """The floor as an obstacle named ``seafloor``: a half space if it is flat, else a mesh as `floor_mesh` makes it."""
+    if isinstance(seafloor, FlatSeafloor):
+        return Obstacle(
+            name="seafloor", shape=coal.Halfspace(np.array([0.0, 0.0, 1.0]), seafloor.z), X_WO=pin.SE3.Identity()
+        )
+    vertices, triangles = floor_mesh(seafloor, centre=centre, extent=extent, spacing=spacing)
+    return Obstacle(name="seafloor", shape=mesh(vertices, triangles), X_WO=pin.SE3.Identity())

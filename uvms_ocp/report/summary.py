@@ -1,4 +1,4 @@
-"""Figures of merit of one run, read from its `Record` alone."""
+"""The report of one run."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ import numpy as np
 
 from uvms_ocp.mission import ABORT, DONE
 from uvms_ocp.record import Record
+from uvms_ocp.report.cause import cause_of_end
+from uvms_ocp.report.resources import resources
+from uvms_ocp.report.series import final_quantity, max_velocity_step, quantity
 
 _SETTLING = 0.5  # [s] after the start of a phase, before its drift counts
 
@@ -18,7 +21,7 @@ def summarize(record: Record) -> dict[str, Any]:
     Lengths in m, angles in rad, times in s unless the key says otherwise.
     """
     meta = record.meta
-    tool = meta["tool_task"]
+    tool, tilt = meta["tool_task"], quantity(record, "HA.tilt")
     return {
         "scenario": meta["scenario"],
         "robot": meta["robot"],
@@ -26,10 +29,13 @@ def summarize(record: Record) -> dict[str, Any]:
         "solver": meta["solver"],
         "completed": meta["completed"],
         "pending": meta["pending"],
+        "cause": cause_of_end(record),
         "phases": phase_table(record),
+        "resources": resources(record),
         "tool_position_error_m": final_quantity(record, f"{tool}.position_error"),
         "tool_orientation_error_rad": final_quantity(record, f"{tool}.orientation_error"),
         "vehicle_drift_in_last_phase_m": _drift_in_last_phase(record),
+        "largest_tilt_rad": None if tilt is None else float(tilt.max()),
         "min_altimeter_m": float(np.nanmin(record["altimeter_range"])),
         "max_velocity_step": max_velocity_step(record),
         "failed_ticks": _failed_ticks(record),
@@ -38,18 +44,6 @@ def summarize(record: Record) -> dict[str, Any]:
         "simulated_s": float(record["t"][-1]),
         "versions": meta["versions"],
     }
-
-
-def quantity(record: Record, name: str) -> np.ndarray | None:
-    """The series (n,) of a measured quantity such as ``T.position_error``; `None` where no task measures it."""
-    names = record.meta["quantities"]
-    return record["quantities"][:, names.index(name)] if name in names else None
-
-
-def final_quantity(record: Record, name: str) -> float | None:
-    """The last value of `quantity`."""
-    series = quantity(record, name)
-    return None if series is None else float(series[-1])
 
 
 def phase_table(record: Record) -> list[dict[str, Any]]:
@@ -74,12 +68,6 @@ def phase_table(record: Record) -> list[dict[str, Any]]:
         }
         for name, start, end, reason in zip(names, starts, ends, reasons, strict=False)
     ]
-
-
-def max_velocity_step(record: Record) -> float:
-    """Largest change of any component of the command in one tick, from rest at the start."""
-    steps = np.diff(record["command"], axis=0, prepend=np.zeros((1, record["command"].shape[1])))
-    return float(np.abs(steps).max())
 
 
 def _quantities_at(record: Record, t: float) -> dict[str, float]:
