@@ -92,9 +92,7 @@ def _trim() -> list[tuple[np.ndarray, float, float]]:
     """Position, mass and volume of ballast and foam."""
     bodies = [(*body, _BALLAST_DENSITY) for body in _BALLAST] + [(*body, _FOAM_DENSITY) for body in _FOAM]
     volumes = [weight / _GRAVITY / (density - _DENSITY) for _, weight, density in bodies]
-    return [
-        (np.array(body[0]), volume * body[2], volume) for body, volume in zip(bodies, volumes, strict=True)
-    ]
+    return [(np.array(body[0]), volume * body[2], volume) for body, volume in zip(bodies, volumes, strict=True)]
 
 
 def _acceleration(dynamics: SymbolicDynamics) -> ca.Function:

@@ -16,10 +16,13 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
+from rich.text import Text
 
 from uvms_ocp.campaign import STUDIES
 from uvms_ocp.control.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.exceptions import InvalidInput, NameNotFound, UvmsError
+from uvms_ocp.model.check_robot import RobotReport, check_robot_files
+from uvms_ocp.model.description import RobotDescription
 from uvms_ocp.model.robot import list_robots
 from uvms_ocp.model.state import Command
 from uvms_ocp.output import staged_folder
@@ -59,8 +62,8 @@ CurrentVelocity = Annotated[
     tuple[float, float, float] | None,
     typer.Option(metavar="X Y Z", help="Uniform current in W [m/s]; default: the scenario's."),
 ]
-Seed = Annotated[int, typer.Option(help="Seed of the sensor noise.")]
-Noise = Annotated[bool, typer.Option("--noise/--no-noise", help="Sensors with noise, rates and delays.")]
+Seed = Annotated[int | None, typer.Option(help="Seed of everything random.")]
+Noise = Annotated[bool | None, typer.Option("--noise/--no-noise", help="Sensors with noise, rates and delays.")]
 Duration = Annotated[float | None, typer.Option(metavar="S", help="Time limit of the mission [s].")]
 Out = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the results.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the report on stdout, the rest on stderr.")]
@@ -73,20 +76,23 @@ def run(
     plant: Plant = None,
     solver: SolverName = "lexqp",
     current: CurrentVelocity = None,
-    seed: Seed = 0,
-    noise: Noise = False,
+    seed: Seed = None,
+    noise: Noise = None,
     duration: Duration = None,
     out: Out = None,
     force: Annotated[bool, typer.Option("--force", help="Run even if pre-flight finds errors.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Run a scenario or a study; write its record, report, figures and 3-D scene, or its table."""
+    """Run a scenario or a study; write its record, report, figures and 3-D scene, or its table.
+
+    What is left out is as the scenario has it.
+    """
     console = Console(stderr=as_json)
     if name in STUDIES:
-        _run_study(name, seed, out, console, as_json)
+        _run_study(name, seed or 0, out, console, as_json)
         return
-    options = _given(robot=robot, plant=plant, current=current, duration=duration)
-    scenario = _build(name, solver, options | {"seed": seed, "noise": noise})
+    options = _given(robot=robot, plant=plant, current=current, seed=seed, noise=noise, duration=duration)
+    scenario = _build(name, solver, options)
     folder = out or Path("uvms_runs") / f"{name}-{scenario.plant}-{solver}"
     with staged_folder(folder) as staging:
         preflight = scenario.check()
@@ -168,6 +174,48 @@ def list_all(
     table = Table("kind", "names", box=None)
     for kind, names in known.items():
         table.add_row(kind, ", ".join(names))
+    Console().print(table)
+
+
+def _active_errors(phase: dict[str, Any]) -> Iterator[str]:
+    """Errors of the tasks that the phase had turned on."""
+    for name, value in phase["final_errors"].items():
+        task, quantity = name.split(".")
+        if task in phase["tasks"] and "error" in quantity:
+            yield f"{name} {value:.3g}"
+
+
+@app.command(name="check-robot")
+def check_robot(
+    path: Annotated[Path, typer.Argument(help="URDF, or a folder with robot.urdf and hydrodynamics.yaml.")],
+    hydrodynamics: Annotated[Path | None, typer.Option(metavar="YAML", help="Hydrodynamics file.")] = None,
+    fixed: Annotated[bool, typer.Option("--fixed", help="The base does not float.")] = False,
+    packages: Annotated[
+        list[Path] | None, typer.Option("--packages", metavar="DIR", help="Where package:// meshes are; repeatable.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Check a robot: inertias, trim, thruster rank, frames, meshes."""
+    report = check_robot_files(path, hydrodynamics, base="fixed" if fixed else None, package_dirs=packages or ())
+    if as_json:
+        findings = [{"subject": f.subject, "verdict": f.verdict.value, "text": f.text} for f in report.findings]
+        sys.stdout.write(json.dumps({"usable": report.usable, "findings": findings}, indent=2) + "\n")
+    else:
+        _print_robot(report)
+    if not report.usable:
+        raise typer.Exit(BAD_INPUT)
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON schema of hydrodynamics.yaml."""
+    sys.stdout.write(json.dumps(RobotDescription.model_json_schema(), indent=2) + "\n")
+
+
+def _print_robot(report: RobotReport) -> None:
+    table = Table("", "what", "finding", box=None, title=report.name, title_justify="left")
+    for finding in report.findings:
+        table.add_row(finding.verdict.value, finding.subject, Text(finding.text))
     Console().print(table)
 
 
@@ -263,9 +311,18 @@ def _write(scenario: Scenario, record: Record, report: dict[str, Any], folder: P
 
 
 def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) -> None:
-    phases = [_phase_row(phase) for phase in report["phases"]]
-    title = f"{report['scenario']}, {report['robot']}, {report['plant']} plant, {report['solver']}"
-    console.print(_table(title, phases, ("phase", "start [s]", "end [s]", "why it ended", "errors at its end")))
+    table = Table(title=f"{report['scenario']}, {report['robot']}, {report['plant']} plant, {report['solver']}")
+    for column in ("phase", "start [s]", "end [s]", "J", "m"):
+        table.add_column(column, no_wrap=True, justify="left" if column == "phase" else "right")
+    table.add_column("why it ended, errors at its end")
+    for phase in report["phases"]:
+        times = (f"{phase['start_s']:.2f}", f"{phase['end_s']:.2f}")
+        energy = _cell(phase["energy_j"])
+        why = Text("\n").join([Text(phase["reason"]), *(Text(error, style="dim") for error in _active_errors(phase))])
+        table.add_row(f"{phase['name']} {phase['title']}", *times, energy, f"{phase['path_length_m']:.2f}", why)
+    console.print(table)
+    for alarm in report["alarms"]:
+        console.print(f"alarm at {alarm['t']:.2f} s: {alarm['text']}", style="yellow", markup=False)
     resources = _transposed(report["resources"])
     console.print(_table("resources", resources, tuple(resources[0])))
     verdict = "complete" if report["completed"] else f"not completed: {report['pending']}"
@@ -286,14 +343,3 @@ def _transposed(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     figures = [name for name in rows[0] if name != "phase" and any(row[name] is not None for row in rows)]
     values = [[row[figure] for row in rows] for figure in figures]
     return [{"figure": name, **dict(zip(names, row, strict=True))} for name, row in zip(figures, values, strict=True)]
-
-
-def _phase_row(phase: dict[str, Any]) -> dict[str, Any]:
-    errors = ", ".join(f"{name} {value:.3g}" for name, value in phase["final_errors"].items() if "error" in name)
-    return {
-        "phase": f"{phase['name']} {phase['title']}",
-        "start [s]": f"{phase['start_s']:.2f}",
-        "end [s]": f"{phase['end_s']:.2f}",
-        "why it ended": phase["reason"],
-        "errors at its end": errors,
-    }

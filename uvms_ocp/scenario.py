@@ -19,7 +19,6 @@ from uvms_ocp.control.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.mission import Below, Mission
 from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.payload import Payload, with_payload
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
 from uvms_ocp.model.state import Command, Measurement, State
@@ -53,8 +52,10 @@ class Scenario:
     solver: HierarchySolver = field(default_factory=LexicographicQp)
     plant: str = "dynamic"
     sensors: SensorSpecs = IDEAL_SENSORS
-    gains: VelocityGains = VelocityGains()  # of the dynamic control layer; the kinematic plant has none
-    payload: Payload | None = None  # carried by the plant; the controller does not know
+    gains: VelocityGains = field(
+        default_factory=VelocityGains
+    )  # of the dynamic control layer; the kinematic plant has none
+    plant_robot: Robot | None = None  # what moves in the water, where it differs from what the controller knows
     seed: int = 0  # of the sensor noise
     altimeter_frame: str = "altimeter"
     dt: float = 1 / 200  # [s] control period
@@ -114,11 +115,10 @@ class Scenario:
     def _plant_and_controller(self, kinematic: KinematicController) -> tuple[Plant, Controller]:
         if self.plant == "kinematic":
             return KinematicPlant(self.robot, self.start), kinematic
-        dynamics = robot_dynamics(self.robot)
-        laden = self.robot if self.payload is None else with_payload(self.robot, self.payload)
-        plant = DynamicPlant(laden, self.start, dynamics=robot_dynamics(laden), environment=self.environment)
-        layer = DynamicController(robot=self.robot, dynamics=dynamics, kinematic=kinematic, gains=self.gains)
-        return plant, layer
+        real = self.plant_robot or self.robot
+        plant = DynamicPlant(real, self.start, dynamics=robot_dynamics(real), environment=self.environment)
+        model = robot_dynamics(self.robot)
+        return plant, DynamicController(robot=self.robot, dynamics=model, kinematic=kinematic, gains=self.gains)
 
     def _sensor_suite(self, specs: SensorSpecs | None = None) -> SensorSuite:
         return SensorSuite(
@@ -145,6 +145,7 @@ class Scenario:
         return {
             "scenario": self.name,
             "robot": self.robot.name,
+            "floating": bool(self.robot.n_vehicle),
             "plant": self.plant,
             "solver": type(self.solver).__name__,
             "dt": self.dt,
@@ -158,7 +159,14 @@ class Scenario:
             "events": [
                 {"t": e.t, "source": e.source, "target": e.target, "reason": e.reason} for e in controller.events
             ],
-            "phases": [{"name": phase.name, "title": phase.title} for phase in self.mission.phases],
+            "phases": [
+                {
+                    "name": phase.name,
+                    "title": phase.title,
+                    "tasks": [name for name, gate in phase.gates.items() if gate],
+                }
+                for phase in self.mission.phases
+            ],
             "tasks": [{"name": task.name, "label": task.label} for task in tasks],
             "tool_task": tools[0] if tools else None,
             "levels": [

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.linalg import null_space
-from scipy.optimize import lsq_linear
+from scipy.optimize import LinearConstraint, lsq_linear, minimize
 
 from uvms_ocp.control.allocation import Allocation, allocation_of
 from uvms_ocp.exceptions import InvalidInput
@@ -96,12 +96,24 @@ def test_a_bad_wrench_is_refused(allocation: Allocation, bad: object) -> None:
 def two_thrusters(**changes: object) -> Allocation:
     matrix = np.zeros((6, 2))
     matrix[0] = 1.0
-    values = {"lower": -np.ones(2), "upper": np.ones(2), "power_weight": np.ones(2), "dead_zone": np.zeros(2)}
+    values = {
+        "lower": -np.ones(2),
+        "upper": np.ones(2),
+        "power_factor": np.ones(2),
+        "power_exponent": np.full(2, 1.5),
+        "dead_zone": np.zeros(2),
+    }
     return Allocation(**{"matrix": matrix, **values, **changes})
 
 
 def test_bad_data_is_refused() -> None:
-    for change in ({"lower": np.ones(2)}, {"power_weight": np.zeros(2)}, {"dead_zone": [-1.0, 0.0]}, {"upper": [1.0]}):
+    for change in (
+        {"lower": np.ones(2)},
+        {"power_factor": np.zeros(2)},
+        {"power_exponent": [0.5, 2.0]},
+        {"dead_zone": [-1.0, 0.0]},
+        {"upper": [1.0]},
+    ):
         with pytest.raises(InvalidInput, match=next(iter(change)).replace("lower", "limits")):
             two_thrusters(**change)
 
@@ -124,12 +136,49 @@ def test_a_dead_zone_costs_little_wrench(allocation: Allocation, wrenches: np.nd
 
 
 def with_dead_zone(allocation: Allocation, share: float) -> Allocation:
-    names = ("matrix", "lower", "upper", "power_weight", "wrench_weight")
+    names = ("matrix", "lower", "upper", "power_factor", "power_exponent", "wrench_weight")
     return Allocation(**{name: getattr(allocation, name) for name in names}, dead_zone=share * allocation.upper)
 
 
-def test_null_space_is_used(allocation: Allocation) -> None:
+def power(allocation: Allocation, thrust: np.ndarray) -> float:
+    return float(allocation.power_factor @ np.abs(thrust) ** allocation.power_exponent)
+
+
+def test_no_other_thrust_gives_the_same_wrench_for_less_power(allocation: Allocation) -> None:
     free = null_space(allocation.matrix)
-    wrench = 0.05 * allocation.matrix @ allocation.upper
-    thrust = allocation.allocate(wrench).thrust
-    np.testing.assert_allclose(free.T @ (allocation.power_weight * thrust), 0.0, atol=1e-9)
+    rng = np.random.default_rng(2)
+    for size in np.linspace(0.1, 1.0, 20):
+        wrench = allocation.matrix @ (size * rng.uniform(allocation.lower, allocation.upper))
+        thrust = allocation.allocate(wrench).thrust
+        assert power(allocation, thrust) <= 1.005 * least_power(allocation, thrust, free)
+
+
+def test_gentle_thrust_is_within_a_ten_thousandth_of_the_least_power(allocation: Allocation) -> None:
+    free = null_space(allocation.matrix)
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        wrench = allocation.matrix @ (0.2 * rng.uniform(allocation.lower, allocation.upper))
+        thrust = allocation.allocate(wrench).thrust
+        assert power(allocation, thrust) <= (1.0 + 1e-4) * least_power(allocation, thrust, free)
+
+
+def least_power(allocation: Allocation, thrust: np.ndarray, free: np.ndarray) -> float:
+    """Found by SciPy among all thrust inside the limits with the same wrench."""
+    if not free.size:
+        return power(allocation, thrust)
+    scale = power(allocation, allocation.upper)
+    inside = LinearConstraint(free, allocation.lower - thrust, allocation.upper - thrust)
+    oracle = minimize(
+        lambda z: power(allocation, thrust + free @ z) / scale,
+        np.zeros(free.shape[1]),
+        method="SLSQP",
+        constraints=inside,
+        options={"ftol": 1e-14, "maxiter": 200},
+    )
+    return float(oracle.fun) * scale
+
+
+def test_without_thrusters_nothing_is_reached() -> None:
+    result = allocation_of(load_robot("planar5")).allocate(np.ones(6))
+    assert result.thrust.shape == (0,)
+    np.testing.assert_array_equal(result.unreachable, np.ones(6))

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-import pinocchio as pin
 import pytest
 
-from uvms_ocp.model.check_robot import Finding, RobotReport, Verdict, check_robot, check_robot_files, static_residual
-from uvms_ocp.model.dynamics import robot_dynamics
+from uvms_ocp.model.check_robot import Finding, RobotReport, Verdict, check_robot, check_robot_files
 from uvms_ocp.model.library import example_robot_data, list_robots, robot_folder
-from uvms_ocp.model.mounting import without_arm, without_trim
+from uvms_ocp.model.mounting import without_arm
 from uvms_ocp.model.robot import load_robot
+from uvms_ocp.model.trim import without_trim
 
 MASS = "<inertial><mass value='1'/><inertia ixx='{}' ixy='0' ixz='0' iyy='1' iyz='0' izz='1'/></inertial>"
 
@@ -70,19 +68,6 @@ def test_an_untrimmed_robot_is_told_which_float_would_trim_it() -> None:
 def test_a_light_vehicle_is_told_to_take_ballast() -> None:
     trim = finding(check_robot(without_trim(without_arm(load_robot("girona_maris7")))), "trim")
     assert "a ballast of 23.9 N" in trim.text
-
-
-@pytest.mark.parametrize("name", [name for name in list_robots() if load_robot(name).n_vehicle])
-def test_the_static_residual_is_the_force_that_holds_the_vehicle_still(name: str) -> None:
-    robot = without_trim(load_robot(name))
-    rng = np.random.default_rng(5)
-    joints = rng.uniform(robot.limits.position_lower, robot.limits.position_upper)
-    q = robot.configuration(position=(1.0, -2.0, -3.0), rpy=(0.2, -0.3, 0.4), joints=joints)
-    force, moment = static_residual(robot, q)
-    R_WB = pin.XYZQUATToSE3(q[:7]).rotation
-    holding = robot_dynamics(robot).bias_force(q, np.zeros(robot.n_v))[:6]
-    assert R_WB @ holding[:3] == pytest.approx([0.0, 0.0, -force], abs=1e-8)
-    assert R_WB @ holding[3:] == pytest.approx(-moment, abs=1e-8)
 
 
 def test_an_impossible_inertia_is_an_error(tmp_path: Path) -> None:

@@ -13,9 +13,10 @@ from uvms_ocp.model.bounding import cylinders_around_links
 from uvms_ocp.model.description import LinkDescription, Sphere
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.library import example_robot_data
-from uvms_ocp.model.mounting import mount, without_arm, without_trim
+from uvms_ocp.model.mounting import mount, without_arm
 from uvms_ocp.model.robot import Robot, list_robots, load_robot
 from uvms_ocp.model.thruster_layout import thruster_matrix
+from uvms_ocp.model.trim import trimmed, without_trim
 
 ARMS = {
     "panda": ("panda_description/urdf/panda.urdf", "panda_link8"),
@@ -88,6 +89,13 @@ def test_the_mass_matrix_in_water_stays_positive_definite(vehicle: str, arm: str
     assert np.linalg.eigvalsh(M).min() > 0.0
 
 
+@pytest.mark.parametrize(("vehicle", "arm"), PAIRS)
+def test_a_mounted_robot_can_be_trimmed(vehicle: str, arm: str) -> None:
+    robot = trimmed(mounted(vehicle, arm), bow=0.6, stern=-0.6)
+    at_rest = robot_dynamics(robot).bias_force(robot.configuration(), np.zeros(robot.n_v))
+    assert np.abs(at_rest[:6]).max() < 1e-6
+
+
 @pytest.mark.parametrize("vehicle", VEHICLES)
 def test_a_vehicle_without_its_arm_keeps_hull_thrusters_and_water(vehicle: str) -> None:
     robot, alone = load_robot(vehicle), without_arm(load_robot(vehicle))
@@ -97,15 +105,6 @@ def test_a_vehicle_without_its_arm_keeps_hull_thrusters_and_water(vehicle: str) 
     assert alone.has_frame("altimeter")
     assert not alone.has_frame("tool")
     assert alone.hydrodynamics[0].volume == robot.hydrodynamics[0].volume
-
-
-def test_without_trim_only_the_floats_and_the_ballast_are_gone() -> None:
-    robot = load_robot("girona_maris7")
-    floats = sum(body.mass for body in robot.description.trim)
-    bared = without_trim(robot)
-    assert total_mass(robot) - total_mass(bared) == pytest.approx(floats)
-    assert bared.model.inertias[1].mass == pytest.approx(148.5)
-    assert np.abs(bared.model.inertias[1].lever).max() < 1e-12
 
 
 def test_two_arms_fit_on_one_vehicle() -> None:

@@ -20,17 +20,17 @@ def record() -> Record:
 def test_the_parts_add_up_to_the_total(record: Record) -> None:
     rows = resources(record)
     assert [row["phase"] for row in rows] == ["A", "B", "C", "D", "total"]
-    for name in ("duration_s", "thruster_energy_J", "joint_energy_J", "path_m"):
+    for name in ("duration_s", "thruster_energy_j", "joint_energy_j", "path_length_m"):
         assert sum(row[name] for row in rows[:-1]) == pytest.approx(rows[-1][name])
-    for name in ("peak_thrust_N", "velocity_share", "torque_share"):
+    for name in ("peak_thrust_n", "velocity_share", "torque_share"):
         assert max(row[name] for row in rows[:-1]) == rows[-1][name]
 
 
 def test_the_energy_is_what_the_drives_took(record: Record) -> None:
     total = resources(record)[-1]
-    assert total["thruster_energy_J"] == pytest.approx(record["thruster_energy"][-1].sum())
-    assert total["joint_energy_J"] == pytest.approx(record["joint_energy"][-1])
-    assert total["thruster_energy_J"] > 1.0
+    assert total["thruster_energy_j"] == pytest.approx(record["thruster_energy"][-1].sum())
+    assert total["joint_energy_j"] == pytest.approx(record["joint_energy"][-1])
+    assert total["thruster_energy_j"] > 1.0
 
 
 def test_shares_stay_below_one_within_the_limits(record: Record) -> None:
@@ -42,7 +42,7 @@ def test_shares_stay_below_one_within_the_limits(record: Record) -> None:
 
 def test_a_kinematic_plant_has_no_forces_to_report() -> None:
     total = resources(case1(plant="kinematic", duration=0.2).run())[-1]
-    assert total["thruster_energy_J"] is total["peak_thrust_N"] is total["saturated_s"] is None
+    assert total["thruster_energy_j"] is total["peak_thrust_n"] is total["saturation_time_s"] is None
     assert total["duration_s"] == pytest.approx(0.2)
 
 
@@ -55,5 +55,5 @@ def test_a_comparison_gives_the_change_in_percent(record: Record) -> None:
     shorter = case1(plant="kinematic", duration=0.2).run()
     rows = {row["figure"]: row for row in compare(record, shorter)}
     assert rows["duration_s"]["change"] == pytest.approx(-90.0)
-    assert rows["thruster_energy_J"]["second"] is None
-    assert rows["thruster_energy_J"]["change"] is None
+    assert rows["thruster_energy_j"]["second"] is None
+    assert rows["thruster_energy_j"]["change"] is None

@@ -37,7 +37,7 @@ def test_two_targets_are_reached_one_after_the_other() -> None:
         assert final["T.position_error"] < 1e-3
         assert final["T.orientation_error"] < 1e-3
     moved = next(row for row in report["resources"] if row["phase"] == "A2")
-    assert moved["path_m"] > 1.5
+    assert moved["path_length_m"] > 1.5
 
 
 def test_a_current_that_sets_in_sends_the_mission_back_and_it_ends_well() -> None:

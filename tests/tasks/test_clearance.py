@@ -9,8 +9,8 @@ import pytest
 from test_tasks import evaluate, random_configuration
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.collision import CollisionModel, mesh, self_pairs
-from uvms_ocp.model.obstacles import Obstacle
+from uvms_ocp.model.collision import CollisionModel, self_pairs
+from uvms_ocp.model.obstacles import Obstacle, mesh_shape
 from uvms_ocp.model.robot import Robot, load_robot
 from uvms_ocp.sim import FlatSeafloor, HeightField, floor_obstacle
 from uvms_ocp.tasks import Clearance
@@ -66,7 +66,7 @@ def test_a_flat_floor_and_its_mesh_are_equally_far(robot: Robot) -> None:
 
 
 def test_a_mesh_below_a_box_is_touched_at_zero() -> None:
-    floor = mesh(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
+    floor = mesh_shape(np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     result = coal.DistanceResult()
     pose = coal.Transform3s(np.eye(3), np.array([0.0, 0.0, 0.25]))
     distance = coal.distance(

@@ -21,9 +21,9 @@ class VelocityGains:
 
     vehicle: float = 3.0  # [1/s] proportional
     joints: float = 12.0  # [1/s]
-    vehicle_integral: float = 0.6  # [1/s^2]
-    joints_integral: float = 12.0  # [1/s^2]
-    observer_vehicle: float = 1.5  # [rad/s] bandwidth of the disturbance observer; 0 turns it off
+    vehicle_reset: float = 1.0  # [1/s] inverse integral time: how fast the integral takes over
+    joints_reset: float = 3.0  # [1/s]
+    observer_vehicle: float = 3.0  # [rad/s] bandwidth of the disturbance observer; 0 turns it off
     observer_joints: float = 4.0  # [rad/s]
     lead: float = 4.0  # thrusters are driven this many times faster than their lag
 
@@ -39,8 +39,10 @@ class VelocityGains:
 class DynamicController:
     """Tracks the velocities of a kinematic layer: a callable ``(Measurement, t) -> Command`` with thrust and torque.
 
-    ``tau = M (a_ref + K_p e + K_i int e) + h(q, v) - d``: model-based feed-forward, PI on the velocity error with
-    anti-windup, and the disturbance d of an observer. Thrusters are inverted through their lag.
+    ``tau = M (a_ref + K_p (e + i)) + D i + h(q, v_ref) - d`` with ``i = reset * int e``: model-based feed-forward, PI
+    on the velocity error with anti-windup, and the disturbance d of an observer. Thrusters are inverted through their lag.
+    D in the integral part: without it, axes with much drag are left with a slow tail. Drag in h is that of the
+    reference: fed back from the measured velocity it destabilises the loop wherever the model has too much of it.
     """
 
     def __init__(
@@ -53,7 +55,9 @@ class DynamicController:
     ) -> None:
         """Raises `InvalidInput` for a vehicle without thrusters."""
         if robot.n_vehicle and not robot.description.thrusters:
-            raise InvalidInput(f"robot {robot.name!r} has no thrusters; give some in its YAML, or use the kinematic plant")
+            raise InvalidInput(
+                f"robot {robot.name!r} has no thrusters; give some in its YAML, or use the kinematic plant"
+            )
         self.kinematic = kinematic
         self._robot, self._dynamics, self._dt = robot, dynamics, kinematic.dt
         self._gains = gains or VelocityGains()
@@ -61,7 +65,7 @@ class DynamicController:
         self._thrusters = _ThrusterLag(robot, self._gains.lead, self._dt)
         self._observer = _observer(robot, dynamics, self._gains, self._dt)
         self._K_p = _per_axis(robot, self._gains.vehicle, self._gains.joints)
-        self._K_i = _per_axis(robot, self._gains.vehicle_integral, self._gains.joints_integral)
+        self._reset = _per_axis(robot, self._gains.vehicle_reset, self._gains.joints_reset)
         self._integral = np.zeros(robot.n_v)
         self._reference = np.zeros(robot.n_v)
         self._torque = np.zeros(robot.n_joints)
@@ -71,9 +75,11 @@ class DynamicController:
         command = self.kinematic(measurement, t)
         disturbance = self._disturbance(measurement)
         error = command.v - measurement.v
-        a = (command.v - self._reference) / self._dt + self._K_p * error + self._K_i * self._integral
+        settled = self._reset * self._integral
+        a = (command.v - self._reference) / self._dt + self._K_p * (error + settled)
         self._reference = command.v
-        tau = self._dynamics.inverse_dynamics(measurement.q, measurement.v, a) - disturbance
+        tau = self._dynamics.inverse_dynamics(measurement.q, command.v, a) - disturbance
+        tau += self._dynamics.damping_matrix(measurement.q, command.v) @ settled
         if command.stop:
             tau = np.zeros_like(tau)
         result, torque = self._realize(tau)

@@ -157,7 +157,9 @@ def _needed_channels(robot: Robot, specs: SensorSpecs, altimeter_frame: str | No
     return tuple(name for name in CHANNELS if getattr(specs, name) is not None and name not in skipped)
 
 
-def _altitude_filter(robot: Robot, specs: SensorSpecs, tuning: EstimatorTuning, frame: str) -> AltitudeFilter | None:
+def _altitude_filter(
+    robot: Robot, specs: SensorSpecs, tuning: EstimatorTuning, frame: str | None
+) -> AltitudeFilter | None:
     if specs.altimeter_range is None or frame is None:
         return None
     return AltitudeFilter(

@@ -14,6 +14,7 @@ from uvms_ocp.model.state import Reading, Readings
 
 _SMALLEST_SIGMA = 1e-7  # stands in for the noise of an exact sensor, and keeps covariances regular
 _UNKNOWN = 1e3  # [m] uncertainty of a position before its first reading
+_FASTEST_GYRO = 200.0  # [Hz] taken for the rate of a gyro that reads once per tick
 _STEEP_BEAM = 0.1  # [-] cosine of the tilt below which a range says nothing about altitude
 _STEP = 5.0  # standard deviations beyond which an echo is taken for a step of the floor
 
@@ -27,14 +28,14 @@ class News:
     """Tells new readings from those seen before."""
 
     def __init__(self) -> None:
-        self._seen: dict[str, Reading] = {}
+        self._last: dict[str, float] = {}
 
     def of(self, readings: Readings, name: str) -> Reading | None:
-        """The reading of a channel if it was not there at the last call."""
-        reading = getattr(readings, name)
-        if reading is None or reading is self._seen.get(name):
+        """The reading of a channel if it was taken after the last one that was returned."""
+        reading: Reading | None = getattr(readings, name)
+        if reading is None or reading.t <= self._last.get(name, -math.inf):
             return None
-        self._seen[name] = reading
+        self._last[name] = reading.t
         return reading
 
 
@@ -50,8 +51,9 @@ class VehicleFilter:
         """Driving noise: jerk [m/s3/sqrt(Hz)], angular_jerk [rad/s3/sqrt(Hz)], drift [rad/s/sqrt(s)]."""
         self._sigma = {name: sigma_of(getattr(specs, name)) for name in CHANNELS}
         gyro = specs.angular_velocity
-        period = 0.0 if gyro is None else 1.0 / gyro.rate
+        period = 1.0 / min(math.inf if gyro is None else gyro.rate, _FASTEST_GYRO)
         gyro_walk = max(self._sigma["angular_velocity"] * math.sqrt(period), _SMALLEST_SIGMA)
+        # Spin is what the gyro shows; the second column of turn is its drift, with the sign that corrects it.
         self._motion = Track(3, sigma=(_UNKNOWN, 1.0, 0.1), density=(0.0, 0.0, jerk))
         self._spin = Track(3, sigma=(1.0, 0.1), density=(0.0, angular_jerk))
         self._turn = Track(3, sigma=(10.0, 1e-3), density=(gyro_walk, drift))
@@ -87,18 +89,18 @@ class VehicleFilter:
         """Use what is new at time t [s]."""
         new = self._news.of
         if reading := new(readings, "angular_velocity"):
-            predicted = self._angular_velocity() - (t - reading.t) * self._spin.x[:, 1]
+            predicted = self._spin.x[:, 0] - (t - reading.t) * self._spin.x[:, 1]
             self._spin.correct(0, reading.value - predicted, self._sigma["angular_velocity"])
         if reading := new(readings, "attitude"):
             self._correct_attitude(reading, t)
-        if reading := new(readings, "linear_velocity"):
-            self._correct_velocity(reading, t)
         if reading := new(readings, "position"):
             predicted = self._position_before(t - reading.t)
             self._motion.correct(0, reading.value - predicted, self._sigma["position"])
         if reading := new(readings, "depth"):
             predicted = self._position_before(t - reading.t)[2:]
             self._motion.correct(0, reading.value - predicted, self._sigma["depth"], axes=slice(2, 3))
+        if reading := new(readings, "linear_velocity"):
+            self._correct_velocity(reading, t)
 
     def _angular_velocity(self) -> np.ndarray:
         return self._spin.x[:, 0] + self._turn.x[:, 1]
@@ -160,11 +162,11 @@ class JointFilter:
 
     def correct(self, readings: Readings, t: float) -> None:
         """Use what is new at time t [s]."""
-        if reading := self._news.of(readings, "joint_velocities"):
-            self._track.correct(1, reading.value - self.velocity, self._sigma["joint_velocities"])
         if reading := self._news.of(readings, "joint_positions"):
             error = self._error(reading.value) + (t - reading.t) * self.velocity
             self._track.correct(0, error, self._sigma["joint_positions"])
+        if reading := self._news.of(readings, "joint_velocities"):
+            self._track.correct(1, reading.value - self.velocity, self._sigma["joint_velocities"])
         self._move(self._track.take())
 
     def _move(self, displacement: np.ndarray) -> None:

@@ -23,7 +23,10 @@ class DisturbanceObserver:
         self.estimate = np.zeros(len(bandwidth))  # d (n_v,) [N, N m]
 
     def update(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """The estimate (n_v,) after a tick with measured q, v, while tau (n_v,) acted since the last one."""
+        """The estimate (n_v,) after a tick with measured q, v, while tau (n_v,) acted since the last one.
+
+        Drag is that of the measured velocity: what it damps is no disturbance, and must not be compensated.
+        """
         if self._v_hat is None:
             self._v_hat = v.copy()
         innovation = v - self._v_hat

@@ -28,8 +28,10 @@ class Watchdog:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.stop_after) and 0 < self.hold_after < self.stop_after):
-            raise InvalidInput(f"watchdog: hold_after = {self.hold_after} s, stop_after = {self.stop_after} s; "
-                               "give 0 < hold_after < stop_after")
+            raise InvalidInput(
+                f"watchdog: hold_after = {self.hold_after} s, stop_after = {self.stop_after} s; "
+                "give 0 < hold_after < stop_after"
+            )
 
     def judge(self, age: float, t: float) -> Freshness:
         """The verdict on a measurement of `age` [s] at time t [s]; nan counts as lost."""

@@ -14,6 +14,7 @@ import pinocchio as pin
 from uvms_ocp.exceptions import RobotDataError
 from uvms_ocp.model.robot import Robot, load_robot
 from uvms_ocp.model.thruster_layout import thruster_matrix
+from uvms_ocp.model.trim import static_residual
 
 FORCE_TOLERANCE = 0.5  # [N] residual of a trimmed robot with its arm stowed
 MOMENT_TOLERANCE = 0.5  # [N m]
@@ -185,28 +186,6 @@ def _trim(robot: Robot) -> Finding:
     if abs(force) < FORCE_TOLERANCE and np.linalg.norm(moment) < MOMENT_TOLERANCE:
         return _good("trim", f"{text} {density}")
     return _warning("trim", f"{text} {density}; {_trim_advice(robot, force, moment)}")
-
-
-def static_residual(robot: Robot, q: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return the net upward force [N] and the moment (3,) [N m] about the origin of B, in W, of the robot at rest."""
-    data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, q)
-    gravity = float(np.linalg.norm(robot.model.gravity.linear))
-    loads = [
-        (
-            data.oMf[robot.frame_id(link.frame)].act(link.centre_of_buoyancy),
-            link.volume * robot.description.water_density,
-        )
-        for link in robot.hydrodynamics
-    ]
-    loads.extend(
-        (data.oMi[i].act(robot.model.inertias[i].lever), -robot.model.inertias[i].mass)
-        for i in range(1, robot.model.njoints)
-    )
-    arms, masses = np.array([point for point, _ in loads]) - q[:3], np.array([mass for _, mass in loads])
-    lift = gravity * masses
-    moment = np.array([arms[:, 1] @ lift, -arms[:, 0] @ lift, 0.0])
-    return float(lift.sum()), moment
 
 
 def _trim_advice(robot: Robot, force: float, moment: np.ndarray) -> str:

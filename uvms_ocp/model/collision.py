@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import coal
 import numpy as np
 import pinocchio as pin
 
@@ -120,16 +119,6 @@ def self_pairs(robot: Robot) -> list[tuple[int, int]]:
     data = geometry.createData()
     pin.computeDistances(robot.model, robot.model.createData(), geometry, data, robot.configuration())
     return [pair for k, pair in enumerate(far) if data.distanceResults[k].min_distance > 0.0]
-
-
-def mesh(vertices: np.ndarray, triangles: np.ndarray) -> coal.BVHModelOBBRSS:
-    """A coal shape from vertices (n, 3) [m] and triangles (m, 3) of their indices."""
-    shape = coal.BVHModelOBBRSS()
-    shape.beginModel(len(triangles), len(vertices))
-    shape.addVertices(vertices)
-    shape.addTriangles(triangles)
-    shape.endModel()
-    return shape
 
 
 def _known(links: Sequence[str] | None, names: Sequence[str]) -> Sequence[str]:

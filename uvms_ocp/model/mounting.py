@@ -1,10 +1,9 @@
-"""Vehicles and arms as parts: join an arm to a vehicle, or take arm and trim off."""
+"""Vehicles and arms as parts: join an arm to a vehicle, or take it off."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.exceptions import InvalidInput
@@ -28,7 +27,7 @@ def mount(
     Frames and joints of the arm get ``prefix`` (default: the arm's name and an underscore), so that a second arm
     can be mounted too. ``flange`` is an arm frame, named without prefix, at which the frames ``flange`` and
     ``tool`` are added. The water on the arm is ``links`` by the arm's frame names, or that of its description,
-    or else the cylinder rule on the boxes around its shapes. The trim stays as it is.
+    or else the cylinder rule on the boxes around its shapes. The trim stays as it is, see ``trimmed``.
 
     Raises ``InvalidInput`` for parts that do not fit and ``FrameNotFound``.
     """
@@ -51,17 +50,6 @@ def without_arm(robot: Robot) -> Robot:
     links = {name: link for name, link in before.links.items() if name in kept}
     trim = tuple(body for body in before.trim if body.link in kept)
     return robot_of(_base_only(robot), checked_copy(before, joints={}, links=links, trim=trim), robot.name)
-
-
-def without_trim(robot: Robot) -> Robot:
-    """Return a copy without floats and ballast, to be trimmed anew."""
-    model = robot.model.copy()
-    for body in robot.description.trim:
-        frame = model.frames[model.getFrameId(body.link)]
-        point_mass = frame.placement.act(pin.Inertia(body.mass, np.array(body.position), np.zeros((3, 3))))
-        model.inertias[frame.parentJoint] = model.inertias[frame.parentJoint] - point_mass
-    models = UrdfModels(name=robot.name, model=model, visual=robot.visual_model, collision=robot.collision_model)
-    return robot_of(models, checked_copy(robot.description, trim=()), robot.name)
 
 
 def _check_parts(vehicle: Robot, arm: Robot) -> None:

@@ -24,3 +24,20 @@ class Obstacle:
             raise InvalidInput("an obstacle needs a name; give one that is not empty")
         if not np.isfinite(self.X_WO.homogeneous).all():
             raise InvalidInput(f"pose of obstacle {self.name!r} has NaN or infinite entries; give finite numbers")
+
+
+def mesh_shape(vertices: np.ndarray, triangles: np.ndarray) -> coal.BVHModelOBBRSS:
+    """coal shape of a surface, such as `uvms_ocp.sim.floor_mesh` gives, for clearances and drawings.
+
+    vertices (n, 3) [m]; triangles (m, 3) indices of vertices. Raises `InvalidInput` for indices of no vertex.
+    """
+    vertices, triangles = np.asarray(vertices, dtype=float), np.asarray(triangles, dtype=np.int64)
+    if not (triangles.size and triangles.min() >= 0 and triangles.max() < len(vertices)):
+        raise InvalidInput(f"a mesh of {len(vertices)} vertices needs triangles with indices from 0 below that number")
+    shape = coal.BVHModelOBBRSS()
+    shape.beginModel(len(triangles), len(vertices))
+    shape.addVertices(vertices)
+    shape.addTriangles(triangles)
+    shape.endModel()
+    shape.computeLocalAABB()
+    return shape

@@ -260,7 +260,13 @@ def _check_known(path: Path, wanted: Sequence[tuple[str, str]], known: Sequence[
 def _with_trim(model: pin.Model, trim: Sequence[TrimBody]) -> pin.Model:
     model = model.copy()
     for body in trim:
-        frame = model.frames[model.getFrameId(body.link)]
-        point_mass = pin.Inertia(body.mass, np.array(body.position), np.zeros((3, 3)))
-        model.appendBodyToJoint(frame.parentJoint, point_mass, frame.placement)
+        joint, inertia = trim_inertia(model, body)
+        model.inertias[joint] += inertia
     return model
+
+
+def trim_inertia(model: pin.Model, body: TrimBody) -> tuple[int, pin.Inertia]:
+    """Return the joint that carries a float or ballast, and its point mass in the frame of that joint."""
+    frame = model.frames[model.getFrameId(body.link)]
+    point_mass = pin.Inertia(body.mass, np.array(body.position), np.zeros((3, 3)))
+    return frame.parentJoint, frame.placement.act(point_mass)

@@ -7,7 +7,7 @@ from typing import Any
 
 from uvms_ocp.record import Record
 from uvms_ocp.report.resources import resources
-from uvms_ocp.report.series import final_quantity, max_velocity_step, quantity
+from uvms_ocp.report.series import max_velocity_step, quantity
 
 
 def compare(first: Record, second: Record) -> list[dict[str, Any]]:
@@ -19,9 +19,9 @@ def compare(first: Record, second: Record) -> list[dict[str, Any]]:
 def _figures(record: Record) -> Iterator[tuple[str, Any]]:
     yield "completed", record.meta["completed"]
     yield "phases", " ".join(row["phase"] for row in resources(record)[:-1])
-    yield from ((name, value) for name, value in resources(record)[-1].items() if name not in ("phase", "start_s"))
+    yield from ((name, value) for name, value in resources(record)[-1].items() if name != "phase")
     tool = record.meta["tool_task"]
-    yield "tool_position_error_m", final_quantity(record, f"{tool}.position_error")
+    yield "tool_position_error_m", record.meta["true_quantities"].get(f"{tool}.position_error")
     tilt = quantity(record, "HA.tilt")
     yield "largest_tilt_rad", None if tilt is None else float(tilt.max())
     yield "max_velocity_step", max_velocity_step(record)

@@ -7,33 +7,36 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.record import Record
-from uvms_ocp.report.series import visits
 
 
 def resources(record: Record) -> list[dict[str, Any]]:
-    """One row per visit to a phase and a last row ``total``; `None` where a plant does not tell.
-
-    Keys: phase, start_s, duration_s, thruster_energy_J, joint_energy_J, path_m of the vehicle, joint_path_rad summed
-    over the joints, peak_thrust_N, saturated_s with thrusters at their limits, joint_margin_rad to the nearest position
-    limit, velocity_share of the largest velocity in its limit, torque_share of the largest torque in its limit.
-    """
-    parts = visits(record)
-    rows = [{"phase": name, **_figures(record, rows)} for name, rows in parts]
-    return [*rows, {"phase": "total", **_figures(record, slice(0, len(record)))}]
-
-
-def _figures(record: Record, rows: slice) -> dict[str, Any]:
+    """One row per visit to a phase, in order of time, and a last row ``total``: `phase` and `figures_between`."""
     t = record["t"]
-    end = min(rows.stop, len(t) - 1)
+    ends = [*(event["t"] for event in record.meta["events"]), float(t[-1])]
+    names = [record.meta["phases"][0]["name"], *(event["target"] for event in record.meta["events"])]
+    spans = [(name, start, end) for name, start, end in zip(names, [0.0, *ends], ends, strict=False) if start < end]
+    rows = [{"phase": name, **figures_between(record, start, end)} for name, start, end in spans]
+    return [*rows, {"phase": "total", **figures_between(record, 0.0, float(t[-1]))}]
+
+
+def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
+    """What the time from `start` to `end` [s] took; `None` where the plant does not tell.
+
+    Path of the vehicle and of the joints, energy of thrusters and joints, peak thrust, time with thrusters at their
+    limits, least distance of a joint to its limits, largest velocity and torque in units of their limits.
+    """
+    first, last = (int(np.searchsorted(record["t"], t - 1e-9)) for t in (start, end))
+    rows = slice(first, min(last, len(record) - 1) + 1)
+    thrusters, joints = _gain(record, "thruster_energy", rows), _gain(record, "joint_energy", rows)
     return {
-        "start_s": float(t[rows.start]),
-        "duration_s": float(t[end] - t[rows.start]),
-        "thruster_energy_J": _gain(record, "thruster_energy", rows),
-        "joint_energy_J": _gain(record, "joint_energy", rows),
-        "path_m": _length(record["q"][rows.start : end + 1, :3]),
-        "joint_path_rad": _joint_path(record, slice(rows.start, end + 1)),
-        "peak_thrust_N": _peak(record, "thrust", rows),
-        "saturated_s": _saturated(record, rows),
+        "duration_s": end - start,
+        "path_length_m": _length(record["q"][rows, :3]) if record.meta["floating"] else 0.0,
+        "joint_path_rad": _joint_path(record, rows),
+        "thruster_energy_j": thrusters,
+        "joint_energy_j": joints,
+        "energy_j": None if thrusters is None or joints is None else thrusters + joints,
+        "peak_thrust_n": _peak(record, "thrust", rows),
+        "saturation_time_s": _saturated(record, rows),
         "joint_margin_rad": _joint_margin(record, rows),
         "velocity_share": _share(record, "v", "velocity", rows),
         "torque_share": _share(record, "torque", "effort", rows),
@@ -41,11 +44,11 @@ def _figures(record: Record, rows: slice) -> dict[str, Any]:
 
 
 def _gain(record: Record, name: str, rows: slice) -> float | None:
-    """Increase of a running total; the row after the last is where the phase ends."""
+    """Increase of a running total."""
     if name not in record.series:
         return None
     total = record[name] if record[name].ndim == 1 else record[name].sum(axis=1)
-    return float(total[min(rows.stop, len(total) - 1)] - total[rows.start])
+    return float(total[rows.stop - 1] - total[rows.start])
 
 
 def _length(points: np.ndarray) -> float:
@@ -53,8 +56,8 @@ def _length(points: np.ndarray) -> float:
 
 
 def _joint_path(record: Record, rows: slice) -> float:
-    rates = record["v"][rows, -len(record.meta["limits"]["position_lower"]) :]
-    return float(np.abs(rates).sum() * record.meta["dt"])
+    rates = record["v"][rows, len(record["v"][0]) - len(record.meta["limits"]["position_lower"]) :]
+    return float(np.abs(rates[:-1]).sum() * record.meta["dt"])
 
 
 def _peak(record: Record, name: str, rows: slice) -> float | None:
@@ -64,15 +67,16 @@ def _peak(record: Record, name: str, rows: slice) -> float | None:
 def _saturated(record: Record, rows: slice) -> float | None:
     if "saturated" not in record.series:
         return None
-    return float(record["saturated"][rows].sum() * record.meta["dt"])
+    return float(np.count_nonzero(record["saturated"][rows][:-1]) * record.meta["dt"])
 
 
 def _joint_margin(record: Record, rows: slice) -> float | None:
     limits = record.meta["limits"]
     lower, upper = np.array(limits["position_lower"]), np.array(limits["position_upper"])
-    joints = record["q"][rows, -len(lower) :] if record["q"].shape[1] - 7 == len(lower) else None
-    if joints is None or not len(lower):
-        return None
+    n_vehicle = 7 if record.meta["floating"] else 0
+    if record["q"].shape[1] - n_vehicle != len(lower) or not len(lower):
+        return None  # joints that turn without end have two entries in q
+    joints = record["q"][rows, n_vehicle:]
     margin = float(np.minimum(joints - lower, upper - joints).min())
     return margin if np.isfinite(margin) else None
 

@@ -23,12 +23,3 @@ def max_velocity_step(record: Record) -> float:
     """Largest change of any component of the command in one tick, from rest at the start."""
     steps = np.diff(record["command"], axis=0, prepend=np.zeros((1, record["command"].shape[1])))
     return float(np.abs(steps).max())
-
-
-def visits(record: Record) -> list[tuple[str, slice]]:
-    """Name and rows of every visit to a phase, in order of time; a back-step makes a second visit."""
-    phase = record["phase"]
-    starts = [0, *(np.flatnonzero(np.diff(phase)) + 1).tolist()]
-    names = [item["name"] for item in record.meta["phases"]]
-    ends = [*starts[1:], len(phase)]
-    return [(names[phase[start]], slice(start, end)) for start, end in zip(starts, ends, strict=True)]

@@ -9,14 +9,14 @@ import numpy as np
 from uvms_ocp.mission import ABORT, DONE
 from uvms_ocp.record import Record
 from uvms_ocp.report.cause import cause_of_end
-from uvms_ocp.report.resources import resources
-from uvms_ocp.report.series import final_quantity, max_velocity_step, quantity
+from uvms_ocp.report.resources import figures_between, resources
+from uvms_ocp.report.series import max_velocity_step, quantity
 
 _SETTLING = 0.5  # [s] after the start of a phase, before its drift counts
 
 
 def summarize(record: Record) -> dict[str, Any]:
-    """The content of ``report.json``; `None` where a figure does not apply to the run.
+    """The content of ``report.json``; `None` where a figure does not apply to the run. Tool errors are true ones.
 
     Lengths in m, angles in rad, times in s unless the key says otherwise.
     """
@@ -32,8 +32,11 @@ def summarize(record: Record) -> dict[str, Any]:
         "cause": cause_of_end(record),
         "phases": phase_table(record),
         "resources": resources(record),
-        "tool_position_error_m": final_quantity(record, f"{tool}.position_error"),
-        "tool_orientation_error_rad": final_quantity(record, f"{tool}.orientation_error"),
+        "seed": meta["seed"],
+        "noise": meta["noise"],
+        "alarms": meta["alarms"],
+        "tool_position_error_m": meta["true_quantities"].get(f"{tool}.position_error"),
+        "tool_orientation_error_rad": meta["true_quantities"].get(f"{tool}.orientation_error"),
         "vehicle_drift_in_last_phase_m": _drift_in_last_phase(record),
         "largest_tilt_rad": None if tilt is None else float(tilt.max()),
         "min_altimeter_m": float(np.nanmin(record["altimeter_range"])),
@@ -56,15 +59,17 @@ def phase_table(record: Record) -> list[dict[str, Any]]:
     ]
     ends = [event["t"] for event in events] + [float(record["t"][-1])]
     reasons = [event["reason"] for event in events] + [f"time is over, waiting for: {record.meta['pending']}"]
-    titles = {phase["name"]: phase["title"] for phase in record.meta["phases"]}
+    phases = {phase["name"]: phase for phase in record.meta["phases"]}
     return [
         {
             "name": name,
-            "title": titles[name],
+            "title": phases[name]["title"],
+            "tasks": phases[name]["tasks"],
             "start_s": start,
             "end_s": end,
             "reason": reason,
             "final_errors": _quantities_at(record, end),
+            **figures_between(record, start, end),
         }
         for name, start, end, reason in zip(names, starts, ends, reasons, strict=False)
     ]
@@ -81,6 +86,8 @@ def _drift_in_last_phase(record: Record) -> float | None:
     t = record["t"]
     settled = t >= t[start] + _SETTLING
     if not settled.any():
+        return None
+    if not record.meta["floating"]:
         return None
     positions = record["q"][settled, :3]
     return float(np.linalg.norm(positions - positions[0], axis=1).max())

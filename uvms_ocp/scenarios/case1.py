@@ -12,9 +12,10 @@ import pinocchio as pin
 from uvms_ocp.control.dynamic import VelocityGains
 from uvms_ocp.control.kinematic import HierarchySolver
 from uvms_ocp.mission import DONE, Below, Mission, Phase, Transition
-from uvms_ocp.model.payload import Payload
+from uvms_ocp.model.description import TrimBody
 from uvms_ocp.model.robot import Robot, load_robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
+from uvms_ocp.model.trim import with_trim
 from uvms_ocp.scenario import Scenario, pose_at
 from uvms_ocp.scenarios.parts import always_underactuated, current_field, on, override, underactuation
 from uvms_ocp.sim import Current, Environment, FlatSeafloor
@@ -74,7 +75,7 @@ def case1(
     current: Current | Sequence[float] | None = None,
     noise: bool = False,
     observer: bool = True,
-    payload: Payload | None = None,
+    payload: TrimBody | None = None,
     seed: int = 0,
     dt: float = 1 / 200,
     duration: float = 120.0,
@@ -85,8 +86,8 @@ def case1(
     the stowed posture by default. target (3,) [m] in W: where AT points. tool_goal: X_WT, at the target with the tool
     pointing down by default. seabed [m]: height of the floor. tasks: field overrides by task name, such as
     ``{"PC": {"gain_linear": 0.3}}``. order: task names, highest priority first, instead of the order of the classes.
-    current: a field, or a uniform velocity (3,) [m/s] in W. noise: of the sensors. observer: of disturbances.
-    payload: at the tool, unknown to the controller.
+    current: a field, or a uniform velocity (3,) [m/s] in W. noise: of the sensors. observer: of disturbances. payload: a
+    body that the plant carries and the controller does not know, such as ``TrimBody(name="sample", link="tool", ...)``.
 
     Raises `UvmsError` where a name is unknown or a number is impossible.
     """
@@ -114,7 +115,7 @@ def case1(
         plant=plant,
         sensors=SensorSpecs() if noise else IDEAL_SENSORS,
         gains=VelocityGains() if observer else VelocityGains(observer_vehicle=0.0),
-        payload=payload,
+        plant_robot=None if payload is None else with_trim(machine, [payload]),
         seed=seed,
         dt=dt,
         duration=duration,

@@ -59,8 +59,8 @@ class ShearedCurrent:
     velocities: np.ndarray  # (k, 3) [m/s] in W at these heights
 
     def __post_init__(self) -> None:
-        z = np.asarray(self.z, dtype=float)
-        object.__setattr__(self, "z", _finite("z of a sheared current", z, (max(z.size, 1),)))
+        n_heights = max(np.size(self.z), 1)
+        object.__setattr__(self, "z", _finite("z of a sheared current", self.z, (n_heights,)))
         shape = (len(self.z), 3)
         object.__setattr__(self, "velocities", _finite("velocities of a sheared current", self.velocities, shape))
         if (np.diff(self.z) <= 0).any():
@@ -179,7 +179,10 @@ class _Path:
 
 
 def _finite(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
-    array = np.array(values, dtype=float)
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InvalidInput(f"{what} = {values!r}; give finite numbers of shape {shape}") from None
     if array.shape != shape or not np.isfinite(array).all():
         raise InvalidInput(f"{what} = {array.tolist()}; give finite numbers of shape {shape}")
     array.setflags(write=False)

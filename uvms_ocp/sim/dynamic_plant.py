@@ -67,7 +67,9 @@ class DynamicPlant:
             wrench = self._matrix @ self._bank.step(thrust, h[0])
             tau = np.concatenate([wrench[: self._robot.n_vehicle], self._torque])
             q, v, self._contact = self._step(q, v, tau, *water, *floor, h)
-            self._joint_energy += h[0] * float(joint_power(self._torque, v[self._robot.joint_v], self._efficiency).sum())
+            self._joint_energy += h[0] * float(
+                joint_power(self._torque, v[self._robot.joint_v], self._efficiency).sum()
+            )
         self._t += dt
         self.state = State(q=q, v=v)
 

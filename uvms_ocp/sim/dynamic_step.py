@@ -44,8 +44,8 @@ class StepModel:
 def step_function(model: StepModel) -> ca.Function:
     """Function ``q, v, tau, u, u_dot, floor_z, floor_normal, dt -> q_next, v_next, contact``.
 
-    tau (n_v,): generalized force of thrusters and motors. u, u_dot (3, n_links): water at the links. floor_z (n_points,)
-    and floor_normal (3, n_points): height and normal of the floor below the contact points. contact (n_points,) [N]:
+    tau (n_v,): generalized force of thrusters and motors. u, u_dot (3, n_links): water at the links. floor_z
+    (n_points,) and floor_normal (3, n_points): height and normal of the floor below the contact points. contact (n_points,) [N]:
     the vertical force of the floor on each point.
     """
     robot, n_links, n_points = model.robot, len(model.dynamics.links), len(model.points)

@@ -12,19 +12,11 @@ import pinocchio as pin
 from scipy.optimize import brentq
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.model.collision import mesh
-from uvms_ocp.model.obstacles import Obstacle
+from uvms_ocp.model.obstacles import Obstacle, mesh_shape
 
 _LEVEL = 1e-9  # sine of the angle to the horizon below which a ray counts as level
 _SAMPLES_PER_RADIUS = 12  # of the smallest protuberance, when a ray looks for the floor
 _MAX_SAMPLES = 20_000
-_ALL_BUT_LAST, _ALL_BUT_FIRST = slice(None, -1), slice(1, None)
-_CELL = (  # corners of a mesh cell, counter-clockwise from above; y runs along the first axis
-    (_ALL_BUT_LAST, _ALL_BUT_LAST),
-    (_ALL_BUT_LAST, _ALL_BUT_FIRST),
-    (_ALL_BUT_FIRST, _ALL_BUT_FIRST),
-    (_ALL_BUT_FIRST, _ALL_BUT_LAST),
-)
 _RANGE_TOLERANCE = 1e-10  # [m]
 
 
@@ -273,8 +265,9 @@ def floor_mesh(
     x, y = (values.ravel() for values in np.meshgrid(centre[0] + side, centre[1] + side))
     z = [seafloor.height(*point) for point in zip(x.tolist(), y.tolist(), strict=True)]
     corner = np.arange(len(x)).reshape(len(side), -1)
-    a, b, c, d = (corner[i, j].ravel() for i, j in _CELL)
-    return np.stack([x, y, z], axis=1), np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]
+    triangles = np.stack([np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)])
+    return np.stack([x, y, z], axis=1), triangles.reshape(-1, 3)
 
 
 def floor_obstacle(
@@ -286,4 +279,4 @@ def floor_obstacle(
             name="seafloor", shape=coal.Halfspace(np.array([0.0, 0.0, 1.0]), seafloor.z), X_WO=pin.SE3.Identity()
         )
     vertices, triangles = floor_mesh(seafloor, centre=centre, extent=extent, spacing=spacing)
-    return Obstacle(name="seafloor", shape=mesh(vertices, triangles), X_WO=pin.SE3.Identity())
+    return Obstacle(name="seafloor", shape=mesh_shape(vertices, triangles), X_WO=pin.SE3.Identity())

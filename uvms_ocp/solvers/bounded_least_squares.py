@@ -20,22 +20,33 @@ FreeSolution = Callable[[np.ndarray, np.ndarray], np.ndarray]  # (x, free) -> x 
 
 
 def bounded_least_squares(
-    A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray, weight: np.ndarray
+    A: np.ndarray,
+    b: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    weight: np.ndarray,
+    start: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return x (n,) for A (m, n), b (m,), finite lower <= upper (n,) and weight (n,) > 0; inputs are trusted."""
+    """Return x (n,) for A (m, n), b (m,), finite lower <= upper (n,) and weight (n,) > 0; inputs are trusted.
+
+    start (n,) inside the bounds saves time when the same variables end at a bound.
+    """
     scale = np.sqrt(weight)
-    A_scaled = A / scale  # unit weights from here on
-    x = _active_set(A_scaled, b, lower * scale, upper * scale) / scale
+    scaled_start = None if start is None else start * scale
+    x = _active_set(A / scale, b, lower * scale, upper * scale, scaled_start) / scale
     return np.clip(x, lower, upper)
 
 
-def _active_set(A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+def _active_set(
+    A: np.ndarray, b: np.ndarray, lower: np.ndarray, upper: np.ndarray, start: np.ndarray | None
+) -> np.ndarray:
+    """The problem with unit weights."""
     n = len(lower)
     hessian = A.T @ A
     ridge = _EPSILON**2 * max(float(hessian.trace()) / n, np.finfo(float).tiny)
     hessian.flat[:: n + 1] += ridge
     linear = A.T @ b
-    x = np.clip(np.linalg.solve(hessian, linear), lower, upper)
+    x = np.clip(np.linalg.solve(hessian, linear) if start is None else start, lower, upper)
     free = (x > lower) & (x < upper)
     for _ in range(10 * n):
         x, free = _advance(x, free, lower, upper, lambda x, free: _ridge_solution(hessian, linear, x, free))
