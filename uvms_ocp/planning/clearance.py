@@ -91,8 +91,8 @@ class CoalDistances:
     def near(self, x: Array, thresholds: Array) -> NearPairs:
         """The pairs closer than their thresholds (n_pairs,) [m] at x (n, n_axes).
 
-        The derivative of a distance is ``n'(J_p2 - J_p1)`` with the normal n and the witness points p1, p2, which lie on
-        one line along n: one wrench ``[n; p x n]`` at the world origin serves both shapes, in penetration too.
+        The derivative of a distance is ``n'(J_p2 - J_p1)`` with the normal n and the witness points p1, p2, which
+        lie on one line along n: one wrench ``[n; p x n]`` at the origin serves both shapes, in penetration too.
         """
         found: list[_Contact] = []
         jacobians = np.zeros((x.shape[0], 6, self.scene.coordinates.robot.n_v))
@@ -129,7 +129,8 @@ class CoalDistances:
             if _FAILED < distance < thresholds[k]:
                 # Results are views of memory that the next sample overwrites.
                 centre = data.oMg[self.scene.pairs[k].second].translation.copy()
-                found.append((sample, k, distance, result.normal.copy(), result.getNearestPoint1().copy(), centre))
+                witness = (result.normal.copy(), result.getNearestPoint1().copy())
+                found.append((sample, k, distance, *witness, centre))
 
 
 _Contact = tuple[int, int, float, Array, Array, Array]

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..exceptions import InvalidInput
+from uvms_ocp.exceptions import InvalidInput
+
 from .free_derivatives import Pieces, coefficients, cost_slopes, piece_costs, pieces_of, solve_free
 from .polynomial import PiecewisePolynomial
 
@@ -86,9 +87,7 @@ class MinSnap:
         pieces = pieces_of(self.trajectory.durations, self.node_derivatives.shape[0])
         by_duration, by_node = cost_slopes(pieces, self.node_derivatives)
         by_time = np.concatenate([[0.0], by_duration]) - np.concatenate([by_duration, [0.0]])
-        return CostGradients(
-            times=by_time, durations=by_duration, waypoints=by_node[0], node_derivatives=by_node
-        )
+        return CostGradients(times=by_time, durations=by_duration, waypoints=by_node[0], node_derivatives=by_node)
 
 
 _REST = Boundary()
@@ -195,9 +194,7 @@ def checked_times(times: ArrayLike, n: int) -> Array:
     wrong = knots[1:] <= knots[:-1]
     if wrong.any():
         index = int(np.argmax(wrong)) + 1
-        raise InvalidInput(
-            f"time {index} is {knots[index]} after {knots[index - 1]}; times must increase [s]."
-        )
+        raise InvalidInput(f"time {index} is {knots[index]} after {knots[index - 1]}; times must increase [s].")
     return knots
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..exceptions import InvalidInput, OutputError
+from uvms_ocp.exceptions import InvalidInput, OutputError
 
 Array = NDArray[np.float64]
 
@@ -98,9 +98,7 @@ class PiecewisePolynomial:
     def derivative(self, order: int = 1) -> PiecewisePolynomial:
         """The order-th time derivative as a curve of its own."""
         scale = self.durations[:, None] ** -order
-        return PiecewisePolynomial(
-            breaks=self.breaks, coefficients=_differentiated(self.coefficients, order) * scale
-        )
+        return PiecewisePolynomial(breaks=self.breaks, coefficients=_differentiated(self.coefficients, order) * scale)
 
     def sample(self, period: float, derivatives: int = 0) -> tuple[Array, Array]:
         """Times (n,) every ``period`` [s], end included, and values (n, derivatives + 1, n_axes)."""

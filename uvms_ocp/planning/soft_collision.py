@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -10,7 +11,8 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..exceptions import InvalidInput
+from uvms_ocp.exceptions import InvalidInput
+
 from .certificate import ClearanceReport, PairDistances, check_clearance
 from .clearance import CoalDistances
 from .collision_scene import CollisionScene
@@ -42,7 +44,7 @@ class PlanStatus(Enum):
 _ADVICE = {
     PlanStatus.FREE: "none needed.",
     PlanStatus.UNDECIDED: "the path all but touches something; plan again with a larger clearance.",
-    PlanStatus.COLLIDING: "give way points around the obstacle (sampled_waypoints finds some), more pieces or restarts.",
+    PlanStatus.COLLIDING: "give way points around the obstacle (see sampled_waypoints), more pieces or restarts.",
 }
 
 
@@ -105,8 +107,8 @@ def plan_soft_collision(
     """
     began, settings = perf_counter(), options or SoftCollisionOptions()
     exact = CoalDistances(scene)
-    start = straight_start(waypoints, limits, times)
     _check_ends(scene, exact, np.asarray(waypoints, dtype=float))
+    start = straight_start(waypoints, limits, times)
     attempts = _attempts(distances or exact, exact, start, limits, settings)
     plans = (_verified(problem, problem.solve(guess, settings), exact) for problem, guess in attempts)
     best, n_attempts = _first_free(plans)
@@ -123,9 +125,7 @@ def _first_free(plans: Iterator[CollisionPlan]) -> tuple[CollisionPlan, int]:
     return best, n
 
 
-def straight_start(
-    waypoints: ArrayLike, limits: MotionLimits, times: ArrayLike | None = None
-) -> PiecewisePolynomial:
+def straight_start(waypoints: ArrayLike, limits: MotionLimits, times: ArrayLike | None = None) -> PiecewisePolynomial:
     """Minimum snap through the way points, at the given times or as fast as the limits allow."""
     if times is not None:
         return min_snap(waypoints, times).trajectory
@@ -185,7 +185,9 @@ class _Problem:
         """Smooth random bends of the start: noise whose covariance is the inverse of the snap Hessian."""
         rng = np.random.default_rng(options.seed)
         factor = self.cost.smoothness_hessian.pinned(self.free).cholesky()
-        for attempt in range(options.restarts if factor is not None else 0):
+        if factor is None:
+            return
+        for attempt in range(options.restarts):
             noise = factor.back(rng.normal(size=self.start.shape) * self.free)
             size = np.abs(self.cost.values(noise)[0]).max()
             yield self._within_limits(self.start + noise * (options.bend * (1.0 + 0.5 * attempt) / size))
@@ -234,7 +236,7 @@ def _touches_nothing(model: LocalModel) -> bool:
 def _refined(breaks: Array, pieces: int) -> tuple[Array, NDArray[np.intp]]:
     """Breaks split evenly into at least ``pieces`` pieces, and which of them were breaks before."""
     each = max(1, -(-pieces // (breaks.size - 1)))
-    parts = [np.linspace(a, b, each, endpoint=False) for a, b in zip(breaks[:-1], breaks[1:], strict=True)]
+    parts = [np.linspace(a, b, each, endpoint=False) for a, b in itertools.pairwise(breaks)]
     return np.concatenate([*parts, breaks[-1:]]), np.arange(0, each * (breaks.size - 1) + 1, each)
 
 
@@ -256,7 +258,8 @@ def _check_ends(scene: CollisionScene, distances: PairDistances, waypoints: Arra
         if d.size and d.min() <= 0.0:
             pair = scene.pairs[int(np.argmin(d))].name
             raise InvalidInput(
-                f"way point {index} (the {name}) is in collision: {pair} overlap by {-d.min():.3g} m; move it or the obstacle."
+                f"way point {index} (the {name}) is in collision: {pair} overlap by {-d.min():.3g} m; "
+                "move it or the obstacle."
             )
 
 
@@ -278,5 +281,3 @@ def _status(report: ClearanceReport) -> PlanStatus:
     if report.collision_free:
         return PlanStatus.FREE
     return PlanStatus.UNDECIDED if report.undecided else PlanStatus.COLLIDING
-
-
