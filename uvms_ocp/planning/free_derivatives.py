@@ -52,13 +52,13 @@ def pieces_of(durations: Array, k: int) -> Pieces:
     return Pieces(k=k, unit=unit, durations=tau, node_times=node, scale=scale, weight=weight)
 
 
-def solve_free(pieces: Pieces, values: Array, fixed: Mask, refinements: int = 1) -> Array:
+def solve_free(pieces: Pieces, values: Array, fixed: Mask, refinements: int = 0) -> Array:
     """Fill the free derivatives with their optimal values.
 
     Args:
         values: (k, n + 1, n_axes) derivatives at the nodes; those not fixed are a starting guess.
         fixed: (k, n + 1) True where the derivative keeps its value.
-        refinements: Steps of iterative refinement after the first solve.
+        refinements: Steps of iterative refinement, for neighbouring durations of very different length.
 
     Raises:
         InvalidInput: the fixed derivatives do not determine the curve.
@@ -78,20 +78,23 @@ def solve_free(pieces: Pieces, values: Array, fixed: Mask, refinements: int = 1)
 def end_data(pieces: Pieces, values: Array) -> Array:
     """(2k, n, n_axes) end data of every piece from node derivatives (k, n + 1, n_axes) in real time."""
     tau = _powers(pieces.durations * pieces.unit, pieces.k)[..., None]
-    return np.concatenate([values[:, :-1] * tau, values[:, 1:] * tau])
+    data = np.empty((2 * pieces.k, pieces.durations.size, values.shape[2]))
+    np.multiply(values[:, :-1], tau, out=data[: pieces.k])
+    np.multiply(values[:, 1:], tau, out=data[pieces.k :])
+    return data
 
 
-def coefficients(pieces: Pieces, values: Array) -> Array:
-    """(2k, n, n_axes) unit-interval coefficients of every piece."""
-    data, origin = _from_start(end_data(pieces, values))
+def coefficients(pieces: Pieces, data: Array) -> Array:
+    """(2k, n, n_axes) unit-interval coefficients of every piece from its end data."""
+    data, origin = _from_start(data)
     result = _times(hermite_matrix(pieces.k), data)
     result[0] += origin
     return result
 
 
-def piece_costs(pieces: Pieces, values: Array) -> Array:
-    """(n, n_axes) integral of the squared k-th derivative over each piece."""
-    data, _ = _from_start(end_data(pieces, values))
+def piece_costs(pieces: Pieces, data: Array) -> Array:
+    """(n, n_axes) integral of the squared k-th derivative over each piece, from its end data."""
+    data, _ = _from_start(data)
     unit_cost = np.sum(data * _times(hermite_cost(pieces.k), data), axis=0)
     return unit_cost * (pieces.durations * pieces.unit)[:, None] ** (1 - 2 * pieces.k)
 
@@ -120,10 +123,10 @@ def _powers(x: Array, k: int) -> Array:
 
 def _from_start(data: Array) -> tuple[Array, Array]:
     """End data relative to the position at the start of the piece: the cost does not see it, rounding does."""
-    k, origin = data.shape[0] // 2, data[0].copy()
-    data[k] -= origin
-    data[0] = 0.0
-    return data, origin
+    k, origin, relative = data.shape[0] // 2, data[0], data.copy()
+    relative[k] -= origin
+    relative[0] = 0.0
+    return relative, origin
 
 
 def _times(matrix: Array, data: Array) -> Array:
@@ -139,7 +142,12 @@ def _onto_nodes(by_end: Array, k: int) -> Array:
 
 def _gradient(pieces: Pieces, scaled: Array) -> Array:
     """(k, n + 1, n_axes) half the gradient of the cost by the scaled node derivatives."""
-    data, _ = _from_start(np.concatenate([scaled[:, :-1], scaled[:, 1:]]) * pieces.scale)
+    k, data = pieces.k, np.empty((2 * pieces.k, pieces.durations.size, scaled.shape[2]))
+    np.multiply(scaled[:, :-1], pieces.scale[:k], out=data[:k])
+    np.multiply(scaled[:, 1:], pieces.scale[k:], out=data[k:])
+    # The cost does not see the position at the start of a piece; rounding does.
+    data[k] -= data[0]
+    data[0] = 0.0
     slope = _times(hermite_cost(pieces.k), data)
     slope *= pieces.scale
     slope *= pieces.weight

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from uvms_ocp.exceptions import InvalidInput
 
-from .free_derivatives import Pieces, coefficients, cost_slopes, piece_costs, pieces_of, solve_free
+from .free_derivatives import Pieces, coefficients, cost_slopes, end_data, piece_costs, pieces_of, solve_free
 from .polynomial import PiecewisePolynomial
 
 Array = NDArray[np.float64]
@@ -133,8 +133,9 @@ def min_snap(
 
 def solution_of(times: Array, pieces: Pieces, values: Array) -> MinSnap:
     """The trajectory with the given node derivatives (k, n + 1, n_axes)."""
-    trajectory = PiecewisePolynomial(breaks=times, coefficients=coefficients(pieces, values))
-    cost = float(piece_costs(pieces, values).sum())
+    data = end_data(pieces, values)
+    trajectory = PiecewisePolynomial(breaks=times, coefficients=coefficients(pieces, data))
+    cost = float(piece_costs(pieces, data).sum())
     return MinSnap(trajectory=trajectory, node_derivatives=values, cost=cost)
 
 
@@ -235,6 +236,8 @@ def _set_constraint(values: Array, fixed: Mask, constraint: Constraint, index: i
 
 
 def _solved(problem: NodeProblem, pieces: Pieces) -> Array:
+    if (problem.fixed == problem.fixed[:, :, :1]).all():
+        return solve_free(pieces, problem.values, problem.fixed[:, :, 0])
     values = problem.values.copy()
     for axes in _axes_with_one_pattern(problem.fixed):
         values[:, :, axes] = solve_free(pieces, values[:, :, axes], problem.fixed[:, :, axes[0]])
@@ -243,9 +246,6 @@ def _solved(problem: NodeProblem, pieces: Pieces) -> Array:
 
 def _axes_with_one_pattern(fixed: Mask) -> Iterator[list[int]]:
     """Groups of axes that fix the same derivatives, and so share one factorisation."""
-    if (fixed == fixed[:, :, :1]).all():
-        yield list(range(fixed.shape[2]))
-        return
     groups: dict[bytes, list[int]] = {}
     for axis in range(fixed.shape[2]):
         groups.setdefault(fixed[:, :, axis].tobytes(), []).append(axis)
