@@ -285,11 +285,29 @@ def test_a_straight_line_through_an_obstacle_is_bent_around_it(
     t = np.linspace(plan.trajectory.start, plan.trajectory.end, 3000)
     assert plan.status is PlanStatus.FREE
     assert exact.distances(plan.trajectory.evaluate(t)).min() > 0.0
-    assert limits.ratio(plan.trajectory) <= 1.0 + 1e-9
+    assert limits.ratio(plan.trajectory) == pytest.approx(1.0, abs=1e-9)
     np.testing.assert_allclose(plan.trajectory.evaluate([t[0], t[-1]]), ends, atol=1e-10)
     np.testing.assert_allclose(plan.trajectory.evaluate([t[0], t[-1]], 1), 0.0, atol=1e-10)
     assert plan.clearance.pair in {pair.name for pair in blocked.pairs}
     assert plan.status.advice
+
+
+def test_given_times_are_kept_where_the_limits_allow(robot: Robot, blocked: CollisionScene, ends: np.ndarray) -> None:
+    slow = plan_soft_collision(blocked, ends, limits=limits_of(robot), times=[2.0, 62.0])
+    assert (slow.trajectory.start, slow.trajectory.end) == (2.0, 62.0)
+    hurried = plan_soft_collision(blocked, ends, limits=limits_of(robot), times=[0.0, 0.5])
+    assert limits_of(robot).ratio(hurried.trajectory) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_way_points_are_kept_on_request(robot: Robot, blocked: CollisionScene, ends: np.ndarray) -> None:
+    over = ends.mean(axis=0)
+    over[2] += 1.0
+    waypoints = np.stack([ends[0], over, ends[1]])
+    options = SoftCollisionOptions(free_waypoints=False)
+    plan = plan_soft_collision(blocked, waypoints, limits=limits_of(robot), options=options)
+    middle = plan.trajectory.evaluate(plan.trajectory.breaks[plan.trajectory.n_pieces // 2])
+    assert plan.collision_free
+    np.testing.assert_allclose(middle, over, atol=1e-9)
 
 
 def test_ipopt_finds_the_same_plan(robot: Robot, blocked: CollisionScene, ends: np.ndarray) -> None:

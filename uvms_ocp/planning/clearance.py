@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -99,9 +101,10 @@ class CoalDistances:
         self._bounds.moved_to(x, self.scene)
         candidates = self._bounds.lower < thresholds
         configurations = self.scene.coordinates.configurations(x)
-        for sample in np.flatnonzero(candidates.any(axis=1)).tolist():
+        limits = thresholds.tolist()
+        for sample, pairs in _grouped(candidates):
             self._place(configurations[sample])
-            self._collect(sample, np.flatnonzero(candidates[sample]).tolist(), thresholds, found)
+            self._collect(sample, pairs, limits, found)
             jacobians[sample] = self._jacobian(configurations[sample])
         if not found:
             return nothing_near(x.shape[1])
@@ -121,7 +124,7 @@ class CoalDistances:
         jacobian: Array = pin.computeJointJacobians(self.scene.coordinates.robot.model, self._data, q)
         return jacobian
 
-    def _collect(self, sample: int, pairs: list[int], thresholds: Array, found: list[_Contact]) -> None:
+    def _collect(self, sample: int, pairs: list[int], thresholds: list[float], found: list[_Contact]) -> None:
         data, lower = self._geometry_data, self._bounds.lower[sample]
         for k in pairs:
             result = pin.computeDistance(self.scene.geometry, data, k)
@@ -131,6 +134,15 @@ class CoalDistances:
                 centre = data.oMg[self.scene.pairs[k].second].translation.copy()
                 witness = (result.normal.copy(), result.getNearestPoint1().copy())
                 found.append((sample, k, distance, *witness, centre))
+
+
+def _grouped(candidates: NDArray[np.bool_]) -> Iterator[tuple[int, list[int]]]:
+    """Each sample that has candidates, with the pairs that are."""
+    samples, pairs = np.nonzero(candidates)
+    first = np.flatnonzero(np.diff(samples, prepend=-1))
+    bounds, all_pairs = [*first.tolist(), samples.size], pairs.tolist()
+    for sample, (start, end) in zip(samples[first].tolist(), pairwise(bounds), strict=True):
+        yield sample, all_pairs[start:end]
 
 
 _Contact = tuple[int, int, float, Array, Array, Array]

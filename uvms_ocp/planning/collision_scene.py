@@ -52,6 +52,8 @@ class CollisionScene:
     """(n_pairs, n_axes) upper bound on |d distance / d axis| at any configuration [m per unit of the axis]."""
     carried: Array
     """(n_pairs, n_axes) 1 where the axis moves the second shape."""
+    follows: Array
+    """(n_axes, n_axes) see ``Coordinates.follows``."""
     gyration: Array
     """(n_pairs,) [m] radius of gyration of the ball around the second shape."""
     room: Array
@@ -119,6 +121,7 @@ def _with_moving_pairs(
         moved=moved,
         reach=reach * np.abs(moved),
         carried=carried,
+        follows=coordinates.follows(),
         gyration=radii * np.sqrt(0.4),
         room=_room(coordinates.robot, geometry, pairs),
     )

@@ -76,26 +76,26 @@ def solve_free(pieces: Pieces, values: Array, fixed: Mask, refinements: int = 0)
 
 
 def end_data(pieces: Pieces, values: Array) -> Array:
-    """(2k, n, n_axes) end data of every piece from node derivatives (k, n + 1, n_axes) in real time."""
+    """(2k, n, n_axes) end data of every piece from node derivatives (k, n + 1, n_axes) in real time.
+
+    Positions are relative to the start of the piece: the cost does not see where it is, rounding does.
+    """
     tau = _powers(pieces.durations * pieces.unit, pieces.k)[..., None]
-    data = np.empty((2 * pieces.k, pieces.durations.size, values.shape[2]))
-    np.multiply(values[:, :-1], tau, out=data[: pieces.k])
-    np.multiply(values[:, 1:], tau, out=data[pieces.k :])
-    return data
+    return _relative(values, tau, tau)
 
 
-def coefficients(pieces: Pieces, data: Array) -> Array:
-    """(2k, n, n_axes) unit-interval coefficients of every piece from its end data."""
-    data, origin = _from_start(data)
-    result = _times(hermite_matrix(pieces.k), data)
-    result[0] += origin
+def coefficients(pieces: Pieces, data: Array, values: Array) -> Array:
+    """(2k, n, n_axes) unit-interval coefficients of every piece from its end data, read-only."""
+    result = np.empty(data.shape)
+    np.matmul(hermite_matrix(pieces.k), data.reshape(len(data), -1), out=result.reshape(len(data), -1))
+    result[0] += values[0, :-1]
+    result.flags.writeable = False
     return result
 
 
 def piece_costs(pieces: Pieces, data: Array) -> Array:
     """(n, n_axes) integral of the squared k-th derivative over each piece, from its end data."""
-    data, _ = _from_start(data)
-    unit_cost = np.sum(data * _times(hermite_cost(pieces.k), data), axis=0)
+    unit_cost = np.einsum("ijk,ijk->jk", data, _times(hermite_cost(pieces.k), data))
     return unit_cost * (pieces.durations * pieces.unit)[:, None] ** (1 - 2 * pieces.k)
 
 
@@ -106,7 +106,7 @@ def cost_slopes(pieces: Pieces, values: Array) -> tuple[Array, Array]:
     optimal cost by the durations and by the fixed derivatives (envelope theorem).
     """
     k, h = pieces.k, (pieces.durations * pieces.unit)[:, None]
-    data, _ = _from_start(end_data(pieces, values))
+    data = end_data(pieces, values)
     slope = 2.0 * h ** (1 - 2 * k) * _times(hermite_cost(k), data)
     order = np.tile(np.arange(k), 2)[:, None, None]
     by_duration = np.sum((order * data - (k - 0.5) * data) * slope, axis=(0, 2)) / h[:, 0]
@@ -121,12 +121,15 @@ def _powers(x: Array, k: int) -> Array:
     return rows
 
 
-def _from_start(data: Array) -> tuple[Array, Array]:
-    """End data relative to the position at the start of the piece: the cost does not see it, rounding does."""
-    k, origin, relative = data.shape[0] // 2, data[0], data.copy()
-    relative[k] -= origin
-    relative[0] = 0.0
-    return relative, origin
+def _relative(values: Array, left: Array, right: Array) -> Array:
+    """(2k, n, n_axes) values at both ends of each piece, scaled by left and right (k, n, 1), from its start."""
+    k, n_nodes, n_axes = values.shape
+    data = np.empty((2 * k, n_nodes - 1, n_axes))
+    np.multiply(values[1:, :-1], left[1:], out=data[1:k])
+    np.multiply(values[1:, 1:], right[1:], out=data[k + 1 :])
+    np.subtract(values[0, 1:], values[0, :-1], out=data[k])
+    data[0] = 0.0
+    return data
 
 
 def _times(matrix: Array, data: Array) -> Array:
@@ -142,12 +145,7 @@ def _onto_nodes(by_end: Array, k: int) -> Array:
 
 def _gradient(pieces: Pieces, scaled: Array) -> Array:
     """(k, n + 1, n_axes) half the gradient of the cost by the scaled node derivatives."""
-    k, data = pieces.k, np.empty((2 * pieces.k, pieces.durations.size, scaled.shape[2]))
-    np.multiply(scaled[:, :-1], pieces.scale[:k], out=data[:k])
-    np.multiply(scaled[:, 1:], pieces.scale[k:], out=data[k:])
-    # The cost does not see the position at the start of a piece; rounding does.
-    data[k] -= data[0]
-    data[0] = 0.0
+    data = _relative(scaled, pieces.scale[: pieces.k], pieces.scale[pieces.k :])
     slope = _times(hermite_cost(pieces.k), data)
     slope *= pieces.scale
     slope *= pieces.weight

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from uvms_ocp.exceptions import InvalidInput
 
 from .free_derivatives import Pieces, coefficients, cost_slopes, end_data, piece_costs, pieces_of, solve_free
-from .polynomial import PiecewisePolynomial
+from .polynomial import PiecewisePolynomial, frozen
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -134,7 +134,7 @@ def min_snap(
 def solution_of(times: Array, pieces: Pieces, values: Array) -> MinSnap:
     """The trajectory with the given node derivatives (k, n + 1, n_axes)."""
     data = end_data(pieces, values)
-    trajectory = PiecewisePolynomial(breaks=times, coefficients=coefficients(pieces, data))
+    trajectory = PiecewisePolynomial(breaks=times, coefficients=coefficients(pieces, data, values))
     cost = float(piece_costs(pieces, data).sum())
     return MinSnap(trajectory=trajectory, node_derivatives=values, cost=cost)
 
@@ -186,7 +186,7 @@ def checked_waypoints(waypoints: ArrayLike, *, dwell: bool = False) -> Array:
 
 def checked_times(times: ArrayLike, n: int) -> Array:
     """(n,) [s] finite and increasing."""
-    knots = np.asarray(times, dtype=float)
+    knots = frozen(times)
     if knots.shape != (n,):
         raise InvalidInput(f"times have shape {knots.shape}; {n} way points need ({n},) [s].")
     if not np.isfinite(knots).all():

@@ -98,8 +98,8 @@ def plan_soft_collision(
 
     Args:
         waypoints: (n >= 2, n_axes) of the scene's coordinates, end points included; two are a straight start.
-        limits: Velocity and acceleration limits; the result is slowed down to keep them.
-        times: (n,) [s] of the way points; default: trapezoidal, scaled to the limits.
+        limits: Velocity, acceleration and jerk limits.
+        times: (n,) [s] of the way points, kept unless they break the limits; default: as fast as the limits allow.
         distances: Distances for the optimisation; default coal. The verification always uses coal.
 
     Raises:
@@ -109,7 +109,7 @@ def plan_soft_collision(
     exact = CoalDistances(scene)
     _check_ends(scene, exact, np.asarray(waypoints, dtype=float))
     start = straight_start(waypoints, limits, times)
-    attempts = _attempts(distances or exact, exact, start, limits, settings)
+    attempts = _attempts(distances or exact, exact, start, limits, settings, times_given=times is not None)
     plans = (_verified(problem, problem.solve(guess, settings), exact) for problem, guess in attempts)
     best, n_attempts = _first_free(plans)
     return replace(best, attempts=n_attempts, solve_time=perf_counter() - began)
@@ -139,9 +139,11 @@ def _attempts(
     start: PiecewisePolynomial,
     limits: MotionLimits,
     options: SoftCollisionOptions,
+    *,
+    times_given: bool,
 ) -> Iterator[tuple[_Problem, Array]]:
     """Problems and where to start them: as given, bent at random, through sampled way points."""
-    problem = _Problem.of(distances, start, limits, options)
+    problem = _Problem.of(distances, start, limits, options, times_given=times_given)
     yield problem, problem.start
     for bent in problem.bent_starts(options):
         yield problem, bent
@@ -149,7 +151,7 @@ def _attempts(
         ends = start.evaluate([start.start, start.end])
         found = sampled_waypoints(exact, ends[0], ends[1], options.sampling)
         if found is not None:
-            detour = _Problem.of(distances, straight_start(found, limits), limits, options)
+            detour = _Problem.of(distances, straight_start(found, limits), limits, options, times_given=False)
             yield detour, detour.start
 
 
@@ -161,10 +163,16 @@ class _Problem:
     breaks: Array
     start: Array
     free: Mask
+    times_given: bool
 
     @staticmethod
     def of(
-        distances: Distances, start: PiecewisePolynomial, limits: MotionLimits, options: SoftCollisionOptions
+        distances: Distances,
+        start: PiecewisePolynomial,
+        limits: MotionLimits,
+        options: SoftCollisionOptions,
+        *,
+        times_given: bool,
     ) -> _Problem:
         breaks, is_waypoint = _refined(start.breaks, options.pieces)
         values = np.stack([start.evaluate(breaks, d) for d in range(4)])
@@ -179,6 +187,7 @@ class _Problem:
             breaks=breaks,
             start=cost.variables(values),
             free=free.transpose(1, 0, 2).reshape(len(breaks), -1),
+            times_given=times_given,
         )
 
     def bent_starts(self, options: SoftCollisionOptions) -> Iterator[Array]:
@@ -218,9 +227,10 @@ class _Problem:
         return Bounds(lower=low, upper=high)
 
     def trajectory(self, variables: Array) -> PiecewisePolynomial:
-        """As fast as given, or slowed down to keep the limits."""
+        """At the given times unless they break the limits; as fast as the limits allow where none were given."""
         found = solution_of(self.breaks, self.cost.pieces, self.cost.values(variables)).trajectory
-        return scale_to_limits(found, self.cost.limits) if self.cost.limits.ratio(found) > 1.0 else found
+        keep = self.times_given and self.cost.limits.ratio(found) <= 1.0
+        return found if keep else scale_to_limits(found, self.cost.limits)
 
     def _within_limits(self, variables: Array) -> Array:
         lower, upper = self.cost.distances.scene.coordinates.limits()
