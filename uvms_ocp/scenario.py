@@ -21,6 +21,7 @@ from uvms_ocp.record import Record
 from uvms_ocp.sim import Altimeter, FlatSeafloor, KinematicPlant, simulate
 from uvms_ocp.solvers import LexicographicQp, Status
 from uvms_ocp.tasks.pose import PoseTask, ToolPose, ToolPosition
+from uvms_ocp.tasks.reference import evaluate_pose
 from uvms_ocp.version import __version__
 
 Progress = Callable[[float, Command, KinematicController], None]
@@ -111,6 +112,22 @@ class Scenario:
             "quantities": list(controller.problem.quantity_names),
             "statuses": [status.value for status in Status],
             "joints": list(self.robot.joint_names),
+            "limits": {
+                "position_lower": self.robot.limits.position_lower.tolist(),
+                "position_upper": self.robot.limits.position_upper.tolist(),
+                "velocity": self.robot.limits.velocity.tolist(),
+            },
+            "thresholds": [
+                {"quantity": condition.quantity, "limit": condition.limit, "phase": phase.name}
+                for phase in self.mission.phases
+                for transition in phase.transitions
+                for condition in transition.when
+            ],
+            "frames": {
+                f"goal of {task.name}": pin.SE3ToXYZQUAT(evaluate_pose(task.name, task.goal, 0.0)[0]).tolist()
+                for task in tasks
+                if isinstance(task, ToolPose)
+            },
             "floor_z": self.seafloor.height(float(self.start[0]), float(self.start[1])),
             "markers": {name: [float(x) for x in point] for name, point in self.markers.items()},
             "versions": _versions(),

@@ -90,6 +90,13 @@ def test_the_vehicle_is_animated_through_the_recorded_poses(page: str, record: R
     np.testing.assert_allclose(positions[0]["value"], record["q"][0, :3], atol=1e-5)
 
 
+def test_a_long_run_keeps_the_page_below_ten_megabytes(robot: Robot) -> None:
+    long = synthetic_record(robot, duration=400.0, dt=0.1, floor_z=-400.0)
+    html = show(long, robot, fps=_FPS).html
+    assert len(html) < 10_000_000
+    assert _positions(html, "root_joint")[-1]["time"] / _FPS == pytest.approx(400.0)
+
+
 def test_every_visual_shape_is_drawn(page: str, robot: Robot) -> None:
     drawn = {
         c["path"].rsplit("/", 2)[0] for c in _commands(page) if c["type"] == "set_object" and "/robot/" in c["path"]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.control.reach import reachable_rows
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.symbolic import SymbolicModel
 from uvms_ocp.tasks.hierarchy import Hierarchy
@@ -16,6 +17,7 @@ from uvms_ocp.tasks.task import Rows, TickSymbols, equality_rows
 
 LIMITS, REST = "limits", "rest"
 """Names of the first and the last level, which every hierarchy has."""
+_INPUTS = ("q", "velocity", "previous", "altimeter_range", "parameters", "gates")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -41,40 +43,42 @@ def build_levels(robot: Robot, hierarchy: Hierarchy, dt: float) -> LevelsProblem
     previous = ca.SX.sym("previous", robot.n_v)
     parameters = ca.SX.sym("parameters", sum(task.n_parameters(robot) for task in hierarchy.tasks))
     gates = ca.SX.sym("gates", len(hierarchy.tasks))
-    task_rows = _task_rows(robot, hierarchy, symbols, parameters)
-    levels = [_limit_rows(symbols, previous), *task_rows, _rest_rows(robot)]
-    row_gates = [1.0, *ca.vertsplit(gates), 1.0]
-    gate = ca.vertcat(*(ca.repmat(ca.SX(g), rows.n_rows, 1) for g, rows in zip(row_gates, levels, strict=True)))
-    activation = ca.vertcat(*(rows.activation for rows in levels))
+    tasks = _task_rows(robot, hierarchy, symbols, parameters)
+    reachable = [
+        reachable_rows(rows, equality=task.equality, symbols=symbols, previous=previous, gate=gate)
+        for task, rows, gate in zip(hierarchy.tasks, tasks, ca.vertsplit(gates), strict=True)
+    ]
+    levels = [_limit_rows(symbols, previous), *reachable, _rest_rows(robot)]
     quantities = {
         f"{task.name}.{name}": value
-        for task, rows in zip(hierarchy.tasks, task_rows, strict=True)
+        for task, rows in zip(hierarchy.tasks, tasks, strict=True)
         for name, value in rows.quantities.items()
     }
-    inputs = {
-        "q": symbols.q,
-        "velocity": symbols.velocity,
-        "previous": previous,
-        "altimeter_range": symbols.altimeter_range,
-        "parameters": parameters,
-        "gates": gates,
-    }
-    outputs = {
-        "J": ca.densify(ca.vertcat(*(rows.jacobian for rows in levels))),
-        "lower": ca.densify(ca.vertcat(*(rows.lower for rows in levels))),
-        "upper": ca.densify(ca.vertcat(*(rows.upper for rows in levels))),
-        "rate": ca.densify(ca.vertcat(*(rows.rate for rows in levels))),
-        "activation": ca.densify(activation * gate),
-        "gate": ca.densify(gate),
-        "quantities": ca.densify(ca.vertcat(ca.SX(0, 1), *quantities.values())),
-        "activity": ca.densify(activation * gate),
-    }
+    inputs = [symbols.q, symbols.velocity, previous, symbols.altimeter_range, parameters, gates]
+    outputs = _stacked(levels, [ca.SX(1), *ca.vertsplit(gates), ca.SX(1)], quantities)
     return LevelsProblem(
-        function=ca.Function("levels", [*inputs.values()], [*outputs.values()], [*inputs], [*outputs]),
+        function=ca.Function("levels", inputs, [*outputs.values()], list(_INPUTS), [*outputs], {"cse": True}),
         names=(LIMITS, *hierarchy.names, REST),
         sizes=tuple(rows.n_rows for rows in levels),
         quantity_names=tuple(quantities),
     )
+
+
+def _stacked(levels: list[Rows], gates: list[ca.SX], quantities: dict[str, ca.SX]) -> dict[str, ca.SX]:
+    """Dense outputs of the levels function; a gate between 0 and 1 is already part of the bounds."""
+    gate = ca.vertcat(*(ca.repmat(g, rows.n_rows, 1) for g, rows in zip(gates, levels, strict=True)))
+    activity = ca.vertcat(*(rows.activation for rows in levels)) * gate
+    outputs = {
+        "J": ca.vertcat(*(rows.jacobian for rows in levels)),
+        "lower": ca.vertcat(*(rows.lower for rows in levels)),
+        "upper": ca.vertcat(*(rows.upper for rows in levels)),
+        "rate": ca.vertcat(*(rows.rate for rows in levels)),
+        "activation": activity,
+        "gate": gate > 0,
+        "quantities": ca.vertcat(ca.SX(0, 1), *quantities.values()),
+        "activity": activity,
+    }
+    return {name: ca.densify(value) for name, value in outputs.items()}
 
 
 def _symbols(robot: Robot, dt: float) -> TickSymbols:

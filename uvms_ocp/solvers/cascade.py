@@ -25,8 +25,8 @@ from uvms_ocp.solvers.tick import (
     dense_outputs,
 )
 
-_QUIET: dict[str, dict[str, object]] = {
-    "qpoases": {"printLevel": "none"},
+_DEFAULTS: dict[str, dict[str, object]] = {
+    "qpoases": {"printLevel": "none", "enableFlippingBounds": False},
     "qrqp": {"print_iter": False, "print_header": False, "print_info": False},
     "osqp": {"osqp": {"verbose": False}},
     "ipqp": {"print_iter": False, "print_header": False, "print_info": False},
@@ -44,7 +44,7 @@ class LexicographicQp:
     plugin: str = "qpoases"
     """Any conic plugin of CasADi that solves quadratic programs."""
     options: Mapping[str, object] = field(default_factory=dict)
-    """Options of the plugin, on top of quiet defaults."""
+    """Options of the plugin, on top of our defaults."""
     proximal: float = 1e-10
     """Weight of the distance to the velocity of the levels above, which makes each program strictly convex."""
     tolerance: float = 1e-9
@@ -95,7 +95,7 @@ class LexicographicQp:
         return [level_step(settings, n, int(above[k]), size) if size else None for k, size in enumerate(sizes)]
 
     def _settings(self) -> QpSettings:
-        options = {"error_on_fail": False, **_QUIET.get(self.plugin, {}), **self.options}
+        options = {"error_on_fail": False, **_DEFAULTS.get(self.plugin, {}), **self.options}
         return QpSettings(
             plugin=self.plugin,
             options=options,

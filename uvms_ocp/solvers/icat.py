@@ -58,7 +58,7 @@ class Icat:
         check_levels_function(levels_function, sizes)
         inputs = dense_inputs(levels_function)
         function = ca.Function("levels", inputs, dense_outputs(levels_function, inputs))
-        return _IcatTick(self, Buffered(function), tuple(sizes))
+        return _IcatTick(self, Buffered(function), tuple(sizes), levels_function.size2_out(0))
 
     def velocity(self, J: Array, rate: Array, activation: Array, sizes: Sequence[int]) -> Array:
         """(n,) from J (M, n), rate (M,), activation (M,); all finite."""
@@ -93,15 +93,15 @@ class Icat:
 
 
 class _IcatTick:
-    __slots__ = ("_function", "_sizes", "_solver")
+    __slots__ = ("_function", "_n", "_sizes", "_solver")
 
-    def __init__(self, solver: Icat, function: Buffered, sizes: tuple[int, ...]) -> None:
-        self._solver, self._function, self._sizes = solver, function, sizes
+    def __init__(self, solver: Icat, function: Buffered, sizes: tuple[int, ...], n: int) -> None:
+        self._solver, self._function, self._sizes, self._n = solver, function, sizes, n
 
     def __call__(self, *inputs: ArrayLike) -> TickResult:
         start = perf_counter()
         J, lower, upper, rate, activation, gate, *extras = self._function(inputs)
-        J = J.reshape(len(lower), -1)
+        J = J.reshape(-1, self._n)
         if np.isfinite(J).all() and np.isfinite(rate).all() and np.isfinite(activation).all():
             status, v = Status.SOLVED, self._solver.velocity(J, rate, activation, self._sizes)
             residual = np.where(gate > 0.0, distance(J @ v, lower, upper), 0.0)

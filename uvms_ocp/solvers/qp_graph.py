@@ -19,8 +19,10 @@ _INVALID = 2
 _RANK_TOLERANCE = 1e-10
 # A level whose rows are violated by less needs no program.
 _SATISFIED = 1e-12
-# Rows violated by less are held as inequalities, which costs nothing at an optimum.
-_VIOLATED = 1e-9
+# Rows violated by less may be so for want of accuracy; held as inequalities they lose nothing at an optimum.
+# Residual of the optimality conditions, relative to the size of the gradient.
+_STATIONARY = 3e-9
+VIOLATED = 1e-6
 _NOTHING, _SATISFIED_CASE = 0, 1
 
 
@@ -162,7 +164,7 @@ def _extended(own: _LevelSymbols, v: ca.MX) -> _Held:
 
 
 def _fixed(own: _LevelSymbols, v: ca.MX) -> ca.MX:
-    violated = ca.fabs(distance(own.J @ v, own.lower, own.upper)) > _VIOLATED
+    violated = ca.fabs(distance(own.J @ v, own.lower, own.upper)) > VIOLATED
     return ca.logic_or(own.lower >= own.upper, violated)
 
 
@@ -192,7 +194,11 @@ def _conic(settings: QpSettings, name: str, symbols: _LevelSymbols) -> ca.Functi
     size, n = symbols.J.shape
     H = ca.diagcat(ca.Sparsity.dense(n, n), ca.Sparsity.diag(size))
     A = ca.Sparsity.dense(symbols.held.J.shape[0] + size, n + size)
-    return ca.conic(f"{name}_qp", settings.plugin, {"h": H, "a": A}, dict(settings.options))
+    options = dict(settings.options)
+    if settings.plugin == "qpoases":
+        # Warm starts that need more working-set changes than this hardly ever recover.
+        options.setdefault("nWSR", 40 + sum(A.shape))
+    return ca.conic(f"{name}_qp", settings.plugin, {"h": H, "a": A}, options)
 
 
 def _attempt(
@@ -202,7 +208,8 @@ def _attempt(
     v, multipliers = _program(settings, solver, symbols)
     accepted = _is_acceptable(settings, symbols, v)
     v = ca.if_else(accepted, v, symbols.v)
-    verified = ca.logic_and(accepted, _is_optimal(settings, symbols, v, multipliers))
+    # Where rounding alone made the program look worse, its multipliers verify the former v.
+    verified = _is_optimal(settings, symbols, v, multipliers)
     inputs = symbols.inputs()
     done = ca.Function(f"{name}_done", inputs, [symbols.v, ca.MX.zeros(1)])
     choice = ca.Function.if_else(f"{name}_again", done, otherwise)
@@ -232,7 +239,8 @@ def _program(settings: QpSettings, solver: ca.Function, symbols: _LevelSymbols) 
         lba=ca.vertcat(held_lower, own[0]),
         uba=ca.vertcat(held_upper, own[1]),
     )
-    return symbols.v + symbols.P @ solution["x"][:n], solution["lam_a"][:held]
+    multipliers = solution["lam_a"][:held] if held else ca.MX(0, 1)
+    return symbols.v + symbols.P @ solution["x"][:n], multipliers
 
 
 def _held_rows(symbols: _LevelSymbols) -> tuple[ca.MX, ca.MX, ca.MX]:
@@ -251,7 +259,7 @@ def _is_acceptable(settings: QpSettings, symbols: _LevelSymbols, v: ca.MX) -> ca
     before = ca.sumsqr(distance(symbols.J @ symbols.v, symbols.lower, symbols.upper))
     after = ca.sumsqr(distance(symbols.J @ v, symbols.lower, symbols.upper))
     # Comparisons with NaN are false, but norm_inf ignores NaN.
-    better = ca.logic_and(ca.sumsqr(v) < 1e30, after <= before)
+    better = ca.logic_and(ca.sumsqr(v) < 1e30, after <= before * (1 + 1e-12))
     held = symbols.held
     if held.J.shape[0] == 0:
         return better
@@ -262,7 +270,7 @@ def _is_acceptable(settings: QpSettings, symbols: _LevelSymbols, v: ca.MX) -> ca
 def _is_optimal(settings: QpSettings, symbols: _LevelSymbols, v: ca.MX, multipliers: ca.MX) -> ca.MX:
     """Karush-Kuhn-Tucker conditions of the level without the proximal term."""
     slack = distance(symbols.J @ v, symbols.lower, symbols.upper)
-    scale = settings.tolerance * (1 + ca.norm_fro(symbols.J) * ca.norm_2(slack))
+    scale = _STATIONARY * (1 + ca.norm_fro(symbols.J) * ca.norm_2(slack))
     held = symbols.held
     gradient = symbols.P.T @ (symbols.J.T @ slack + held.J.T @ multipliers)
     stationary = ca.norm_2(gradient) <= scale

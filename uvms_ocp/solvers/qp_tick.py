@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uvms_ocp.solvers.level import Array
-from uvms_ocp.solvers.qp_graph import LevelStep
+from uvms_ocp.solvers.qp_graph import VIOLATED, LevelStep
 from uvms_ocp.solvers.solution import Status, distance
 from uvms_ocp.solvers.tick import Buffered, TickResult
 
@@ -44,14 +44,17 @@ class QpTick:
     def __init__(self, functions: QpFunctions) -> None:
         self._functions = functions
         self._tick, self._levels = Buffered(functions.tick), Buffered(functions.levels)
-        self._set_up()
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._set_up()
 
     def __call__(self, *inputs: ArrayLike) -> TickResult:
         """Raise ``InvalidInput`` for a wrong number or shape of inputs."""
         start = perf_counter()
-        outputs = self._tick(inputs)
-        if self._tick.failed:
-            outputs = self._rescued(inputs)
+        # Plugins report their troubles through Python's stdout, whatever their options say.
+        with contextlib.redirect_stdout(io.StringIO()):
+            outputs = self._tick(inputs)
+            if self._tick.failed:
+                outputs = self._rescued(inputs)
         v, status, residual, *extras = outputs
         return TickResult(
             v=v,
@@ -70,17 +73,16 @@ class QpTick:
         return self._stepwise(inputs) if self._tick.failed else outputs
 
     def _set_up(self) -> None:
-        # Some plugins print a banner through Python's stdout when their memory is set up.
-        with contextlib.redirect_stdout(io.StringIO()):
-            for conic in self._conics():
-                conic.release(conic.checkout())
+        for conic in self._conics():
+            conic.release(conic.checkout())
 
     def _conics(self) -> list[ca.Function]:
         return [step.conic for step in self._functions.steps if step is not None]
 
     def _stepwise(self, inputs: Sequence[ArrayLike]) -> list[Array]:
         J, low, up, J_given, lower, upper, gate, *extras = self._levels(inputs)
-        n = J.shape[1]
+        n = self._functions.levels.size2_out(0)
+        J, J_given = J.reshape(-1, n), J_given.reshape(-1, n)
         v, P, inexact, held = np.zeros(n), np.eye(n), 0.0, 0
         bounds, fixed = (low.copy(), up.copy()), np.zeros(len(low))
         for step in self._functions.steps:
@@ -90,7 +92,7 @@ class QpTick:
             above = (J[:held], bounds[0][:held], bounds[1][:held], fixed[:held])
             v, P, failed = _level(step, [*above, J[rows], low[rows], up[rows], v, P])
             y = J[rows] @ v
-            fixed[rows] = (low[rows] >= up[rows]) | (np.abs(distance(y, low[rows], up[rows])) > 1e-9)
+            fixed[rows] = (low[rows] >= up[rows]) | (np.abs(distance(y, low[rows], up[rows])) > VIOLATED)
             bounds[0][rows], bounds[1][rows] = np.minimum(low[rows], y), np.maximum(up[rows], y)
             inexact, held = max(inexact, float(failed[0])), rows.stop
         residual = np.where(gate > 0.0, distance(J_given @ v, lower, upper), 0.0)

@@ -105,4 +105,4 @@ def _storage(shape: tuple[int, int]) -> Array:
 
 def _memory(array: Array) -> memoryview:
     # CasADi reads column-major memory and refuses views that are not C-contiguous.
-    return memoryview(array.T)
+    return array.T.data

@@ -229,6 +229,13 @@ function placeLabels() {
 }
 
 // Controls
+function labelPhases() {
+  [...byId("timeline").querySelectorAll(".phase")].forEach((element, i) => {
+    element.textContent = element.title;
+    if (element.scrollWidth > element.clientWidth) element.textContent = DETAILS.phases[i].name;
+  });
+}
+
 function addElement(parent, tag, text, properties) {
   const element = Object.assign(document.createElement(tag), {textContent: text}, properties);
   parent.appendChild(element);
@@ -241,8 +248,8 @@ function buildControls() {
   for (const label of DETAILS.labels) addElement(byId("labels"), "span", label.text);
   for (const phase of DETAILS.phases) {
     const share = (100 * (phase.end - phase.start)) / DETAILS.duration;
-    const element = addElement(byId("timeline"), "div", share > 9 ? `${phase.name} ${phase.title}` : phase.name,
-      {className: "phase", title: `${phase.name} ${phase.title}`});
+    const label = `${phase.name} ${phase.title}`;
+    const element = addElement(byId("timeline"), "div", label, {className: "phase", title: label});
     element.style.left = `${(100 * phase.start) / DETAILS.duration}%`;
     element.style.width = `${share}%`;
     element.style.background = PHASE_COLOURS[phase.index % PHASE_COLOURS.length];
@@ -250,7 +257,7 @@ function buildControls() {
   for (const speed of DETAILS.speeds) addElement(byId("speed"), "option", `\u00D7${speed}`, {value: speed});
   byId("speed").value = clock.speed;
   byId("speed").onchange = (event) => { clock.speed = Number(event.target.value); };
-  for (const name of ["mission", "vehicle", "tool"]) {
+  for (const name of DETAILS.views) {
     const button = addElement(byId("views"), "button", name, {title: `camera: ${name}`, onclick: () => look(name)});
     button.dataset.view = name;
   }
@@ -272,7 +279,7 @@ function buildControls() {
 function openAtAddress() {
   const wanted = new URLSearchParams(location.hash.slice(1));
   if (wanted.has("t")) { setPlaying(false); showTime(Number(wanted.get("t"))); }
-  if (["mission", "vehicle", "tool"].includes(wanted.get("view"))) look(wanted.get("view"));
+  if (DETAILS.views.includes(wanted.get("view"))) look(wanted.get("view"));
 }
 
 fillWater();
@@ -288,5 +295,6 @@ showTime(0);
 viewer.set_3d_pane_size();
 look(DETAILS.start_view);
 openAtAddress();
-window.addEventListener("resize", () => { if (view.name === "mission") look("mission"); });
+labelPhases();
+window.addEventListener("resize", () => { labelPhases(); if (view.name === "mission") look("mission"); });
 requestAnimationFrame(advance);

@@ -51,6 +51,7 @@ from uvms_ocp.viz.style import (
 _LOG_FLOOR = 1e-9  # [m, rad] below this an error is rounding
 _ZOOM = 1.0  # [s] on each side of a transition
 _MAX_ZOOMS = 4
+_LEAST_SPAN = 0.02  # [m/s, rad/s] of a velocity panel
 
 
 @styled
@@ -232,10 +233,18 @@ def _zooms(parent: Figure, record: Record, changes: Sequence[float], spans: Sequ
             _velocity_lines(axis, record, part, names, around=change)
             shade_phases([axis], spans, named=False)
             axis.set_xlim(change - _ZOOM, change + _ZOOM)
+            _keep_span(axis)
             if column == 0:
                 axis.set_ylabel(label)
         grid[0, column].set_title(f"{spans[column].name} to {spans[column + 1].name} at {change:.2f} s", fontsize=8)
         grid[1, column].set_xlabel("time [s]")
+
+
+def _keep_span(axis: Axes) -> None:
+    """Without it a velocity of rounding size would fill its panel."""
+    low, high = axis.get_ylim()
+    if high - low < _LEAST_SPAN:
+        axis.set_ylim((low + high - _LEAST_SPAN) / 2, (low + high + _LEAST_SPAN) / 2)
 
 
 def _velocity_lines(axis: Axes, record: Record, part: slice, names: Sequence[str], around: float | None = None) -> None:

@@ -19,7 +19,8 @@ from uvms_ocp.viz.series import phase_spans, quantity, require_rows
 from uvms_ocp.viz.shapes import Y_TO_Z, draw_shape, draw_triad, material, shifted, tube
 from uvms_ocp.viz.viewer import CommandLog, ScenePage, build_page
 
-_MAX_FRAMES = 4000  # keeps the page below 10 MB however long the run
+_MAX_POSES = 40_000  # joints times frames; keeps the page below 10 MB however long the run
+_FAR = 12.0  # robot sizes; a longer mission opens with the camera on the vehicle
 _LONGEST_SHOW = 60.0  # [s] beyond it playback begins sped up
 _SHORT_WAY = 0.2  # [m] a shorter horizontal way has no direction
 _SPEEDS = (1, 2, 5, 10, 20, 50, 100)
@@ -85,7 +86,7 @@ def _check(record: Record, robot: Robot, fps: float) -> None:
 
 def _frames(record: Record, robot: Robot, fps: float) -> Frames:
     t = record["t"] - record["t"][0]
-    n = min(max(int(np.ceil(t[-1] * fps)) + 1, 2), _MAX_FRAMES)
+    n = max(2, min(int(np.ceil(t[-1] * fps)) + 1, _MAX_POSES // robot.model.njoints))
     row = np.unique(np.searchsorted(t, np.linspace(0.0, t[-1], n) - 1e-9))
     data = robot.model.createData()
     placements, tool, altimeter = [], [], []
@@ -229,6 +230,8 @@ def _details(record: Record, robot: Robot, frames: Frames, centre: np.ndarray) -
     meta = record.meta
     start = float(record["t"][0])
     duration = float(frames.t[-1])
+    points, size = _thinned(_extent(record, frames)) - centre, _robot_size(robot)
+    far = np.linalg.norm(np.ptp(points, axis=0)) > _FAR * size
     return {
         "scenario": meta.get("scenario", ""),
         "robot": meta.get("robot", robot.name),
@@ -244,11 +247,12 @@ def _details(record: Record, robot: Robot, frames: Frames, centre: np.ndarray) -
             {"text": name, "position": (np.asarray(point) - centre).tolist()}
             for name, point in meta.get("markers", {}).items()
         ],
-        "points": (_thinned(_extent(record, frames)) - centre).tolist(),
-        "size": _robot_size(robot),
-        "start_view": "mission",
+        "points": points.tolist(),
+        "size": size,
+        "start_view": "vehicle" if far and robot.n_vehicle else "mission",
         "direction": _viewing_direction(record, frames, forward=0.4),
         "close_direction": _viewing_direction(record, frames, forward=1.2),
+        "views": ["mission", "vehicle", "tool"] if robot.n_vehicle else ["mission", "tool"],
         "body": ["meshcat", "scene", "robot", _joint_node(robot.model, 1)],
         "hand": ["meshcat", "scene", "robot", _joint_node(robot.model, robot.model.njoints - 1)],
         "readouts": _readouts(record, frames),

@@ -36,7 +36,7 @@ AXES_XYZ = (VERMILLION, GREEN, BLUE)
 THRESHOLD = "#555555"
 FADED = "#AEB4B9"
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (4, 1.5, 1, 1.5)))
-_LETTER = 0.058  # [in] mean width of a letter in a phase's label
+_LETTER = 0.055  # [in] mean width of a letter in a phase's label
 _BANDS = ("#E8F1FA", "#FDF0E1", "#E6F4EC", "#F6EAF2", "#EFEFEF")
 
 _STYLE: dict[str, Any] = {

@@ -1,0 +1,212 @@
+"""Laws that every solver of hierarchies keeps, and the exactness of the strict one."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from hierarchies import random_hierarchy, reference
+
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.solvers import Icat, Level, LexicographicQp, Status
+from uvms_ocp.solvers.level import stack
+
+SOLVERS = [Icat(), LexicographicQp()]
+
+
+def _equalities(seed: int, n: int = 13) -> list[Level]:
+    """Fully active equalities whose projected singular values all exceed 0.2."""
+    rng = np.random.default_rng(seed)
+    levels, Q = [], np.eye(n)
+    while np.trace(Q) > 0.5:
+        J = rng.standard_normal((int(rng.integers(1, 4)), n))
+        s = np.linalg.svd(J @ Q, compute_uv=False)
+        if len(J) > round(np.trace(Q)) or s.min() <= 0.2:
+            continue
+        b = rng.standard_normal(len(J))
+        levels.append(Level(jacobian=J, lower=b, upper=b, rate=b, activation=1.0))
+        Q = Q @ (np.eye(n) - np.linalg.pinv(J @ Q) @ (J @ Q))
+    return levels
+
+
+def _tick_function(n: int, m: int, names: tuple[str, ...] = ()) -> ca.Function:
+    """Levels given as inputs, with the sum of the bounds as an extra output."""
+    J = ca.SX.sym("J", m, n)
+    rows = [ca.SX.sym(name, m) for name in ("lower", "upper", "rate", "activation", "gate")]
+    outputs = ["J", "lower", "upper", "rate", "activation", "gate", "extra"]
+    inputs = [J, *rows]
+    return ca.Function("levels", inputs, [*inputs, rows[0] + 1], [f"{name}_in" for name in outputs[:-1]], outputs)
+
+
+def _arguments(levels: list[Level]) -> list[np.ndarray]:
+    rows = stack(levels)
+    return [rows.jacobian, rows.lower, rows.upper, rows.rate, rows.activation, rows.gate]
+
+
+@pytest.mark.parametrize("block", range(8))
+def test_lexicographic_qp_reaches_the_reference_on_random_hierarchies(block: int) -> None:
+    solver = LexicographicQp()
+    for seed in range(25 * block, 25 * block + 25):
+        levels = random_hierarchy(seed)
+        optimum, error = reference(levels)
+        assert error.max() < 1e-10
+        solution = solver.solve(levels)
+        np.testing.assert_allclose(solution.level_residuals, optimum, atol=1e-6, err_msg=f"seed {seed}")
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_icat_and_lexicographic_qp_agree_on_well_conditioned_equalities(seed: int) -> None:
+    levels = _equalities(seed)
+    np.testing.assert_allclose(Icat().solve(levels).v, LexicographicQp().solve(levels).v, atol=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_lower_levels_never_change_higher_ones(seed: int) -> None:
+    levels = random_hierarchy(seed)
+    solver = LexicographicQp()
+    whole = solver.solve(levels)
+    for count in range(1, len(levels)):
+        part = solver.solve(levels[:count])
+        np.testing.assert_allclose(part.level_residuals, whole.level_residuals[:count], atol=1e-7)
+
+
+def test_a_last_level_of_zero_velocity_gives_the_shortest_velocity() -> None:
+    rng = np.random.default_rng(1)
+    J, b = rng.standard_normal((4, 9)), rng.standard_normal(4)
+    levels = [
+        Level(jacobian=J, lower=b, upper=b),
+        Level(jacobian=np.eye(9), lower=0.0, upper=0.0),
+    ]
+    for solver in SOLVERS:
+        np.testing.assert_allclose(solver.solve(levels).v, np.linalg.pinv(J) @ b, atol=1e-5)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_tick_is_the_same_as_a_solve_and_passes_extras_on(solver: Icat | LexicographicQp) -> None:
+    levels = random_hierarchy(3)
+    solution = solver.solve(levels)
+    tick = solver.bind(_tick_function(13, 59), [level.n_rows for level in levels])
+    result = tick(*_arguments(levels))
+    np.testing.assert_allclose(result.v, solution.v, atol=1e-6)
+    np.testing.assert_allclose(result.residual, np.concatenate(solution.residuals), atol=1e-5)
+    np.testing.assert_array_equal(result.extras[0], _arguments(levels)[1] + 1)
+    assert 0.0 < result.solve_time < 1.0
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("wrong", range(6))
+def test_nan_in_a_tick_gives_zero_velocity_and_says_so(solver: Icat | LexicographicQp, wrong: int) -> None:
+    if isinstance(solver, Icat) and wrong in (1, 2, 5):
+        wrong = 3  # bounds and gate are not read by this solver
+    levels = random_hierarchy(4)
+    tick = solver.bind(_tick_function(13, 59), [level.n_rows for level in levels])
+    arguments = [array.copy() for array in _arguments(levels)]
+    if isinstance(solver, LexicographicQp) and wrong in (3, 4):
+        wrong = 0  # rate and activation are not read by this solver
+    arguments[wrong].flat[7] = np.nan
+    result = tick(*arguments)
+    assert result.status is Status.INVALID_INPUT
+    assert not result.v.any()
+    assert np.isfinite(result.residual).all()
+    np.testing.assert_allclose(tick(*_arguments(levels)).v, solver.solve(levels).v, atol=1e-6)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize(("n", "m"), [(1, 2), (3, 0), (2, 1)])
+def test_ticks_work_at_the_smallest_sizes(solver: Icat | LexicographicQp, n: int, m: int) -> None:
+    result = solver.bind(_tick_function(n, m), [m])(np.ones((m, n)), *[np.ones(m)] * 5)
+    assert result.status is Status.SOLVED
+    np.testing.assert_allclose(np.ones((m, n)) @ result.v, np.ones(m), atol=1e-3)
+
+
+def test_contradictory_bounds_in_a_tick_are_invalid_input() -> None:
+    tick = LexicographicQp().bind(_tick_function(2, 1), [1])
+    result = tick([[1.0, 0.0]], [1.0], [0.0], [0.0], [1.0], [1.0])
+    assert result.status is Status.INVALID_INPUT
+    assert "lower > upper" in result.status.advice
+
+
+def test_a_tick_refuses_wrong_inputs_and_levels() -> None:
+    tick = LexicographicQp().bind(_tick_function(2, 1), [1])
+    with pytest.raises(InvalidInput, match="2 inputs given; the tick takes 6: J_in, lower_in"):
+        tick(0.0, 0.0)
+    with pytest.raises(InvalidInput, match=r"input 'lower_in' has shape \(2,\); give \(1,\)"):
+        tick(np.ones((1, 2)), np.zeros(2), *[np.zeros(1)] * 4)
+    with pytest.raises(InvalidInput, match=r"sizes \(2,\) sum to 2; the levels have 1 rows"):
+        LexicographicQp().bind(_tick_function(2, 1), [2])
+    x = ca.SX.sym("x")
+    with pytest.raises(InvalidInput, match="its first outputs must be"):
+        Icat().bind(ca.Function("f", [x], [x], ["x"], ["y"]), [1])
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_levels_without_effect_leave_the_velocity_at_zero(solver: Icat | LexicographicQp) -> None:
+    J = np.random.default_rng(0).standard_normal((3, 5))
+    cases = [
+        [Level(jacobian=np.zeros((0, 5)))],
+        [Level(jacobian=J), Level(jacobian=J, lower=-1.0, upper=1.0)],
+        [Level(jacobian=J, lower=1.0, upper=1.0, activation=0.0, gate=0.0)],
+        [Level(jacobian=np.zeros((2, 5)), lower=1.0, upper=2.0)],
+    ]
+    for levels in cases:
+        solution = solver.solve(levels)
+        assert solution.status is Status.SOLVED
+        np.testing.assert_allclose(solution.v, np.zeros(5), atol=1e-12)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_an_empty_hierarchy_is_refused(solver: Icat | LexicographicQp) -> None:
+    with pytest.raises(InvalidInput, match="levels is empty"):
+        solver.solve([])
+
+
+def test_conflicting_and_dependent_rows_share_the_error() -> None:
+    J = np.array([[1.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
+    solution = LexicographicQp().solve([Level(jacobian=J, lower=[1.0, 3.0, 4.0], upper=[1.0, 3.0, 4.0])])
+    np.testing.assert_allclose(solution.v, [2.0, 0.0], atol=1e-8)
+
+
+def test_a_gate_removes_a_row_continuously() -> None:
+    J, solver = np.array([[1.0, 0.0]]), LexicographicQp()
+
+    def reached(gate: float) -> float:
+        rest = Level(jacobian=np.eye(2), lower=0.0, upper=0.0)
+        return float(solver.solve([Level(jacobian=J, lower=1.0, upper=1.0, gate=gate), rest]).v[0])
+
+    gates = np.linspace(0.0, 1.0, 201)
+    path = np.array([reached(gate) for gate in gates])
+    assert path[0] == pytest.approx(0.0, abs=1e-9)
+    assert path[-1] == pytest.approx(1.0, abs=1e-9)
+    assert np.abs(np.diff(path)).max() < 0.03
+    assert (np.diff(path) >= -1e-9).all()
+
+
+@pytest.mark.parametrize("plugin", ["qrqp", "daqp", "piqp", "proxqp", "osqp"])
+def test_other_plugins_keep_the_priorities_and_never_return_nan(plugin: str) -> None:
+    for seed in range(5):
+        levels = random_hierarchy(seed, 6, (6, 2, 3, 6))
+        solution = LexicographicQp(plugin=plugin).solve(levels)
+        assert np.isfinite(solution.v).all()
+        assert solution.level_residuals[0] < 1e-7
+        assert isinstance(solution.status, Status)
+
+
+def test_an_unknown_plugin_is_refused_with_the_names_that_exist() -> None:
+    with pytest.raises(NameNotFound, match=r"unknown conic plugin 'qpoase'; known: .*qpoases.*Did you mean 'qpoases'"):
+        LexicographicQp(plugin="qpoase")
+
+
+def test_settings_out_of_range_are_refused() -> None:
+    with pytest.raises(InvalidInput, match="give positive numbers"):
+        LexicographicQp(proximal=0.0)
+    with pytest.raises(InvalidInput, match="give positive numbers"):
+        Icat(threshold=-1.0)
+
+
+def test_solvers_print_nothing(capfd: pytest.CaptureFixture[str]) -> None:
+    solver = LexicographicQp()
+    for seed in range(20):
+        solver.solve(random_hierarchy(seed))
+    captured = capfd.readouterr()
+    assert captured.out == ""
+    assert captured.err == ""
