@@ -4,9 +4,10 @@ import itertools
 
 import coal
 import numpy as np
+import pinocchio as pin
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.exceptions import FrameNotFound, InvalidInput, NameNotFound
 from uvms_ocp.model.robot import Robot, load_robot
 from uvms_ocp.planning.block_tridiagonal import BlockTridiagonal
 from uvms_ocp.planning.capsules import capsule_robot
@@ -28,6 +29,8 @@ from uvms_ocp.planning.soft_collision import (
     plan_soft_collision,
     straight_start,
 )
+from uvms_ocp.planning.inverse_kinematics import ToolGoalOptions, tool_goal
+from uvms_ocp.tasks import JointTracking
 
 N = 13
 SPHERE = obstacle("ball", coal.Sphere(0.3), [1.6, 0.1, -0.3])
@@ -371,6 +374,36 @@ def test_sampled_legs_are_free_of_collision(blocked: CollisionScene, ends: np.nd
     np.testing.assert_array_equal(path[[0, -1]], ends)
     for a, b in itertools.pairwise(path):
         assert exact.distances(a + np.linspace(0, 1, 200)[:, None] * (b - a)).min() > 0.0
+
+
+def test_a_tool_goal_puts_the_tool_there_clear_of_collision(
+    robot: Robot, blocked: CollisionScene, ends: np.ndarray
+) -> None:
+    exact, data = CoalDistances(blocked), robot.model.createData()
+    X_WT = pin.SE3(pin.rpy.rpyToMatrix(np.pi, 0.0, 0.3), np.array([1.2, 1.5, -0.8]))
+    x = tool_goal(exact, "tool", X_WT, ends[1])
+    assert x is not None
+    lower, upper = blocked.coordinates.limits()
+    assert ((x >= lower) & (x <= upper)).all()
+    assert exact.distances(x[None]).min() > 0.0
+    pin.framesForwardKinematics(robot.model, data, blocked.coordinates.configurations(x[None])[0])
+    np.testing.assert_allclose(data.oMf[robot.frame_id("tool")].homogeneous, X_WT.homogeneous, atol=1e-5)
+
+
+def test_a_tool_goal_inside_an_obstacle_is_not_found(blocked: CollisionScene, ends: np.ndarray) -> None:
+    inside = pin.SE3(np.eye(3), np.array([0.9, 0.8, -0.5]))
+    options = ToolGoalOptions(attempts=3)
+    assert tool_goal(CoalDistances(blocked), "tool", inside, ends[1], options) is None
+    with pytest.raises(FrameNotFound, match="tol"):
+        tool_goal(CoalDistances(blocked), "tol", inside, ends[1])
+    with pytest.raises(InvalidInput, match="guess has shape"):
+        tool_goal(CoalDistances(blocked), "tool", inside, ends[1, :3])
+
+
+def test_joint_tracking_follows_a_planned_trajectory(robot: Robot, ends: np.ndarray) -> None:
+    curve = straight_start(ends, limits_of(robot)).axes(range(9, 13))
+    task = JointTracking(joints=robot.joint_names[-4:], goal=curve)
+    np.testing.assert_allclose(task.reference(1.0), np.concatenate(curve(1.0)))
 
 
 def test_weights_out_of_range_are_refused() -> None:

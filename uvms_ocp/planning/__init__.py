@@ -1,5 +1,8 @@
 """Ahead of time: trajectories, their times, and their clearance from obstacles."""
 
+from .certificate import check_clearance as check_clearance
+from .certificate import clearance_along as clearance_along
+from .clearance import CoalDistances as CoalDistances
 from .collision_scene import CollisionScene as CollisionScene
 from .collision_scene import Obstacle as Obstacle
 from .collision_scene import collision_scene as collision_scene
@@ -22,3 +25,4 @@ from .soft_collision import CollisionPlan as CollisionPlan
 from .soft_collision import PlanStatus as PlanStatus
 from .soft_collision import SoftCollisionOptions as SoftCollisionOptions
 from .soft_collision import plan_soft_collision as plan_soft_collision
+from .inverse_kinematics import tool_goal as tool_goal

@@ -90,6 +90,14 @@ def check_clearance(
 _TOLERANCE = 1e-7
 
 
+def clearance_along(
+    distances: PairDistances, trajectory: PiecewisePolynomial, n_samples: int = 500
+) -> tuple[Array, Array]:
+    """Times (n,) [s] and the distance of every pair at them (n, n_pairs) [m], for figures."""
+    times = np.linspace(trajectory.start, trajectory.end, n_samples)
+    return times, distances.distances(trajectory.evaluate(times))
+
+
 def _first_intervals(trajectory: PiecewisePolynomial, per_piece: int) -> tuple[Array, Array]:
     offsets = (np.arange(per_piece) + 0.5) / per_piece
     h = trajectory.durations[:, None]

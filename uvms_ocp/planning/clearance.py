@@ -102,9 +102,9 @@ class CoalDistances:
         candidates = self._bounds.lower < thresholds
         configurations = self.scene.coordinates.configurations(x)
         limits = thresholds.tolist()
-        for sample, pairs in _grouped(candidates):
+        for sample, chosen in _grouped(candidates):
             self._place(configurations[sample])
-            self._collect(sample, pairs, limits, found)
+            self._collect(sample, chosen, limits, found)
             jacobians[sample] = self._jacobian(configurations[sample])
         if not found:
             return nothing_near(x.shape[1])
