@@ -17,6 +17,7 @@ from uvms_ocp.planning.closed_forms import ClosedFormDistances, collision_densit
 from uvms_ocp.planning.collision_scene import CollisionScene, collision_scene, obstacle
 from uvms_ocp.planning.coordinates import Coordinates, coordinates
 from uvms_ocp.planning.free_derivatives import pieces_of
+from uvms_ocp.planning.inverse_kinematics import ToolGoalOptions, tool_goal
 from uvms_ocp.planning.ipopt_descent import IpoptOptions
 from uvms_ocp.planning.link_speed import link_speeds
 from uvms_ocp.planning.path_cost import CostWeights, Distances, PathCost
@@ -29,7 +30,6 @@ from uvms_ocp.planning.soft_collision import (
     plan_soft_collision,
     straight_start,
 )
-from uvms_ocp.planning.inverse_kinematics import ToolGoalOptions, tool_goal
 from uvms_ocp.tasks import JointTracking
 
 N = 13
@@ -411,3 +411,13 @@ def test_weights_out_of_range_are_refused() -> None:
         CostWeights(clearance=0.0)
     with pytest.raises(InvalidInput, match="smoothness is -1"):
         CostWeights(smoothness=-1.0)
+
+
+def test_a_fixed_base_robot_is_planned_for_as_well() -> None:
+    planar = coordinates(load_robot("planar5"))
+    start = planar.x(planar.robot.configuration())
+    ends = np.stack([start, start + np.array([4.0, 0.0, 0.0, 0.0, 0.0])])
+    scene = collision_scene(planar, [obstacle("post", coal.Cylinder(0.3, 2.0), [2.0, 0.1, 0.0])])
+    assert CoalDistances(scene).distances(ends.mean(axis=0)[None]).min() < 0.0
+    plan = plan_soft_collision(scene, ends, limits=limits_of(planar.robot))
+    assert plan.collision_free

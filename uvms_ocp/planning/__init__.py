@@ -9,6 +9,7 @@ from .collision_scene import collision_scene as collision_scene
 from .collision_scene import obstacle as obstacle
 from .coordinates import Coordinates as Coordinates
 from .coordinates import coordinates as coordinates
+from .inverse_kinematics import tool_goal as tool_goal
 from .min_snap import Boundary as Boundary
 from .min_snap import Constraint as Constraint
 from .min_snap import MinSnap as MinSnap
@@ -25,4 +26,3 @@ from .soft_collision import CollisionPlan as CollisionPlan
 from .soft_collision import PlanStatus as PlanStatus
 from .soft_collision import SoftCollisionOptions as SoftCollisionOptions
 from .soft_collision import plan_soft_collision as plan_soft_collision
-from .inverse_kinematics import tool_goal as tool_goal
