@@ -86,7 +86,7 @@ def check_clearance(
     )
 
 
-# Distances from coal are within 1e-8 m of the truth outside of collision; see clearance.py.
+# Separated distances moved by up to 1e-8 m when coal's tolerance was tightened tenfold (865,000 pairs).
 _TOLERANCE = 1e-7
 
 
