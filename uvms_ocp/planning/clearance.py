@@ -63,7 +63,8 @@ class CoalDistances:
     """Distances by coal, for any shapes.
 
     Pairs that were far at the last call with as many samples, and cannot have come near since, are not computed again.
-    The pairs found do not depend on it; gradients do by about 1e-5, since coal starts from its last answer. Holds its own working memory, so not for two threads at once.
+    The pairs found do not depend on it; gradients do by about 1e-5, since coal starts from its last answer.
+    Holds its own working memory, so not for two threads at once.
     """
 
     scene: CollisionScene
