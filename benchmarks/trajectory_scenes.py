@@ -11,7 +11,7 @@ import coal
 import numpy as np
 from numpy.typing import NDArray
 
-from uvms_ocp.model.robot import load_robot
+from uvms_ocp.model.robot import Robot, load_robot
 from uvms_ocp.planning.clearance import CoalDistances
 from uvms_ocp.planning.collision_scene import CollisionScene, Obstacle, collision_scene, obstacle
 from uvms_ocp.planning.coordinates import Coordinates, coordinates
@@ -36,17 +36,19 @@ class Problem:
     """(n, n_axes) way points whose straight legs are free."""
 
 
-def problem(seed: int, *, n_obstacles: int = 2, shapes: tuple[str, ...] = ("sphere", "capsule")) -> Problem:
-    """The scene of a seed; shapes are sphere, capsule and box, taken in turn."""
+def problem(
+    seed: int, *, robot: Robot | None = None, n_obstacles: int = 2, shapes: tuple[str, ...] = ("sphere", "capsule")
+) -> Problem:
+    """The scene of a seed; shapes are sphere, capsule and box, taken in turn; the robot is girona_maris7."""
     rng = np.random.default_rng(seed)
-    planned = coordinates(load_robot("girona_maris7"))
+    planned = coordinates(robot or load_robot("girona_maris7"))
     while True:
         ends = _ends(rng, planned)
         obstacles = [_obstacle(rng, planned, ends, shapes[k % len(shapes)], k) for k in range(n_obstacles)]
         scene = collision_scene(planned, obstacles)
         distances = CoalDistances(scene)
         along = distances.distances(ends[0] + np.linspace(0.0, 1.0, 80)[:, None] * (ends[1] - ends[0]))
-        if distances.distances(ends).min() < 0.03 or along.min() > -0.03:
+        if distances.distances(ends).min() < 0.005 or along.min() > -0.03:
             continue
         path = sampled_waypoints(distances, ends[0], ends[1], SamplingOptions(seed=seed, max_samples=400))
         if path is not None:

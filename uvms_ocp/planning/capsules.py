@@ -14,8 +14,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..exceptions import InvalidInput
-from ..model.robot import Robot
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.robot import Robot
 
 Array = NDArray[np.float64]
 

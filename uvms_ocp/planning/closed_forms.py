@@ -10,7 +10,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ..model.symbolic import Pose, SymbolicModel
+from uvms_ocp.model.symbolic import Pose, SymbolicModel
+
 from .capsules import Capsule, capsule_of, segment_distance, symbolic_segment_distance
 from .clearance import NearPairs, nothing_near
 from .collision_scene import CollisionScene
@@ -109,6 +110,14 @@ def collision_density(scene: CollisionScene, weights: CostWeights) -> ca.Functio
     return ca.Function("collision_density", [x, v], [weights.collision * cost], ["x", "v"], ["cost"], {"cse": True})
 
 
+def density_hessian(density: ca.Function) -> ca.Function:
+    """Function ``[x; v] -> exact Hessian (2 n_axes, 2 n_axes), gradient (2 n_axes)`` of a collision density."""
+    n = density.numel_in(0)
+    z = ca.SX.sym("z", 2 * n)
+    hessian, gradient = ca.hessian(density(z[:n], z[n:]), z)
+    return ca.Function("density_hessian", [z], [ca.densify(hessian), ca.densify(gradient)], {"cse": True})
+
+
 def _pair_radii(scene: CollisionScene) -> Array:
     capsules = _capsules(scene)
     rows = [(capsules[pair.first].radius, capsules[pair.second].radius) for pair in scene.pairs]
@@ -133,8 +142,8 @@ def _mapped(function: ca.Function, x: Array) -> Array:
     """(n, size) of the function at every row of x, without CasADi's conversions."""
     buffer, run = function.buffer()
     argument, result = np.empty(x.shape[1]), np.empty(function.numel_out(0))
-    buffer.set_arg(0, memoryview(argument))
-    buffer.set_res(0, memoryview(result))
+    buffer.set_arg(0, argument.data)
+    buffer.set_res(0, result.data)
     rows = np.empty((len(x), result.size))
     for i, row in enumerate(x):
         argument[:] = row

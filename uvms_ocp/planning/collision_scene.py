@@ -10,8 +10,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from ..exceptions import InvalidInput
-from ..model.robot import Robot
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.robot import Robot
+
 from .coordinates import Coordinates
 
 Array = NDArray[np.float64]
@@ -51,10 +52,12 @@ class CollisionScene:
     """(n_pairs, n_axes) upper bound on |d distance / d axis| at any configuration [m per unit of the axis]."""
     carried: Array
     """(n_pairs, n_axes) 1 where the axis moves the second shape."""
+    follows: Array
+    """(n_axes, n_axes) see ``Coordinates.follows``."""
     gyration: Array
     """(n_pairs,) [m] radius of gyration of the ball around the second shape."""
     room: Array
-    """(n_pairs,) [m] half the distance of two links at ``robot.home``: links close by design; infinite for obstacles."""
+    """(n_pairs,) [m] half the distance of two links at ``robot.home``, close by design; infinite for obstacles."""
 
     @property
     def n_pairs(self) -> int:
@@ -66,7 +69,9 @@ def obstacle(name: str, shape: coal.ShapeBase, position: ArrayLike, rotation: Ar
     p = np.asarray(position, dtype=float)
     R = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)
     if p.shape != (3,) or R.shape != (3, 3) or not (np.isfinite(p).all() and np.isfinite(R).all()):
-        raise InvalidInput(f"obstacle {name!r} has position {p} and rotation {R.tolist()}; allowed are finite (3,), (3, 3).")
+        raise InvalidInput(
+            f"obstacle {name!r} has position {p} and rotation {R.tolist()}; allowed are finite (3,), (3, 3)."
+        )
     return Obstacle(name=name, shape=shape, X_WO=pin.SE3(R, p))
 
 
@@ -116,6 +121,7 @@ def _with_moving_pairs(
         moved=moved,
         reach=reach * np.abs(moved),
         carried=carried,
+        follows=coordinates.follows(),
         gyration=radii * np.sqrt(0.4),
         room=_room(coordinates.robot, geometry, pairs),
     )
@@ -128,7 +134,8 @@ def _self_pairs(robot: Robot, joints: Sequence[int]) -> list[tuple[int, int]]:
         (a, b)
         for a in range(len(joints))
         for b in range(a + 1, len(joints))
-        if joints[a] != joints[b] and joints[a] not in model.parents[joints[b] : joints[b] + 1]
+        if joints[a] != joints[b]
+        and joints[a] not in model.parents[joints[b] : joints[b] + 1]
         and joints[b] not in model.parents[joints[a] : joints[a] + 1]
     ]
     for a, b in far:

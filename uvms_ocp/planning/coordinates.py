@@ -1,7 +1,7 @@
 """Coordinates of a planned motion: a plain vector x (n_axes,) in place of a configuration on the manifold.
 
-x is [p_WB (3) [m], roll, pitch, yaw [rad], joints] for a vehicle with an arm and the joints alone for a fixed base; axes
-that are not planned keep their reference value. Roll-pitch-yaw is R = Rz Ry Rx, [Gao2022] eqs (6)-(9): singular at
+x is [p_WB (3) [m], roll, pitch, yaw [rad], joints] for a vehicle with an arm and the joints alone for a fixed base;
+axes that are not planned keep their reference value. Roll-pitch-yaw is R = Rz Ry Rx, [Gao2022] eqs (6)-(9): singular at
 pitch = +-90 deg, which a planned vehicle motion must not cross.
 """
 
@@ -15,8 +15,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from ..exceptions import InvalidInput, NameNotFound
-from ..model.robot import Robot
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.model.robot import Robot
 
 Array = NDArray[np.float64]
 

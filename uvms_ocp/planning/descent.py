@@ -1,4 +1,4 @@
-"""Trust-region descent with a positive semi-definite block-tridiagonal Hessian (Levenberg-Marquardt in a smooth metric)."""
+"""Trust-region descent on a block-tridiagonal Gauss-Newton matrix (Levenberg-Marquardt in a smooth metric)."""
 
 from __future__ import annotations
 

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from ..exceptions import InvalidInput
+from uvms_ocp.exceptions import InvalidInput
+
 from .hermite import hermite_cost, hermite_matrix
 
 Array = NDArray[np.float64]
@@ -51,13 +52,13 @@ def pieces_of(durations: Array, k: int) -> Pieces:
     return Pieces(k=k, unit=unit, durations=tau, node_times=node, scale=scale, weight=weight)
 
 
-def solve_free(pieces: Pieces, values: Array, fixed: Mask, refinements: int = 1) -> Array:
+def solve_free(pieces: Pieces, values: Array, fixed: Mask, refinements: int = 0) -> Array:
     """Fill the free derivatives with their optimal values.
 
     Args:
         values: (k, n + 1, n_axes) derivatives at the nodes; those not fixed are a starting guess.
         fixed: (k, n + 1) True where the derivative keeps its value.
-        refinements: Steps of iterative refinement after the first solve.
+        refinements: Steps of iterative refinement, for neighbouring durations of very different length.
 
     Raises:
         InvalidInput: the fixed derivatives do not determine the curve.
@@ -75,23 +76,26 @@ def solve_free(pieces: Pieces, values: Array, fixed: Mask, refinements: int = 1)
 
 
 def end_data(pieces: Pieces, values: Array) -> Array:
-    """(2k, n, n_axes) end data of every piece from node derivatives (k, n + 1, n_axes) in real time."""
+    """(2k, n, n_axes) end data of every piece from node derivatives (k, n + 1, n_axes) in real time.
+
+    Positions are relative to the start of the piece: the cost does not see where it is, rounding does.
+    """
     tau = _powers(pieces.durations * pieces.unit, pieces.k)[..., None]
-    return np.concatenate([values[:, :-1] * tau, values[:, 1:] * tau])
+    return _relative(values, tau, tau)
 
 
-def coefficients(pieces: Pieces, values: Array) -> Array:
-    """(2k, n, n_axes) unit-interval coefficients of every piece."""
-    data, origin = _from_start(end_data(pieces, values))
-    result = _times(hermite_matrix(pieces.k), data)
-    result[0] += origin
+def coefficients(pieces: Pieces, data: Array, values: Array) -> Array:
+    """(2k, n, n_axes) unit-interval coefficients of every piece from its end data, read-only."""
+    result = np.empty(data.shape)
+    np.matmul(hermite_matrix(pieces.k), data.reshape(len(data), -1), out=result.reshape(len(data), -1))
+    result[0] += values[0, :-1]
+    result.flags.writeable = False
     return result
 
 
-def piece_costs(pieces: Pieces, values: Array) -> Array:
-    """(n, n_axes) integral of the squared k-th derivative over each piece."""
-    data, _ = _from_start(end_data(pieces, values))
-    unit_cost = np.sum(data * _times(hermite_cost(pieces.k), data), axis=0)
+def piece_costs(pieces: Pieces, data: Array) -> Array:
+    """(n, n_axes) integral of the squared k-th derivative over each piece, from its end data."""
+    unit_cost = np.einsum("ijk,ijk->jk", data, _times(hermite_cost(pieces.k), data))
     return unit_cost * (pieces.durations * pieces.unit)[:, None] ** (1 - 2 * pieces.k)
 
 
@@ -102,7 +106,7 @@ def cost_slopes(pieces: Pieces, values: Array) -> tuple[Array, Array]:
     optimal cost by the durations and by the fixed derivatives (envelope theorem).
     """
     k, h = pieces.k, (pieces.durations * pieces.unit)[:, None]
-    data, _ = _from_start(end_data(pieces, values))
+    data = end_data(pieces, values)
     slope = 2.0 * h ** (1 - 2 * k) * _times(hermite_cost(k), data)
     order = np.tile(np.arange(k), 2)[:, None, None]
     by_duration = np.sum((order * data - (k - 0.5) * data) * slope, axis=(0, 2)) / h[:, 0]
@@ -117,12 +121,15 @@ def _powers(x: Array, k: int) -> Array:
     return rows
 
 
-def _from_start(data: Array) -> tuple[Array, Array]:
-    """End data relative to the position at the start of the piece: the cost does not see it, rounding does."""
-    k, origin = data.shape[0] // 2, data[0].copy()
-    data[k] -= origin
+def _relative(values: Array, left: Array, right: Array) -> Array:
+    """(2k, n, n_axes) values at both ends of each piece, scaled by left and right (k, n, 1), from its start."""
+    k, n_nodes, n_axes = values.shape
+    data = np.empty((2 * k, n_nodes - 1, n_axes))
+    np.multiply(values[1:, :-1], left[1:], out=data[1:k])
+    np.multiply(values[1:, 1:], right[1:], out=data[k + 1 :])
+    np.subtract(values[0, 1:], values[0, :-1], out=data[k])
     data[0] = 0.0
-    return data, origin
+    return data
 
 
 def _times(matrix: Array, data: Array) -> Array:
@@ -138,7 +145,7 @@ def _onto_nodes(by_end: Array, k: int) -> Array:
 
 def _gradient(pieces: Pieces, scaled: Array) -> Array:
     """(k, n + 1, n_axes) half the gradient of the cost by the scaled node derivatives."""
-    data, _ = _from_start(np.concatenate([scaled[:, :-1], scaled[:, 1:]]) * pieces.scale)
+    data = _relative(scaled, pieces.scale[: pieces.k], pieces.scale[pieces.k :])
     slope = _times(hermite_cost(pieces.k), data)
     slope *= pieces.scale
     slope *= pieces.weight

@@ -60,10 +60,7 @@ def _end_data_matrix(k: int) -> _Rational:
 
 def _monomial_cost(k: int) -> _Rational:
     n = 2 * k
-    return [
-        [Fraction(_falling(i, k) * _falling(j, k), max(i + j - 2 * k + 1, 1)) for j in range(n)]
-        for i in range(n)
-    ]
+    return [[Fraction(_falling(i, k) * _falling(j, k), max(i + j - 2 * k + 1, 1)) for j in range(n)] for i in range(n)]
 
 
 def _inverse(matrix: _Rational) -> _Rational:

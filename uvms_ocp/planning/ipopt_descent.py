@@ -59,9 +59,7 @@ def descend_ipopt(
     found = solver(x0=start[free], lbx=bounds.lower[free], ubx=bounds.upper[free])
     x = oracle.full(np.asarray(found["x"]).ravel())
     stats = solver.stats()
-    return Descent(
-        variables=x, model=model(x), iterations=int(stats["iter_count"]), converged=bool(stats["success"])
-    )
+    return Descent(variables=x, model=model(x), iterations=int(stats["iter_count"]), converged=bool(stats["success"]))
 
 
 @dataclass(slots=True, eq=False)

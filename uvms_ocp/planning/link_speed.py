@@ -44,11 +44,9 @@ def link_speeds(scene: CollisionScene, near: NearPairs, rates: Array, floor: flo
     speed = np.sqrt(np.sum(linear**2, axis=1) + gyration[:, 0] * np.sum(angular**2, axis=1) + floor**2)
     turn = screws[:, 3:]
     shift = screws[:, :3] + _cross(turn, near.centre[..., None])
-    twist_slope = _twist_slopes(screws, rates, scene.coordinates.follows())
+    twist_slope = _twist_slopes(screws, rates, scene.follows)
     linear_slope = (
-        twist_slope[:, :3]
-        + _cross(twist_slope[:, 3:], near.centre[..., None])
-        + _cross(angular[..., None], shift)
+        twist_slope[:, :3] + _cross(twist_slope[:, 3:], near.centre[..., None]) + _cross(angular[..., None], shift)
     )
     weighted = gyration * angular
     return LinkSpeeds(

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..exceptions import InvalidInput
-from .free_derivatives import Pieces, coefficients, cost_slopes, piece_costs, pieces_of, solve_free
-from .polynomial import PiecewisePolynomial
+from uvms_ocp.exceptions import InvalidInput
+
+from .free_derivatives import Pieces, coefficients, cost_slopes, end_data, piece_costs, pieces_of, solve_free
+from .polynomial import PiecewisePolynomial, frozen
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -86,9 +87,7 @@ class MinSnap:
         pieces = pieces_of(self.trajectory.durations, self.node_derivatives.shape[0])
         by_duration, by_node = cost_slopes(pieces, self.node_derivatives)
         by_time = np.concatenate([[0.0], by_duration]) - np.concatenate([by_duration, [0.0]])
-        return CostGradients(
-            times=by_time, durations=by_duration, waypoints=by_node[0], node_derivatives=by_node
-        )
+        return CostGradients(times=by_time, durations=by_duration, waypoints=by_node[0], node_derivatives=by_node)
 
 
 _REST = Boundary()
@@ -134,8 +133,9 @@ def min_snap(
 
 def solution_of(times: Array, pieces: Pieces, values: Array) -> MinSnap:
     """The trajectory with the given node derivatives (k, n + 1, n_axes)."""
-    trajectory = PiecewisePolynomial(breaks=times, coefficients=coefficients(pieces, values))
-    cost = float(piece_costs(pieces, values).sum())
+    data = end_data(pieces, values)
+    trajectory = PiecewisePolynomial(breaks=times, coefficients=coefficients(pieces, data, values))
+    cost = float(piece_costs(pieces, data).sum())
     return MinSnap(trajectory=trajectory, node_derivatives=values, cost=cost)
 
 
@@ -186,7 +186,7 @@ def checked_waypoints(waypoints: ArrayLike, *, dwell: bool = False) -> Array:
 
 def checked_times(times: ArrayLike, n: int) -> Array:
     """(n,) [s] finite and increasing."""
-    knots = np.asarray(times, dtype=float)
+    knots = frozen(times)
     if knots.shape != (n,):
         raise InvalidInput(f"times have shape {knots.shape}; {n} way points need ({n},) [s].")
     if not np.isfinite(knots).all():
@@ -195,9 +195,7 @@ def checked_times(times: ArrayLike, n: int) -> Array:
     wrong = knots[1:] <= knots[:-1]
     if wrong.any():
         index = int(np.argmax(wrong)) + 1
-        raise InvalidInput(
-            f"time {index} is {knots[index]} after {knots[index - 1]}; times must increase [s]."
-        )
+        raise InvalidInput(f"time {index} is {knots[index]} after {knots[index - 1]}; times must increase [s].")
     return knots
 
 
@@ -238,6 +236,8 @@ def _set_constraint(values: Array, fixed: Mask, constraint: Constraint, index: i
 
 
 def _solved(problem: NodeProblem, pieces: Pieces) -> Array:
+    if (problem.fixed == problem.fixed[:, :, :1]).all():
+        return solve_free(pieces, problem.values, problem.fixed[:, :, 0])
     values = problem.values.copy()
     for axes in _axes_with_one_pattern(problem.fixed):
         values[:, :, axes] = solve_free(pieces, values[:, :, axes], problem.fixed[:, :, axes[0]])
@@ -246,9 +246,6 @@ def _solved(problem: NodeProblem, pieces: Pieces) -> Array:
 
 def _axes_with_one_pattern(fixed: Mask) -> Iterator[list[int]]:
     """Groups of axes that fix the same derivatives, and so share one factorisation."""
-    if (fixed == fixed[:, :, :1]).all():
-        yield list(range(fixed.shape[2]))
-        return
     groups: dict[bytes, list[int]] = {}
     for axis in range(fixed.shape[2]):
         groups.setdefault(fixed[:, :, axis].tobytes(), []).append(axis)

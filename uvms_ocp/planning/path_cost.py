@@ -12,7 +12,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..exceptions import InvalidInput
+from uvms_ocp.exceptions import InvalidInput
+
 from .block_tridiagonal import BlockTridiagonal
 from .clearance import NearPairs
 from .collision_scene import CollisionScene
@@ -87,7 +88,7 @@ class LocalModel:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _SampleSlopes:
-    """Derivatives of the cost at every sample: (samples, pieces, n_axes), Hessians (..., n_axes, n_axes) or diagonal."""
+    """Derivatives of the cost at every sample (samples, pieces, n_axes); Hessians (..., n_axes) full or diagonal."""
 
     value: float
     position: Array
@@ -158,7 +159,11 @@ class PathCost:
     def _outer(self) -> tuple[Array, Array, Array]:
         """(4 k^2, samples) products of basis functions, by derivative."""
         rows = [P[:, :, None] * P[:, None, :] for P in self._bases]
-        return rows[0].reshape(len(rows[0]), -1).T, rows[1].reshape(len(rows[1]), -1).T, rows[2].reshape(len(rows[2]), -1).T
+        return (
+            rows[0].reshape(len(rows[0]), -1).T,
+            rows[1].reshape(len(rows[1]), -1).T,
+            rows[2].reshape(len(rows[2]), -1).T,
+        )
 
     @cached_property
     def _h(self) -> Array:

@@ -1,7 +1,7 @@
 """A smooth one-sided penalty: zero beyond a threshold, cubic, then quadratic.
 
-Its second derivative ``min(y, 1)`` is continuous, never negative and stays away from zero deep inside, so a Gauss-Newton
-step keeps its curvature there; an exponential has compact support nowhere and overflows in deep penetration.
+Its second derivative ``min(y, 1)`` is continuous, never negative and stays away from zero deep inside, so a
+Gauss-Newton step keeps its curvature there; an exponential is zero nowhere and overflows in deep penetration.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..exceptions import InvalidInput, OutputError
+from uvms_ocp.exceptions import InvalidInput, OutputError
 
 Array = NDArray[np.float64]
 
@@ -36,13 +36,11 @@ class PiecewisePolynomial:
     """(degree + 1, n_pieces, n_axes), ascending powers of the unit-interval time of each piece."""
 
     def __post_init__(self) -> None:
-        breaks = np.array(self.breaks, dtype=float)
-        coefficients = np.array(self.coefficients, dtype=float)
+        breaks, coefficients = frozen(self.breaks), frozen(self.coefficients)
         _check_breaks(breaks)
         _check_coefficients(coefficients, breaks.size - 1)
-        for name, array in (("breaks", breaks), ("coefficients", coefficients)):
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+        object.__setattr__(self, "breaks", breaks)
+        object.__setattr__(self, "coefficients", coefficients)
 
     @property
     def degree(self) -> int:
@@ -98,9 +96,7 @@ class PiecewisePolynomial:
     def derivative(self, order: int = 1) -> PiecewisePolynomial:
         """The order-th time derivative as a curve of its own."""
         scale = self.durations[:, None] ** -order
-        return PiecewisePolynomial(
-            breaks=self.breaks, coefficients=_differentiated(self.coefficients, order) * scale
-        )
+        return PiecewisePolynomial(breaks=self.breaks, coefficients=_differentiated(self.coefficients, order) * scale)
 
     def sample(self, period: float, derivatives: int = 0) -> tuple[Array, Array]:
         """Times (n,) every ``period`` [s], end included, and values (n, derivatives + 1, n_axes)."""
@@ -193,6 +189,15 @@ def concatenate(curves: Sequence[PiecewisePolynomial]) -> PiecewisePolynomial:
     return PiecewisePolynomial(breaks=breaks, coefficients=np.concatenate(padded, axis=1))
 
 
+def frozen(values: ArrayLike) -> Array:
+    """A read-only array of floats: the one given where nobody can write to it, else a copy."""
+    given = np.asarray(values, dtype=float)
+    if given is not values or given.flags.writeable or given.base is not None:
+        given = np.array(values, dtype=float)
+        given.flags.writeable = False
+    return given
+
+
 def _check_breaks(breaks: Array) -> None:
     if breaks.ndim != 1 or breaks.size < 2:
         raise InvalidInput(f"breaks have shape {breaks.shape}; allowed is (n_pieces + 1,) with n_pieces >= 1.")
@@ -207,7 +212,8 @@ def _check_coefficients(coefficients: Array, n_pieces: int) -> None:
         raise InvalidInput(
             f"coefficients have shape {coefficients.shape}; allowed is (degree + 1, {n_pieces}, n_axes)."
         )
-    if not np.isfinite(coefficients).all():
+    # The sum is finite in all but a few cases where each term is, and needs no memory.
+    if not np.isfinite(coefficients.sum()) and not np.isfinite(coefficients).all():
         index = int(np.argmin(np.isfinite(coefficients).all(axis=(0, 2))))
         raise InvalidInput(f"the coefficients of piece {index} are not finite.")
 

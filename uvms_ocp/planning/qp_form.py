@@ -12,7 +12,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..exceptions import InvalidInput
+from uvms_ocp.exceptions import InvalidInput
+
 from .free_derivatives import pieces_of
 from .hermite import monomial_cost, monomial_row
 from .min_snap import _REST, Boundary, Constraint, MinSnap, NodeProblem, node_problem, solution_of
@@ -111,9 +112,17 @@ class _Qp:
     def _limits(self, values: Array, fixed: NDArray[np.bool_]) -> tuple[Array, Array]:
         scale = self.unit ** np.arange(self.k)[:, None]
         lower, upper = np.where(fixed, values, -np.inf), np.where(fixed, values, np.inf)
-        for bound in self.bounds:
+        for index, bound in enumerate(self.bounds):
+            if not 0 <= bound.derivative < self.k or not -self.n - 1 <= bound.node <= self.n:
+                raise InvalidInput(
+                    f"bound {index} is on derivative {bound.derivative} of way point {bound.node}; allowed are "
+                    f"derivatives 0 to {self.k - 1} of way points 0 to {self.n}."
+                )
             lower[bound.derivative, bound.node] = max(lower[bound.derivative, bound.node], bound.lower)
             upper[bound.derivative, bound.node] = min(upper[bound.derivative, bound.node], bound.upper)
+        crossed = (lower > upper).any(axis=0)
+        if crossed.any():
+            raise InvalidInput(f"the bounds of way point {int(np.argmax(crossed))} leave no solution; relax one.")
         continuous = np.zeros(self.k * (self.n - 1))
         return (
             np.concatenate([(lower * scale).T.ravel(), continuous]),

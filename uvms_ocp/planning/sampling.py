@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..exceptions import InvalidInput
+from uvms_ocp.exceptions import InvalidInput
+
 from .certificate import PairDistances
 
 Array = NDArray[np.float64]
@@ -157,4 +158,6 @@ def _pruned(distances: PairDistances, path: Array, clearance: float) -> Array:
 def _sampled_box(distances: PairDistances, a: Array, b: Array, room: float) -> tuple[Array, Array]:
     lower, upper = distances.scene.coordinates.limits()
     low, high = np.minimum(a, b) - room, np.maximum(a, b) + room
-    return np.where(np.isinf(lower), low, np.maximum(lower, low)), np.where(np.isinf(upper), high, np.minimum(upper, high))
+    return np.where(np.isinf(lower), low, np.maximum(lower, low)), np.where(
+        np.isinf(upper), high, np.minimum(upper, high)
+    )

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
 
-from ..exceptions import InvalidInput
+from uvms_ocp.exceptions import InvalidInput
+
 from .min_snap import Boundary, Constraint, MinSnap, checked_waypoints, min_snap
 from .polynomial import PiecewisePolynomial
 
@@ -138,10 +139,11 @@ def optimal_times(
 
 def _trapezoid(distance: Array, velocity: Array, acceleration: Array) -> Array:
     """Time from rest to rest over a distance; below v^2/a the profile is a triangle."""
-    cruises = distance * acceleration >= velocity**2
     with np.errstate(invalid="ignore", divide="ignore"):
         ramp = np.where(np.isinf(acceleration), 0.0, velocity / acceleration)
-        return np.where(cruises, distance / velocity + ramp, 2.0 * np.sqrt(distance / acceleration))
+        cruise = np.where(np.isinf(velocity), np.inf, distance / velocity + ramp)
+        triangle = np.where(np.isinf(acceleration), 0.0, 2.0 * np.sqrt(distance / acceleration))
+        return np.where(distance >= velocity * ramp, cruise, triangle)
 
 
 def _best_stretch(guess: MinSnap, time_weight: float, k: int) -> float:

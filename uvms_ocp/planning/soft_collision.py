@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -10,7 +11,8 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..exceptions import InvalidInput
+from uvms_ocp.exceptions import InvalidInput
+
 from .certificate import ClearanceReport, PairDistances, check_clearance
 from .clearance import CoalDistances
 from .collision_scene import CollisionScene
@@ -42,7 +44,7 @@ class PlanStatus(Enum):
 _ADVICE = {
     PlanStatus.FREE: "none needed.",
     PlanStatus.UNDECIDED: "the path all but touches something; plan again with a larger clearance.",
-    PlanStatus.COLLIDING: "give way points around the obstacle (sampled_waypoints finds some), more pieces or restarts.",
+    PlanStatus.COLLIDING: "give way points around the obstacle (see sampled_waypoints), more pieces or restarts.",
 }
 
 
@@ -96,8 +98,8 @@ def plan_soft_collision(
 
     Args:
         waypoints: (n >= 2, n_axes) of the scene's coordinates, end points included; two are a straight start.
-        limits: Velocity and acceleration limits; the result is slowed down to keep them.
-        times: (n,) [s] of the way points; default: trapezoidal, scaled to the limits.
+        limits: Velocity, acceleration and jerk limits.
+        times: (n,) [s] of the way points, kept unless they break the limits; default: as fast as the limits allow.
         distances: Distances for the optimisation; default coal. The verification always uses coal.
 
     Raises:
@@ -105,9 +107,9 @@ def plan_soft_collision(
     """
     began, settings = perf_counter(), options or SoftCollisionOptions()
     exact = CoalDistances(scene)
-    start = straight_start(waypoints, limits, times)
     _check_ends(scene, exact, np.asarray(waypoints, dtype=float))
-    attempts = _attempts(distances or exact, exact, start, limits, settings)
+    start = straight_start(waypoints, limits, times)
+    attempts = _attempts(distances or exact, exact, start, limits, settings, times_given=times is not None)
     plans = (_verified(problem, problem.solve(guess, settings), exact) for problem, guess in attempts)
     best, n_attempts = _first_free(plans)
     return replace(best, attempts=n_attempts, solve_time=perf_counter() - began)
@@ -123,9 +125,7 @@ def _first_free(plans: Iterator[CollisionPlan]) -> tuple[CollisionPlan, int]:
     return best, n
 
 
-def straight_start(
-    waypoints: ArrayLike, limits: MotionLimits, times: ArrayLike | None = None
-) -> PiecewisePolynomial:
+def straight_start(waypoints: ArrayLike, limits: MotionLimits, times: ArrayLike | None = None) -> PiecewisePolynomial:
     """Minimum snap through the way points, at the given times or as fast as the limits allow."""
     if times is not None:
         return min_snap(waypoints, times).trajectory
@@ -139,9 +139,11 @@ def _attempts(
     start: PiecewisePolynomial,
     limits: MotionLimits,
     options: SoftCollisionOptions,
+    *,
+    times_given: bool,
 ) -> Iterator[tuple[_Problem, Array]]:
     """Problems and where to start them: as given, bent at random, through sampled way points."""
-    problem = _Problem.of(distances, start, limits, options)
+    problem = _Problem.of(distances, start, limits, options, times_given=times_given)
     yield problem, problem.start
     for bent in problem.bent_starts(options):
         yield problem, bent
@@ -149,7 +151,7 @@ def _attempts(
         ends = start.evaluate([start.start, start.end])
         found = sampled_waypoints(exact, ends[0], ends[1], options.sampling)
         if found is not None:
-            detour = _Problem.of(distances, straight_start(found, limits), limits, options)
+            detour = _Problem.of(distances, straight_start(found, limits), limits, options, times_given=False)
             yield detour, detour.start
 
 
@@ -161,10 +163,16 @@ class _Problem:
     breaks: Array
     start: Array
     free: Mask
+    times_given: bool
 
     @staticmethod
     def of(
-        distances: Distances, start: PiecewisePolynomial, limits: MotionLimits, options: SoftCollisionOptions
+        distances: Distances,
+        start: PiecewisePolynomial,
+        limits: MotionLimits,
+        options: SoftCollisionOptions,
+        *,
+        times_given: bool,
     ) -> _Problem:
         breaks, is_waypoint = _refined(start.breaks, options.pieces)
         values = np.stack([start.evaluate(breaks, d) for d in range(4)])
@@ -179,13 +187,16 @@ class _Problem:
             breaks=breaks,
             start=cost.variables(values),
             free=free.transpose(1, 0, 2).reshape(len(breaks), -1),
+            times_given=times_given,
         )
 
     def bent_starts(self, options: SoftCollisionOptions) -> Iterator[Array]:
         """Smooth random bends of the start: noise whose covariance is the inverse of the snap Hessian."""
         rng = np.random.default_rng(options.seed)
         factor = self.cost.smoothness_hessian.pinned(self.free).cholesky()
-        for attempt in range(options.restarts if factor is not None else 0):
+        if factor is None:
+            return
+        for attempt in range(options.restarts):
             noise = factor.back(rng.normal(size=self.start.shape) * self.free)
             size = np.abs(self.cost.values(noise)[0]).max()
             yield self._within_limits(self.start + noise * (options.bend * (1.0 + 0.5 * attempt) / size))
@@ -216,9 +227,10 @@ class _Problem:
         return Bounds(lower=low, upper=high)
 
     def trajectory(self, variables: Array) -> PiecewisePolynomial:
-        """As fast as given, or slowed down to keep the limits."""
+        """At the given times unless they break the limits; as fast as the limits allow where none were given."""
         found = solution_of(self.breaks, self.cost.pieces, self.cost.values(variables)).trajectory
-        return scale_to_limits(found, self.cost.limits) if self.cost.limits.ratio(found) > 1.0 else found
+        keep = self.times_given and self.cost.limits.ratio(found) <= 1.0
+        return found if keep else scale_to_limits(found, self.cost.limits)
 
     def _within_limits(self, variables: Array) -> Array:
         lower, upper = self.cost.distances.scene.coordinates.limits()
@@ -234,7 +246,7 @@ def _touches_nothing(model: LocalModel) -> bool:
 def _refined(breaks: Array, pieces: int) -> tuple[Array, NDArray[np.intp]]:
     """Breaks split evenly into at least ``pieces`` pieces, and which of them were breaks before."""
     each = max(1, -(-pieces // (breaks.size - 1)))
-    parts = [np.linspace(a, b, each, endpoint=False) for a, b in zip(breaks[:-1], breaks[1:], strict=True)]
+    parts = [np.linspace(a, b, each, endpoint=False) for a, b in itertools.pairwise(breaks)]
     return np.concatenate([*parts, breaks[-1:]]), np.arange(0, each * (breaks.size - 1) + 1, each)
 
 
@@ -256,7 +268,8 @@ def _check_ends(scene: CollisionScene, distances: PairDistances, waypoints: Arra
         if d.size and d.min() <= 0.0:
             pair = scene.pairs[int(np.argmin(d))].name
             raise InvalidInput(
-                f"way point {index} (the {name}) is in collision: {pair} overlap by {-d.min():.3g} m; move it or the obstacle."
+                f"way point {index} (the {name}) is in collision: {pair} overlap by {-d.min():.3g} m; "
+                "move it or the obstacle."
             )
 
 
@@ -278,5 +291,3 @@ def _status(report: ClearanceReport) -> PlanStatus:
     if report.collision_free:
         return PlanStatus.FREE
     return PlanStatus.UNDECIDED if report.undecided else PlanStatus.COLLIDING
-
-
