@@ -108,7 +108,7 @@ class Phase:
     """One action: the external activation of each task, and what ends it.
 
     `gates` maps task names to values in [0, 1]; tasks that are not named are off. `goals` maps task names to goals that
-    replace the task's own during this phase.
+    replace the task's own during this phase; those that move count their time from the start of the phase.
     """
 
     name: str
@@ -200,7 +200,7 @@ class Mission:
 
     def reference(self, state: MissionState, t: float) -> np.ndarray:
         """Goals of all tasks at time t [s], one after the other, as `Task.reference` gives them."""
-        return np.concatenate([task.reference(t) for task in self._tasks[state.phase]])
+        return np.concatenate([task.reference(self._clock(state, task, t)) for task in self._tasks[state.phase]])
 
     def parameters(self, state: MissionState, t: float, q: np.ndarray) -> np.ndarray:
         """Parameters of all tasks at time t [s] and measured configuration q (n_q,), as `Task.parameters` gives them.
@@ -208,8 +208,13 @@ class Mission:
         Tasks that are off, and stay off, are not asked for what they would have to measure.
         """
         off = (self._targets[state.phase] == 0) & (self.gates(state, t) == 0)
-        tasks = zip(self._tasks[state.phase], off, strict=True)
-        return np.concatenate([task.reference(t) if idle else task.parameters(t, q) for task, idle in tasks])
+        return np.concatenate(
+            [
+                task.reference(time) if idle else task.parameters(time, q)
+                for task, idle in zip(self._tasks[state.phase], off, strict=True)
+                for time in [self._clock(state, task, t)]
+            ]
+        )
 
     def step(self, state: MissionState, t: float, quantities: Mapping[str, float]) -> tuple[MissionState, Event | None]:
         """The state after the quantities measured at t, and the event if a transition fired."""
@@ -247,6 +252,10 @@ class Mission:
             cells = [(f"{gate:g}" if gate else ".").rjust(size) for gate, size in zip(gates, columns, strict=True)]
             lines.append(f"{task.name.ljust(width)}  {task.label:<9} {' '.join(cells)}")
         return "\n".join([*lines, *(f"{phase.name}: {phase.title}" for phase in self.phases if phase.title)])
+
+    def _clock(self, state: MissionState, task: Task, t: float) -> float:
+        """Time [s] that a task's goal sees: since the start of the phase where the goal is the phase's own."""
+        return t - state.since if task.name in self.phases[state.phase].goals else t
 
     def unreachable_phases(self) -> tuple[str, ...]:
         """Names of the phases that no chain of transitions leads to from the first."""

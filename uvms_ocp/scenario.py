@@ -81,17 +81,19 @@ class Scenario:
 
     def check(self) -> PreflightReport:
         """Pre-flight: whether this mission can be completed, and what has to change if not."""
-        return check_mission(
-            Setup(
-                robot=self.robot,
-                mission=self.mission,
-                environment=self.environment,
-                start=np.array(self.start),
-                altimeter_frame=self.altimeter_frame,
-                with_forces=self.plant == "dynamic",
-                dt=self.dt,
-                duration=self.duration,
-            )
+        return check_mission(self.setup())
+
+    def setup(self) -> Setup:
+        """What pre-flight looks at."""
+        return Setup(
+            robot=self.robot,
+            mission=self.mission,
+            environment=self.environment,
+            start=np.array(self.start),
+            altimeter_frame=self.altimeter_frame,
+            with_forces=self.plant == "dynamic",
+            dt=self.dt,
+            duration=self.duration,
         )
 
     def run(self, progress: Progress | None = None) -> Record:

@@ -116,9 +116,10 @@ def _free_orientation(
 
 
 def goals_of(setup: Setup, name: str, goal: PoseGoal) -> list[pin.SE3]:
-    """The goal, or samples of a goal that moves."""
-    if not callable(goal):
-        return [goal]
+    """The goal; where it comes to rest if it moves; samples of it if it never rests."""
+    last, rate = evaluate_pose(name, goal, setup.duration)
+    if not callable(goal) or not rate.any():
+        return [last]
     return [evaluate_pose(name, goal, t)[0] for t in np.linspace(0.0, setup.duration, _N_TIMES)]
 
 

@@ -18,6 +18,7 @@ _LEVEL = 1e-9  # sine of the angle to the horizon below which a ray counts as le
 _SAMPLES_PER_RADIUS = 12  # of the smallest protuberance, when a ray looks for the floor
 _MAX_SAMPLES = 20_000
 _RANGE_TOLERANCE = 1e-10  # [m]
+_SLAB = 2.0  # [m] thickness of a flat floor as an obstacle
 
 
 class Seafloor(Protocol):
@@ -273,10 +274,9 @@ def floor_mesh(
 def floor_obstacle(
     seafloor: Seafloor, *, centre: tuple[float, float], extent: float, spacing: float = 0.25
 ) -> Obstacle:
-    """The floor as an obstacle named ``seafloor``: a half space if it is flat, else a mesh as `floor_mesh` makes it."""
+    """A square of the floor as an obstacle named ``seafloor``: a slab if it is flat, else a mesh (`floor_mesh`)."""
     if isinstance(seafloor, FlatSeafloor):
-        return Obstacle(
-            name="seafloor", shape=coal.Halfspace(np.array([0.0, 0.0, 1.0]), seafloor.z), X_WO=pin.SE3.Identity()
-        )
+        middle = np.array([*centre, seafloor.z - 0.5 * _SLAB])
+        return Obstacle(name="seafloor", shape=coal.Box(extent, extent, _SLAB), X_WO=pin.SE3(np.eye(3), middle))
     vertices, triangles = floor_mesh(seafloor, centre=centre, extent=extent, spacing=spacing)
     return Obstacle(name="seafloor", shape=mesh_shape(vertices, triangles), X_WO=pin.SE3.Identity())
