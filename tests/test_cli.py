@@ -105,3 +105,35 @@ def test_list_names_everything(tmp_path: Path) -> None:
     assert "case1" in known["scenarios"]
     assert "girona_maris7_full" in known["robots"]
     assert set(known["solvers"]) >= {"lexls", "lexqp", "icat"}
+
+
+def test_check_refuses_an_unreachable_goal_with_figures(tmp_path: Path) -> None:
+    process = cli("check", "case1_unreachable", "--plant", "kinematic", "--json", cwd=tmp_path)
+    assert process.returncode == 2
+    report = json.loads(process.stdout)
+    assert report["accepted"] is False
+    assert report["findings"][0]["figures"]["missing_worst_m"] > 0.3
+    assert "misses the goal" in process.stderr
+
+
+def test_run_refuses_what_check_refuses_unless_forced(tmp_path: Path) -> None:
+    arguments = ("run", "case1_unreachable", "--plant", "kinematic", "--duration", "0.3", "--out", "here")
+    process = cli(*arguments, cwd=tmp_path)
+    assert process.returncode == 2
+    assert "pre-flight refuses case1_unreachable" in process.stderr
+    assert not (tmp_path / "here").exists()
+    assert cli(*arguments, "--force", cwd=tmp_path).returncode == 3
+    assert (tmp_path / "here" / "record.npz").exists()
+
+
+def test_two_runs_compare_from_their_folders(complete: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    _, folder = complete
+    process = cli("compare", str(folder), str(folder), "--json", cwd=folder.parent)
+    assert process.returncode == 0, process.stderr
+    rows = {row["figure"]: row for row in json.loads(process.stdout)}
+    assert rows["duration_s"]["change"] == 0.0
+
+
+def test_a_mission_prints_as_a_table_or_a_diagram(tmp_path: Path) -> None:
+    assert "MAC   [R,I,S]      1    1    .    ." in cli("mission", "case1", cwd=tmp_path).stdout
+    assert cli("mission", "case1", "--mermaid", cwd=tmp_path).stdout.startswith("stateDiagram-v2")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.mission import DONE, Below, Mission, Phase, Transition
+from uvms_ocp.mission import ABORT, DONE, Above, Below, Event, Mission, MissionState, Phase, Transition
 from uvms_ocp.tasks import (
     Alignment,
     Hierarchy,
@@ -155,3 +155,88 @@ def test_impossible_numbers_are_refused(build: object, message: str) -> None:
 def test_unknown_names_in_a_mission_are_refused(phases: tuple[Phase, ...], message: str) -> None:
     with pytest.raises(NameNotFound, match=message):
         Mission(hierarchy=Hierarchy([HorizontalAttitude(), NullVelocity()]), phases=phases)
+
+
+def adrift(limit: float = 0.5, release: float | None = None, hold: float = 0.0, retries: int | None = None) -> Mission:
+    """Phase B leads back to A where the tilt exceeds `limit`."""
+    back = Transition(
+        to="A", when=(Above(quantity="HA.tilt", limit=limit, release=release),), hold=hold, retries=retries
+    )
+    end = Transition(to=DONE, when=(Below(quantity="HA.tilt", limit=0.01),))
+    return Mission(
+        hierarchy=Hierarchy([HorizontalAttitude(), NullVelocity()]),
+        phases=(phase("A", "B", {"HA": 1.0}), Phase(name="B", gates={"NR": 1.0}, transitions=(end, back))),
+    )
+
+
+def follow(m: Mission, tilts: list[float], dt: float = 0.1) -> tuple[MissionState, list[Event]]:
+    state, events = m.start(), []
+    for k, tilt in enumerate(tilts):
+        state, event = m.step(state, k * dt, {"HA.tilt": tilt})
+        events += [event] if event else []
+    return state, events
+
+
+def test_a_back_step_returns_to_an_earlier_phase_and_the_mission_can_still_end() -> None:
+    state, events = follow(adrift(), [0.05, 0.6, 0.05, 0.005])
+    assert [(event.source, event.target) for event in events] == [("A", "B"), ("B", "A"), ("A", "B"), ("B", DONE)]
+    assert events[1].reason == "HA.tilt = 0.6 > 0.5"
+    assert state.completed
+
+
+def test_a_back_step_waits_for_its_dwell_time() -> None:
+    assert len(follow(adrift(hold=0.3), [0.05, 0.6, 0.6, 0.3, 0.6, 0.6, 0.6])[1]) == 1
+    assert len(follow(adrift(hold=0.3), [0.05, 0.6, 0.6, 0.6, 0.6])[1]) == 2
+
+
+def test_hysteresis_keeps_a_condition_true_until_its_release() -> None:
+    assert len(follow(adrift(hold=0.3), [0.05, 0.6, 0.45, 0.45, 0.45])[1]) == 1
+    assert len(follow(adrift(hold=0.3, release=0.4), [0.05, 0.6, 0.45, 0.45, 0.45])[1]) == 2
+    assert len(follow(adrift(hold=0.3, release=0.4), [0.05, 0.45, 0.45, 0.45, 0.45])[1]) == 1
+
+
+def test_back_steps_beyond_the_retries_give_the_mission_up_with_a_reason() -> None:
+    m = adrift(retries=2)
+    state, events = follow(m, [0.05, 0.6] * 4)
+    assert [event.target for event in events] == ["B", "A", "B", "A", "B", ABORT]
+    assert state.over
+    assert not state.completed
+    assert state.aborted == "2 retries are used up: HA.tilt = 0.6 > 0.5"
+    assert m.pending(state, {"HA.tilt": 0.6}).startswith("given up, 2 retries")
+    assert m.step(state, 9.0, {"HA.tilt": 0.0}) == (state, None)
+
+
+def test_phases_that_cannot_be_reached_or_left_are_found() -> None:
+    m = Mission(
+        hierarchy=Hierarchy([HorizontalAttitude()]),
+        phases=(phase("A", DONE, {}), phase("X", "Y", {}), phase("Y", "X", {})),
+    )
+    assert m.unreachable_phases() == ("X", "Y")
+    assert m.phases_without_exit() == ("X", "Y")
+    assert adrift().unreachable_phases() == adrift().phases_without_exit() == ()
+
+
+def test_a_mission_prints_as_a_table_and_as_a_diagram() -> None:
+    assert str(mission()).splitlines() == [
+        "task  type         A    B",
+        "NR    [NR,E,C]     .    1",
+        "HA    [R,I,S]      1    .",
+    ]
+    diagram = adrift(hold=0.3, retries=2).mermaid()
+    assert diagram.startswith("stateDiagram-v2\n    [*] --> A\n")
+    assert "    B --> A : HA.tilt > 0.5 for 0.3 s (at most 2 times)\n" in diagram
+    assert "    B --> [*] : HA.tilt < 0.01\n" in diagram
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: Above(quantity="x", limit=0.5, release=0.6), "release of x = 0.6; give at most the limit 0.5"),
+        (lambda: Below(quantity="x", limit=0.5, release=0.4), "release of x = 0.4; give at least the limit 0.5"),
+        (lambda: Above(quantity="x", limit=float("nan")), "threshold of x = nan"),
+        (lambda: adrift(retries=-1), "retries = -1; give 0 or more"),
+    ],
+)
+def test_impossible_back_steps_are_refused(build: object, message: str) -> None:
+    with pytest.raises(InvalidInput, match=message):
+        build()  # type: ignore[operator]

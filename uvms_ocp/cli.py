@@ -1,13 +1,13 @@
-"""Command line: ``uvms-ocp run`` and ``uvms-ocp list``.
+"""Command line: ``uvms-ocp run``, ``check``, ``mission``, ``compare`` and ``list``.
 
-Exit codes: 0 done, 1 internal error, 2 bad input, 3 mission not completed.
+Exit codes: 0 done, 1 internal error, 2 bad input or refused by pre-flight, 3 mission not completed.
 """
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,15 +18,17 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
+from uvms_ocp.campaign import STUDIES
 from uvms_ocp.control.kinematic import HierarchySolver, KinematicController
-from uvms_ocp.exceptions import NameNotFound, UvmsError
+from uvms_ocp.exceptions import InvalidInput, NameNotFound, UvmsError
 from uvms_ocp.model.check_robot import RobotReport, check_robot_files
 from uvms_ocp.model.description import RobotDescription
 from uvms_ocp.model.robot import list_robots
 from uvms_ocp.model.state import Command
 from uvms_ocp.output import staged_folder
+from uvms_ocp.preflight import PreflightReport, Severity
 from uvms_ocp.record import Record
-from uvms_ocp.report import summarize
+from uvms_ocp.report import compare, summarize
 from uvms_ocp.scenario import PLANTS, Scenario
 from uvms_ocp.scenarios import SCENARIOS
 from uvms_ocp.solvers import Icat, LexicographicActiveSet, LexicographicQp
@@ -36,6 +38,7 @@ SOLVERS: dict[str, type[HierarchySolver]] = {
     "lexqp": LexicographicQp,
     "icat": Icat,
 }
+_DEFAULT_SOLVER = "lexls"
 BAD_INPUT, NOT_COMPLETED = 2, 3
 _PROGRESS_EVERY = 40  # ticks between two updates of the progress bar
 
@@ -56,31 +59,55 @@ def main() -> None:
         sys.exit(BAD_INPUT)
 
 
+Name = Annotated[str, typer.Argument(metavar="SCENARIO", help="Scenario, see `uvms-ocp list`.")]
+RobotName = Annotated[str | None, typer.Option(help="Robot, see `uvms-ocp list`; default: the scenario's.")]
+Plant = Annotated[str | None, typer.Option(help=f"Plant: {', '.join(PLANTS)}; default: the scenario's.")]
+SolverName = Annotated[str, typer.Option(help=f"Hierarchy solver: {', '.join(SOLVERS)}.")]
+CurrentVelocity = Annotated[
+    tuple[float, float, float] | None,
+    typer.Option(metavar="X Y Z", help="Uniform current in W [m/s]; default: the scenario's."),
+]
+Seed = Annotated[int | None, typer.Option(help="Seed of everything random.")]
+Noise = Annotated[bool | None, typer.Option("--noise/--no-noise", help="Sensors with noise, rates and delays.")]
+Duration = Annotated[float | None, typer.Option(metavar="S", help="Time limit of the mission [s].")]
+Out = Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the results.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the report on stdout, the rest on stderr.")]
+
+
 @app.command()
 def run(
-    name: Annotated[str, typer.Argument(metavar="SCENARIO", help="Scenario to run, see `uvms-ocp list`.")] = "case1",
-    robot: Annotated[str | None, typer.Option(help="Robot, see `uvms-ocp list`; default: the scenario's.")] = None,
-    plant: Annotated[str, typer.Option(help=f"Plant: {', '.join(PLANTS)}.")] = PLANTS[0],
-    solver: Annotated[str, typer.Option(help=f"Hierarchy solver: {', '.join(SOLVERS)}.")] = "lexls",
-    current: Annotated[
-        tuple[float, float, float] | None, typer.Option(metavar="X Y Z", help="Uniform current in W [m/s].")
-    ] = None,
-    seed: Annotated[int | None, typer.Option(help="Seed of everything random.")] = None,
-    noise: Annotated[
-        bool | None, typer.Option("--noise/--no-noise", help="Sensors with noise, rates and delays.")
-    ] = None,
-    duration: Annotated[float | None, typer.Option(metavar="S", help="Time limit of the mission [s].")] = None,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the results.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the report on stdout, the rest on stderr.")] = False,
+    name: Name = "case1",
+    robot: RobotName = None,
+    plant: Plant = None,
+    solver: SolverName = _DEFAULT_SOLVER,
+    current: CurrentVelocity = None,
+    seed: Seed = None,
+    noise: Noise = None,
+    duration: Duration = None,
+    out: Out = None,
+    force: Annotated[bool, typer.Option("--force", help="Run even if pre-flight finds errors.")] = False,
+    as_json: Json = False,
 ) -> None:
-    """Run a scenario; write its record, report, figures and 3-D scene. What is left out is as the scenario has it."""
+    """Run a scenario or a study; write its record, report, figures and 3-D scene, or its table.
+
+    What is left out is as the scenario has it.
+    """
     console = Console(stderr=as_json)
-    given = {"robot": robot, "plant": plant, "current": current, "seed": seed, "noise": noise, "duration": duration}
-    scenario = _build(name, solver, {option: value for option, value in given.items() if value is not None})
-    folder = out or Path("uvms_runs") / f"{name}-{plant}-{solver}"
+    if name in STUDIES:
+        _run_study(name, seed or 0, out, console, as_json)
+        return
+    options = _given(robot=robot, plant=plant, current=current, seed=seed, noise=noise, duration=duration)
+    scenario = _build(name, solver, options)
+    folder = out or Path("uvms_runs") / f"{name}-{scenario.plant}-{solver}"
     with staged_folder(folder) as staging:
+        preflight = scenario.check()
+        print_findings(console, preflight)
+        if not (preflight.accepted or force):
+            raise InvalidInput(
+                f"pre-flight refuses {name} ({len(preflight.errors)} errors); --force runs it all the same"
+            )
         record = _simulate(scenario, console)
-        report = summarize(record)
+        report = summarize(record) | {"preflight": preflight.to_dict()}
         with console.status("writing record, report, figures and scene"):
             _write(scenario, record, report, staging)
         written = sorted(path.relative_to(staging) for path in staging.rglob("*") if path.is_file())
@@ -91,6 +118,49 @@ def run(
         raise typer.Exit(NOT_COMPLETED)
 
 
+@app.command()
+def check(
+    name: Name = "case1",
+    robot: RobotName = None,
+    plant: Plant = None,
+    current: CurrentVelocity = None,
+    as_json: Json = False,
+) -> None:
+    """Check whether a mission can be completed, without running it; exit code 2 where it cannot."""
+    scenario = _build(name, _DEFAULT_SOLVER, _given(robot=robot, plant=plant, current=current))
+    preflight = scenario.check()
+    print_findings(Console(stderr=as_json), preflight, notes=True)
+    if as_json:
+        sys.stdout.write(json.dumps(preflight.to_dict(), indent=2) + "\n")
+    if not preflight.accepted:
+        raise typer.Exit(BAD_INPUT)
+
+
+@app.command()
+def mission(
+    name: Name = "case1",
+    mermaid: Annotated[bool, typer.Option("--mermaid", help="Print a state diagram in Mermaid's notation.")] = False,
+) -> None:
+    """Print which tasks are on in which phase of a scenario, or its phases as a diagram."""
+    plan = _build(name, _DEFAULT_SOLVER, {}).mission
+    sys.stdout.write(plan.mermaid() if mermaid else f"{plan}\n")
+
+
+@app.command(name="compare")
+def compare_runs(
+    first: Annotated[Path, typer.Argument(metavar="A", help="Folder of a run, or its record.npz.")],
+    second: Annotated[Path, typer.Argument(metavar="B", help="The other run.")],
+    as_json: Json = False,
+) -> None:
+    """Compare the resources that two runs took."""
+    records = [Record.load(path / "record.npz" if path.is_dir() else path) for path in (first, second)]
+    rows = compare(records[0], records[1])
+    console = Console(stderr=as_json)
+    console.print(_table(f"{first} against {second}", rows, ("figure", "first", "second", "change")))
+    if as_json:
+        sys.stdout.write(json.dumps(rows, indent=2) + "\n")
+
+
 @app.command(name="list")
 def list_all(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
@@ -98,6 +168,7 @@ def list_all(
     """List scenarios, robots, plants and solvers."""
     known = {
         "scenarios": list(SCENARIOS),
+        "studies": list(STUDIES),
         "robots": list(list_robots()),
         "plants": list(PLANTS),
         "solvers": list(SOLVERS),
@@ -135,7 +206,7 @@ def check_robot(
         findings = [{"subject": f.subject, "verdict": f.verdict.value, "text": f.text} for f in report.findings]
         sys.stdout.write(json.dumps({"usable": report.usable, "findings": findings}, indent=2) + "\n")
     else:
-        _print_findings(report)
+        _print_robot(report)
     if not report.usable:
         raise typer.Exit(BAD_INPUT)
 
@@ -146,20 +217,65 @@ def schema() -> None:
     sys.stdout.write(json.dumps(RobotDescription.model_json_schema(), indent=2) + "\n")
 
 
-def _print_findings(report: RobotReport) -> None:
+def _print_robot(report: RobotReport) -> None:
     table = Table("", "what", "finding", box=None, title=report.name, title_justify="left")
     for finding in report.findings:
         table.add_row(finding.verdict.value, finding.subject, Text(finding.text))
     Console().print(table)
 
 
+def _run_study(name: str, seed: int, out: Path | None, console: Console, as_json: bool) -> None:
+    folder = out or Path("uvms_runs") / name
+    with staged_folder(folder) as staging, console.status(name) as status:
+        result = STUDIES[name](seed=seed).run(progress=lambda done, n: status.update(f"{name}: {done} of {n} runs"))
+        (staging / "report.json").write_text(json.dumps(result.to_dict(), indent=2) + "\n")
+        result.write_csv(staging / "runs.csv")
+    console.print(_table(result.title, result.table, tuple(result.table[0])))
+    console.print(str(folder), markup=False, highlight=False)
+    if as_json:
+        sys.stdout.write(json.dumps(result.to_dict(), indent=2) + "\n")
+
+
+def _table(title: str, rows: Sequence[Mapping[str, Any]], columns: tuple[str, ...]) -> Table:
+    table = Table(title=title)
+    for column in columns:
+        table.add_column(column, overflow="fold")
+    for row in rows:
+        table.add_row(*(_cell(row[column]) for column in columns))
+    return table
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _given(**options: Any) -> dict[str, Any]:
+    """The options that were given on the command line."""
+    return {name: value for name, value in options.items() if value is not None}
+
+
 def _build(name: str, solver: str, options: dict[str, Any]) -> Scenario:
     """The scenario with the options of the command line; raises `UvmsError` where one is wrong."""
     if name not in SCENARIOS:
-        raise NameNotFound("scenario", name, SCENARIOS)
+        raise NameNotFound("scenario", name, (*SCENARIOS, *STUDIES))
     if solver not in SOLVERS:
         raise NameNotFound("solver", solver, SOLVERS)
     return SCENARIOS[name](solver=SOLVERS[solver](), **options)
+
+
+def print_findings(console: Console, preflight: PreflightReport, *, notes: bool = False) -> None:
+    """Errors and warnings of pre-flight, one per line, and notes if wanted."""
+    styles = {Severity.ERROR: "red", Severity.WARNING: "yellow", Severity.NOTE: ""}
+    for finding in preflight.findings:
+        if notes or finding.severity is not Severity.NOTE:
+            where = f" (phase {finding.phase})" if finding.phase else ""
+            text = f"{finding.severity.value}: {finding.check}{where}: {finding.text}"
+            console.print(text, style=styles[finding.severity], markup=False, highlight=False, soft_wrap=True)
+    if notes:
+        verdict = "accepted" if preflight.accepted else "refused"
+        console.print(f"pre-flight: {verdict}", markup=False, highlight=False)
 
 
 def _simulate(scenario: Scenario, console: Console) -> Record:
@@ -206,17 +322,29 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
     table.add_column("why it ended, errors at its end")
     for phase in report["phases"]:
         times = (f"{phase['start_s']:.2f}", f"{phase['end_s']:.2f}")
-        energy = f"{phase['energy_j']:.0f}" if "energy_j" in phase else "-"
+        energy = _cell(phase["energy_j"])
         why = Text("\n").join([Text(phase["reason"]), *(Text(error, style="dim") for error in _active_errors(phase))])
         table.add_row(f"{phase['name']} {phase['title']}", *times, energy, f"{phase['path_length_m']:.2f}", why)
     console.print(table)
     for alarm in report["alarms"]:
         console.print(f"alarm at {alarm['t']:.2f} s: {alarm['text']}", style="yellow", markup=False)
+    resources = _transposed(report["resources"])
+    console.print(_table("resources", resources, tuple(resources[0])))
     verdict = "complete" if report["completed"] else f"not completed: {report['pending']}"
     console.print(
         f"mission {verdict}; simulated {report['simulated_s']:.1f} s in {report['wall_s']:.1f} s, "
         f"tick p50 {report['tick_us']['p50']:.0f} us",
         markup=False,
     )
+    if not report["completed"]:
+        console.print(f"cause: {report['cause']['kind']}: {report['cause']['text']}", markup=False)
     for path in paths:
         console.print(str(path), markup=False, highlight=False)
+
+
+def _transposed(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """One row per figure that some phase has, one column per visit to a phase."""
+    names = [row["phase"] if row["phase"] == "total" else f"{k + 1} {row['phase']}" for k, row in enumerate(rows)]
+    figures = [name for name in rows[0] if name != "phase" and any(row[name] is not None for row in rows)]
+    values = [[row[figure] for row in rows] for figure in figures]
+    return [{"figure": name, **dict(zip(names, row, strict=True))} for name, row in zip(figures, values, strict=True)]

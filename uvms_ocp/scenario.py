@@ -17,11 +17,12 @@ from uvms_ocp.control.estimator import Estimator as NavigationEstimator
 from uvms_ocp.control.estimator import PassThrough
 from uvms_ocp.control.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.mission import Mission
+from uvms_ocp.mission import Below, Mission
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
 from uvms_ocp.model.state import Command, Measurement, State
+from uvms_ocp.preflight import PreflightReport, Setup, check_mission
 from uvms_ocp.record import Record
 from uvms_ocp.sim import DynamicPlant, Environment, KinematicPlant, SensorSuite, simulate
 from uvms_ocp.sim.loop import Controller, Estimator, Plant
@@ -79,6 +80,23 @@ class Scenario:
     def controller(self) -> KinematicController:
         """A fresh kinematic layer for this mission."""
         return KinematicController(robot=self.robot, mission=self.mission, solver=self.solver, dt=self.dt)
+
+    def check(self) -> PreflightReport:
+        """Pre-flight: whether this mission can be completed, and what has to change if not."""
+        return check_mission(self.setup())
+
+    def setup(self) -> Setup:
+        """What pre-flight looks at."""
+        return Setup(
+            robot=self.robot,
+            mission=self.mission,
+            environment=self.environment,
+            start=np.array(self.start),
+            altimeter_frame=self.altimeter_frame,
+            with_forces=self.plant == "dynamic",
+            dt=self.dt,
+            duration=self.duration,
+        )
 
     def run(self, progress: Progress | None = None) -> Record:
         """Simulate until the mission is complete or `duration` is over."""
@@ -166,9 +184,15 @@ class Scenario:
                 "position_lower": self.robot.limits.position_lower.tolist(),
                 "position_upper": self.robot.limits.position_upper.tolist(),
                 "velocity": self.robot.limits.velocity.tolist(),
+                "effort": self.robot.limits.effort.tolist(),
             },
             "thresholds": [
-                {"quantity": condition.quantity, "limit": condition.limit, "phase": phase.name}
+                {
+                    "quantity": condition.quantity,
+                    "limit": condition.limit,
+                    "sign": "<" if isinstance(condition, Below) else ">",
+                    "phase": phase.name,
+                }
                 for phase in self.mission.phases
                 for transition in phase.transitions
                 for condition in transition.when

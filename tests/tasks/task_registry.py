@@ -14,6 +14,7 @@ import pinocchio as pin
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.tasks import (
     Alignment,
+    FieldOfView,
     HorizontalAttitude,
     JointLimits,
     JointTracking,
@@ -76,6 +77,12 @@ def _misalignment(robot: Robot, q: np.ndarray) -> float:
     return float(np.arccos(X_WB.rotation[:, 0] @ d / np.linalg.norm(d)))
 
 
+def _view_angle(robot: Robot, q: np.ndarray) -> float:
+    X_WC = _pose(robot, q, "tool")
+    d = TARGET - X_WC.translation
+    return float(np.arccos(X_WC.rotation[:, 2] @ d / np.linalg.norm(d)))
+
+
 def _manipulability(robot: Robot, q: np.ndarray) -> float:
     J = pin.computeFrameJacobian(
         robot.model, robot.model.createData(), q, robot.frame_id("tool"), pin.ReferenceFrame.LOCAL
@@ -90,6 +97,7 @@ REGISTRY: dict[str, Entry] = {
     "MAC": Entry(MinimumAltitude(), _scalar(_height)),
     "HA": Entry(HorizontalAttitude(), _scalar(_tilt)),
     "AT": Entry(Alignment(goal=TARGET), _scalar(_misalignment)),
+    "FV": Entry(FieldOfView(goal=TARGET, frame="tool", axis=(0.0, 0.0, 1.0)), _scalar(_view_angle)),
     "MU": Entry(Manipulability(), _scalar(_manipulability)),
     "LA": Entry(LandingAltitude(), _scalar(_height)),
     "PC": Entry(VehiclePose(goal=GOAL), _moved_frame("base_link")),

@@ -63,7 +63,7 @@ def evaluate(
 ) -> dict[str, np.ndarray]:
     function = task_function(robot, task)
     velocity = np.zeros(robot.n_v) if v is None else v
-    values = function.call([q, velocity, altimeter_range, task.reference(0.0)])
+    values = function.call([q, velocity, altimeter_range, task.parameters(0.0, q)])
     return {name: np.array(value) for name, value in zip(function.name_out(), values, strict=True)}
 
 

@@ -80,7 +80,7 @@ class KinematicController:
         return Command(
             v=self._previous,
             stop=freshness is Freshness.LOST,
-            finished=self.state.completed,
+            finished=self.state.over,
             telemetry=telemetry,
         )
 
@@ -100,7 +100,7 @@ class KinematicController:
             measurement.v,
             self._previous,
             np.array([echo if np.isfinite(echo) else NO_ECHO_RANGE]),
-            self.mission.reference(self.state, t),
+            self.mission.parameters(self.state, t, measurement.q),
         )
 
     def _named(self, quantities: np.ndarray) -> dict[str, float]:

@@ -85,6 +85,32 @@ class ShearedCurrent:
         return np.zeros((len(p_W), 3))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class OnsetCurrent:
+    """A uniform current that sets in: from rest to its velocity by a cosine step, as when the tide turns."""
+
+    value: np.ndarray  # (3,) [m/s] in W
+    start: float  # [s]
+    rise: float  # [s]
+
+    def __init__(self, velocity: ArrayLike, *, start: float, rise: float) -> None:
+        object.__setattr__(self, "value", _finite("velocity of the current", velocity, (3,)))
+        if not (math.isfinite(start) and math.isfinite(rise) and rise > 0):
+            raise InvalidInput(f"onset of a current: start = {start} s, rise = {rise} s; give finite times, rise > 0")
+        object.__setattr__(self, "start", float(start))
+        object.__setattr__(self, "rise", float(rise))
+
+    def velocity(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        return np.tile(self.value * (0.5 - 0.5 * math.cos(math.pi * self._share(t))), (len(p_W), 1))
+
+    def acceleration(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        slope = 0.5 * math.pi / self.rise * math.sin(math.pi * self._share(t))
+        return np.tile(self.value * slope, (len(p_W), 1))
+
+    def _share(self, t: float) -> float:
+        return min(max((t - self.start) / self.rise, 0.0), 1.0)
+
+
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class GustyCurrent:
     """A first-order Gauss-Markov process on top of another current, the same everywhere.

@@ -6,15 +6,19 @@ import math
 from dataclasses import dataclass, field
 from typing import Protocol
 
+import coal
 import numpy as np
+import pinocchio as pin
 from scipy.optimize import brentq
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.model.obstacles import Obstacle, mesh_shape
 
 _LEVEL = 1e-9  # sine of the angle to the horizon below which a ray counts as level
 _SAMPLES_PER_RADIUS = 12  # of the smallest protuberance, when a ray looks for the floor
 _MAX_SAMPLES = 20_000
 _RANGE_TOLERANCE = 1e-10  # [m]
+_SLAB = 2.0  # [m] thickness of a flat floor as an obstacle
 
 
 class Seafloor(Protocol):
@@ -265,3 +269,14 @@ def floor_mesh(
     a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]
     triangles = np.stack([np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)])
     return np.stack([x, y, z], axis=1), triangles.reshape(-1, 3)
+
+
+def floor_obstacle(
+    seafloor: Seafloor, *, centre: tuple[float, float], extent: float, spacing: float = 0.25
+) -> Obstacle:
+    """A square of the floor as an obstacle named ``seafloor``: a slab if it is flat, else a mesh (`floor_mesh`)."""
+    if isinstance(seafloor, FlatSeafloor):
+        middle = np.array([*centre, seafloor.z - 0.5 * _SLAB])
+        return Obstacle(name="seafloor", shape=coal.Box(extent, extent, _SLAB), X_WO=pin.SE3(np.eye(3), middle))
+    vertices, triangles = floor_mesh(seafloor, centre=centre, extent=extent, spacing=spacing)
+    return Obstacle(name="seafloor", shape=mesh_shape(vertices, triangles), X_WO=pin.SE3.Identity())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import casadi as ca
@@ -133,3 +133,56 @@ class Alignment(AngleTask):
             activation=rows.activation,
             quantities=quantities,
         )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class FieldOfView(AngleTask):
+    """FV: a point stays inside the cone that a camera sees.
+
+    theta takes the optical axis to the direction d / |d| of the point, and
+    ``d theta / dt = -n . (omega_W + d x v_W / |d|^2)`` with the velocity of the camera's frame. A point at the camera
+    itself has no direction: the row is zero then.
+    """
+
+    name: str = "FV"
+    task_class: TaskClass = TaskClass.PREREQUISITE
+    goal: VectorGoal  # (3,) [m] point in W
+    axis: tuple[float, float, float] = (1.0, 0.0, 0.0)  # optical axis in `frame`
+    gain: float = 0.6
+    saturation: float = 0.3
+    bell: Bell = Bell(0.3, 0.5)
+    aim: float = 0.4
+
+    def __post_init__(self) -> None:
+        AngleTask.__post_init__(self)
+        value, _ = evaluate_vector(self.name, self.goal, 0.0)
+        if value.shape != (3,) or not np.isclose(np.linalg.norm(self.axis), 1.0):
+            raise InvalidInput(f"{self.name}: goal {value}, axis {self.axis}; give a position (3,) and a unit vector")
+
+    def n_parameters(self, robot: Robot) -> int:
+        return 6
+
+    def reference(self, t: float) -> np.ndarray:
+        return np.concatenate(evaluate_vector(self.name, self.goal, t))
+
+    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
+        R_WC, p_WC = symbols.kinematics.pose(self.frame)
+        J = symbols.kinematics.jacobian(self.frame)
+        d = parameters[:3] - p_WC
+        near = ca.norm_2(d) < _OVERHEAD
+        distance = ca.fmax(ca.norm_2(d), _OVERHEAD)
+        axis = R_WC @ ca.DM(self.axis)
+        theta, n = misalignment(axis, d / distance, _perpendicular(R_WC, self.axis))
+        turning = skew(d) / distance**2
+        row = ca.if_else(near, 0, -n.T @ (J[3:, :] + turning @ J[:3, :]))
+        angle = ca.if_else(near, 0, theta)
+        rows = self._angle_rows(symbols, angle, row, {"angle": angle, "distance": ca.norm_2(d)})
+        drift = ca.if_else(near, 0, n.T @ turning @ parameters[3:])
+        return replace(rows, rate=rows.rate - drift, upper=rows.upper - drift)
+
+
+def _perpendicular(R_WC: ca.SX, axis: tuple[float, float, float]) -> ca.SX:
+    """A unit vector (3,) in W perpendicular to an axis of the frame C."""
+    other = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    across = np.cross(np.asarray(axis), other)
+    return R_WC @ ca.DM(across / np.linalg.norm(across))

@@ -60,6 +60,7 @@ class PoseTask(Task):
         quantities = {
             "position_error": ca.norm_2(error_linear),
             "orientation_error": ca.norm_2(error_angular),
+            "horizontal_error": ca.norm_2(error_linear[:2]),
         }
         return equality_rows(symbols.kinematics.jacobian(self.frame), rate, quantities)
 

@@ -92,6 +92,13 @@ class Task(ABC):
         """Goal at time t [s] as a parameter vector (n_parameters,)."""
         return np.zeros(0)
 
+    def parameters(self, t: float, q: np.ndarray) -> np.ndarray:
+        """Parameter vector (n_parameters,) at time t [s] and measured configuration q (n_q,).
+
+        The goal, for most tasks; tasks on distances, which have no symbolic form, put their values in.
+        """
+        return self.reference(t)
+
     def with_goal(self, goal: Any) -> Task:
         """This task with another goal; raises `InvalidInput` where the task has none."""
         if "goal" not in {item.name for item in fields(self)}:

@@ -1,4 +1,4 @@
-"""Figures of merit of one run, read from its `Record` alone."""
+"""The report of one run."""
 
 from __future__ import annotations
 
@@ -6,7 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.mission import ABORT, DONE
 from uvms_ocp.record import Record
+from uvms_ocp.report.cause import cause_of_end
+from uvms_ocp.report.resources import figures_between, resources
+from uvms_ocp.report.series import max_velocity_step, quantity
 
 _SETTLING = 0.5  # [s] after the start of a phase, before its drift counts
 
@@ -17,7 +21,7 @@ def summarize(record: Record) -> dict[str, Any]:
     Lengths in m, angles in rad, times in s unless the key says otherwise.
     """
     meta = record.meta
-    tool = meta["tool_task"]
+    tool, tilt = meta["tool_task"], quantity(record, "HA.tilt")
     return {
         "scenario": meta["scenario"],
         "robot": meta["robot"],
@@ -25,13 +29,16 @@ def summarize(record: Record) -> dict[str, Any]:
         "solver": meta["solver"],
         "completed": meta["completed"],
         "pending": meta["pending"],
+        "cause": cause_of_end(record),
         "phases": phase_table(record),
+        "resources": resources(record),
         "seed": meta["seed"],
         "noise": meta["noise"],
         "alarms": meta["alarms"],
         "tool_position_error_m": meta["true_quantities"].get(f"{tool}.position_error"),
         "tool_orientation_error_rad": meta["true_quantities"].get(f"{tool}.orientation_error"),
         "vehicle_drift_in_last_phase_m": _drift_in_last_phase(record),
+        "largest_tilt_rad": None if tilt is None else float(tilt.max()),
         "min_altimeter_m": _smallest(record["altimeter_range"]),
         "max_velocity_step": max_velocity_step(record),
         "failed_ticks": _failed_ticks(record),
@@ -42,19 +49,13 @@ def summarize(record: Record) -> dict[str, Any]:
     }
 
 
-def quantity(record: Record, name: str) -> np.ndarray | None:
-    """The series (n,) of a measured quantity such as ``T.position_error``; `None` where no task measures it."""
-    names = record.meta["quantities"]
-    return record["quantities"][:, names.index(name)] if name in names else None
-
-
 def phase_table(record: Record) -> list[dict[str, Any]]:
     """One row per phase that was entered, in order of time: name, title, start, end, reason, errors at its end."""
     events = record.meta["events"]
-    starts = [0.0, *(event["t"] for event in events if event["target"] != "done")]
+    starts = [0.0, *(event["t"] for event in events if event["target"] not in (DONE, ABORT))]
     names = [
         record.meta["phases"][0]["name"],
-        *(event["target"] for event in events if event["target"] != "done"),
+        *(event["target"] for event in events if event["target"] not in (DONE, ABORT)),
     ]
     ends = [event["t"] for event in events] + [float(record["t"][-1])]
     reasons = [event["reason"] for event in events] + [f"time is over, waiting for: {record.meta['pending']}"]
@@ -68,33 +69,10 @@ def phase_table(record: Record) -> list[dict[str, Any]]:
             "end_s": end,
             "reason": reason,
             "final_errors": _quantities_at(record, end),
-            **_resources(record, start, end),
+            **figures_between(record, start, end),
         }
         for name, start, end, reason in zip(names, starts, ends, reasons, strict=False)
     ]
-
-
-def _resources(record: Record, start: float, end: float) -> dict[str, float]:
-    """What a phase cost: path of the vehicle, and on a plant with thrusters energy, peak thrust and saturation."""
-    rows = slice(*np.searchsorted(record["t"], [start - 1e-9, end + 1e-9]))
-    steps = np.diff(record["q"][rows, :3], axis=0) if record.meta["floating"] else np.zeros((0, 3))
-    resources = {"path_length_m": float(np.linalg.norm(steps, axis=1).sum())}
-    if "thrust" not in record.series:
-        return resources
-    thrusters, joints = record["thruster_energy"][rows], record["joint_energy"][rows]
-    return resources | {
-        "thruster_energy_j": float((thrusters[-1] - thrusters[0]).sum()),
-        "joint_energy_j": float(joints[-1] - joints[0]),
-        "energy_j": float((thrusters[-1] - thrusters[0]).sum() + joints[-1] - joints[0]),
-        "peak_thrust_n": float(np.abs(record["thrust"][rows]).max(initial=0.0)),
-        "saturation_time_s": float(np.count_nonzero(record["saturated"][rows]) * record.meta["dt"]),
-    }
-
-
-def max_velocity_step(record: Record) -> float:
-    """Largest change of any component of the command in one tick, from rest at the start."""
-    steps = np.diff(record["command"], axis=0, prepend=np.zeros((1, record["command"].shape[1])))
-    return float(np.abs(steps).max())
 
 
 def _quantities_at(record: Record, t: float) -> dict[str, float]:

@@ -1,0 +1,52 @@
+"""Table 2: cells, verdicts and what they are derived from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from uvms_ocp.campaign import table2
+from uvms_ocp.campaign.study import StudyResult
+from uvms_ocp.campaign.table2 import FLOORS, PAPER, THRESHOLDS, verdict
+
+
+@pytest.fixture(scope="module")
+def result() -> StudyResult:
+    return table2(seeds=1, seed=1, length=15.0).run()
+
+
+def test_every_cell_of_the_paper_is_measured(result: StudyResult) -> None:
+    assert len(result.table) == len(FLOORS) * len(THRESHOLDS) == len(PAPER)
+    assert all(row["completed"] for row in result.cases)
+
+
+def test_an_almost_flat_floor_is_safe_at_every_threshold(result: StudyResult) -> None:
+    flat = [row for row in result.table if row["floor"] == "almost flat"]
+    assert [row["verdict"] for row in flat] == [row["paper"] for row in flat] == ["safe"] * 3
+
+
+def test_a_higher_threshold_never_comes_nearer_to_the_floor(result: StudyResult) -> None:
+    for floor in FLOORS.values():
+        cells = [row["smallest_clearance_m"] for row in result.table if row["floor"] == floor]
+        assert cells == sorted(cells)
+
+
+@pytest.mark.parametrize(
+    ("clearances", "words"),
+    [
+        ([1.0, 2.0], "safe"),
+        ([1.0, 0.3], "not always safe"),
+        ([0.2, 0.3], "not completely safe"),
+        ([1.0, -0.1], "not safe"),
+    ],
+)
+def test_the_words_follow_from_the_clearances(clearances: list[float], words: str) -> None:
+    assert verdict(clearances) == words
+
+
+def test_a_study_writes_one_line_per_run(result: StudyResult, tmp_path: Path) -> None:
+    result.write_csv(tmp_path / "runs.csv")
+    lines = (tmp_path / "runs.csv").read_text().splitlines()
+    assert len(lines) == 1 + len(result.cases)
+    assert lines[0].startswith("floor,threshold_m,seed")

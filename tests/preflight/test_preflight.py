@@ -1,0 +1,201 @@
+"""Pre-flight: what cannot work is refused with figures before anything moves."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.optimize import minimize
+
+from uvms_ocp import pose_at
+from uvms_ocp.mission import DONE, Below, Mission, Phase, Transition
+from uvms_ocp.preflight import PreflightReport, Severity
+from uvms_ocp.preflight.forecast import forecast, main_path
+from uvms_ocp.preflight.setup import Setup
+from uvms_ocp.scenario import Scenario
+from uvms_ocp.scenarios import case1, case1_unreachable
+
+
+def with_phases(scenario: Scenario, phases: Sequence[Phase]) -> Scenario:
+    return replace(scenario, mission=replace(scenario.mission, phases=tuple(phases)))
+
+
+def gates(scenario: Scenario, phase: str, **changes: float) -> Scenario:
+    phases = [
+        replace(item, gates={**item.gates, **changes}) if item.name == phase else item
+        for item in scenario.mission.phases
+    ]
+    return with_phases(scenario, phases)
+
+
+def setup_of(scenario: Scenario) -> Setup:
+    return Setup(
+        robot=scenario.robot,
+        mission=scenario.mission,
+        environment=scenario.environment,
+        start=np.array(scenario.start),
+        altimeter_frame=scenario.altimeter_frame,
+        with_forces=False,
+        dt=scenario.dt,
+        duration=scenario.duration,
+    )
+
+
+def texts(report: PreflightReport, severity: Severity) -> str:
+    return " | ".join(finding.text for finding in report.findings if finding.severity is severity)
+
+
+@pytest.fixture(scope="module")
+def refused() -> PreflightReport:
+    return case1_unreachable(plant="kinematic").check()
+
+
+@pytest.mark.parametrize("plant", ["kinematic", "dynamic"])
+def test_case_1_is_accepted_without_a_warning(plant: str) -> None:
+    report = case1(plant=plant).check()
+    assert report.accepted
+    assert not report.warnings
+
+
+def test_an_unreachable_goal_is_refused_with_the_distance_missing(refused: PreflightReport) -> None:
+    (finding,) = refused.errors
+    assert finding.check == "reachability"
+    assert 0.15 < finding.figures["missing_best_m"] < 0.35 < finding.figures["missing_worst_m"] < 0.45
+    assert "misses the goal" in finding.text
+
+
+def test_the_distances_agree_with_an_independent_optimum(refused: PreflightReport) -> None:
+    """Random search polished by Nelder-Mead on the tool error, from the two ends of the ball of the way point."""
+    scenario = case1_unreachable(plant="kinematic")
+    target = np.array([12.2025, 37.3748, -39.886])
+    way_point = np.array([10.2, 37.5])
+    towards = (target[:2] - way_point) / np.linalg.norm(target[:2] - way_point)
+    figures = refused.errors[0].figures
+    for sign, key in ((1.0, "missing_best_m"), (-1.0, "missing_worst_m")):
+        xy = way_point + sign * 0.1 * towards
+        yaw = float(np.arctan2(*(target[:2] - xy)[::-1]))
+        independent = independent_optimum(scenario, pose_at((*xy, -39.5), (0.0, 0.0, yaw)), target)
+        assert figures[key] == pytest.approx(independent, rel=0.1)
+
+
+def independent_optimum(scenario: Scenario, X_WB: pin.SE3, target: np.ndarray) -> float:
+    """Position distance missing [m] at the best posture found."""
+    robot = scenario.robot
+    model, data, frame = robot.model, robot.model.createData(), robot.frame_id("tool")
+    lower, upper = robot.limits.position_lower, robot.limits.position_upper
+    base, goal = pin.SE3ToXYZQUAT(X_WB), pin.rpy.rpyToMatrix(np.pi, 0.0, 0.0)
+
+    def error(joints: np.ndarray) -> tuple[float, float]:
+        q = np.concatenate([base, np.clip(joints, lower, upper)])
+        pin.framesForwardKinematics(model, data, q)
+        X = data.oMf[frame]
+        return np.linalg.norm(X.translation - target), np.linalg.norm(pin.log3(goal.T @ X.rotation))
+
+    def cost(joints: np.ndarray) -> float:
+        return float(np.hypot(*error(joints)))
+
+    rng = np.random.default_rng(3)
+    samples = rng.uniform(lower, upper, (3000, 7))
+    best = sorted(samples, key=cost)[:5]
+    options = {"maxiter": 2500, "adaptive": True, "xatol": 1e-6, "fatol": 1e-8}
+    polished = [minimize(cost, start, method="Nelder-Mead", options=options).x for start in best]
+    return float(error(min(polished, key=cost))[0])
+
+
+def test_the_suggested_way_point_is_accepted(refused: PreflightReport) -> None:
+    suggested = refused.errors[0].figures["suggested_way_point"]
+    assert case1(plant="kinematic", way_point=pose_at(tuple(suggested), (0.0, -0.06, 0.5))).check().accepted
+
+
+def test_a_seabed_at_39_m_keeps_the_vehicle_out_of_its_way_point() -> None:
+    report = case1(plant="kinematic", seabed=-39.0, target=(12.2025, 37.3748, -38.886)).check()
+    (finding,) = report.of_check("minimum altitude")
+    assert finding.severity is Severity.ERROR
+    assert finding.figures["kept_away_m"] == pytest.approx(0.33, abs=0.01)
+    assert "outside the ball of 0.1 m" in finding.text
+
+
+def test_a_way_point_a_little_below_the_minimum_altitude_is_a_warning() -> None:
+    report = case1(plant="kinematic", way_point=pose_at((10.8, 37.45, -38.72))).check()
+    assert report.accepted
+    assert "MAC keeps the vehicle 0.05 m above" in texts(report, Severity.WARNING)
+
+
+def test_a_current_beyond_the_thrusters_is_refused() -> None:
+    assert case1(current=(0.5, 0.0, 0.0)).check().accepted
+    report = case1(current=(2.5, 0.0, 0.0)).check()
+    assert "more than the thrusters give" in texts(report, Severity.ERROR)
+
+
+def test_standing_still_and_going_to_a_way_point_at_once_is_a_contradiction() -> None:
+    report = gates(case1(plant="kinematic"), "A", NR=1.0).check()
+    assert "PC is on but has no freedom left" in texts(report, Severity.ERROR)
+
+
+def test_landing_below_the_minimum_altitude_is_a_contradiction() -> None:
+    report = gates(case1(plant="kinematic"), "C", MAC=1.0).check()
+    assert "LA aims at 0.15 m while MAC keeps 1 m" in texts(report, Severity.ERROR)
+
+
+def test_a_phase_in_which_nothing_acts_is_refused() -> None:
+    report = gates(case1(plant="kinematic"), "A", PC=0.0).check()
+    assert "phase 'A' has no acting task" in texts(report, Severity.ERROR)
+
+
+def test_a_phase_that_waits_for_a_task_that_is_off_is_a_warning() -> None:
+    report = gates(case1(plant="kinematic"), "C", AT=0.0).check()
+    assert "waits for AT.misalignment, but task AT is off" in texts(report, Severity.WARNING)
+
+
+def test_a_phase_that_nothing_leads_to_is_a_warning_and_one_without_exit_an_error() -> None:
+    scenario = case1(plant="kinematic")
+    lost = Phase(
+        name="X", gates={"PC": 1.0}, transitions=(Transition(to="X", when=(Below(quantity="HA.tilt", limit=1.0),)),)
+    )
+    report = with_phases(scenario, (*scenario.mission.phases, lost)).check()
+    assert "no transition leads to phase 'X'" in texts(report, Severity.WARNING)
+    assert "cannot end from phase 'X'" in texts(report, Severity.ERROR)
+
+
+def test_a_start_below_the_minimum_altitude_is_a_warning() -> None:
+    report = case1(plant="kinematic", start=pose_at((8.5, 38.5, -39.2))).check()
+    assert "below MAC's 1 m" in texts(report, Severity.WARNING)
+
+
+def test_the_forecast_of_the_landing_is_where_the_vehicle_lands() -> None:
+    """Against a run, within the ball of the way point."""
+    scenario = case1(plant="kinematic")
+    record = scenario.run()
+    landed = record["q"][-1]
+    stances = forecast(setup_of(scenario))[-1].stances
+    positions = np.array([stance.position for stance in stances])
+    assert np.linalg.norm(positions[:, :2] - landed[:2], axis=1).min() < 0.1
+    assert positions[0, 2] == pytest.approx(landed[2], abs=0.01)
+    yaw = float(pin.rpy.matrixToRpy(pin.Quaternion(landed[3:7]).matrix())[2])
+    assert stances[0].yaw == pytest.approx(yaw, abs=0.1)
+
+
+def test_the_main_path_skips_back_steps() -> None:
+    def phase(name: str, *targets: str) -> Phase:
+        near = (Below(quantity="HA.tilt", limit=1.0),)
+        return Phase(name=name, gates={}, transitions=tuple(Transition(to=to, when=near) for to in targets))
+
+    assert main_path([phase("A", "B"), phase("B", "A", "C"), phase("C", "A", DONE)]) == [0, 1, 2]
+
+
+def test_a_report_is_json() -> None:
+    report = case1(plant="kinematic").check().to_dict()
+    assert json.loads(json.dumps(report)) == report
+
+
+def test_checks_do_not_depend_on_the_solver_or_leave_traces() -> None:
+    scenario = case1(plant="kinematic")
+    before: Mission = scenario.mission
+    first: dict[str, Any] = scenario.check().to_dict()
+    assert scenario.check().to_dict() == first
+    assert scenario.mission is before

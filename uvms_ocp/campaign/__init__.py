@@ -1,0 +1,11 @@
+"""Many runs, one table: failures are rows, not exceptions."""
+
+from collections.abc import Callable
+
+from uvms_ocp.campaign.random_missions import random_missions as random_missions
+from uvms_ocp.campaign.study import Study as Study
+from uvms_ocp.campaign.study import StudyResult as StudyResult
+from uvms_ocp.campaign.table2 import table2 as table2
+
+STUDIES: dict[str, Callable[..., Study]] = {"table2": table2, "random_missions": random_missions}
+"""Studies by the name that the command line knows."""

@@ -1,0 +1,86 @@
+"""Table 2 of the paper: which minimum altitude is safe over which floor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from uvms_ocp.campaign.study import Row, Study
+from uvms_ocp.scenarios.transit import transit
+from uvms_ocp.sim import closest_approach
+
+THRESHOLDS = (1.0, 5.0, 10.0)  # [m]
+FLOORS = {"flat": "almost flat", "small": "small protuberances", "large": "large protuberances"}
+PAPER = {
+    ("flat", 1.0): "safe",
+    ("flat", 5.0): "safe",
+    ("flat", 10.0): "safe",
+    ("small", 1.0): "not completely safe",
+    ("small", 5.0): "safe",
+    ("small", 10.0): "safe",
+    ("large", 1.0): "not safe",
+    ("large", 5.0): "not always safe",
+    ("large", 10.0): "safe",
+}
+"""[Gao2022] Table 2, by floor and threshold."""
+MARGIN = 0.5  # [m] clearance of the whole robot that counts as safe: half its height
+_EVERY = 5  # ticks between two configurations whose clearance is measured
+
+
+def table2(*, seeds: int = 5, seed: int = 0, length: float = 30.0) -> Study:
+    """Three floors by three thresholds by `seeds` floors each, the first drawn with `seed`; length [m] of a transit."""
+    cases = [
+        {"floor": floor, "threshold_m": threshold, "seed": seed + k, "length_m": length}
+        for floor in FLOORS
+        for threshold in THRESHOLDS
+        for k in range(seeds)
+    ]
+    title = "Table 2: smallest clearance of the whole robot by floor and minimum altitude"
+    return Study(name="table2", title=title, cases=cases, run_case=run_transit, summarize=cells)
+
+
+def run_transit(case: dict[str, Any]) -> Row:
+    """One transit and its smallest clearance [m]."""
+    scenario = transit(relief=case["floor"], threshold=case["threshold_m"], seed=case["seed"], length=case["length_m"])
+    record = scenario.run()
+    closest = closest_approach(scenario.robot, scenario.environment, record["q"][::_EVERY])
+    return {
+        **case,
+        "completed": bool(record.meta["completed"]),
+        "duration_s": float(record["t"][-1]),
+        "clearance_m": closest.distance,
+        "closest_pair": closest.pair,
+    }
+
+
+def cells(rows: Sequence[Row]) -> list[Row]:
+    """One row per cell: clearance over the seeds, our verdict and the paper's."""
+    return [_cell(floor, threshold, rows) for floor in FLOORS for threshold in THRESHOLDS]
+
+
+def _cell(floor: str, threshold: float, rows: Sequence[Row]) -> Row:
+    own = [row["clearance_m"] for row in rows if (row["floor"], row["threshold_m"]) == (floor, threshold)]
+    paper = PAPER[floor, threshold]
+    return {
+        "floor": FLOORS[floor],
+        "threshold_m": threshold,
+        "runs": len(own),
+        "smallest_clearance_m": min(own),
+        "largest_m": max(own),
+        "verdict": verdict(own),
+        "paper": paper,
+        "agrees": verdict(own) == paper,
+    }
+
+
+def verdict(clearances: Sequence[float]) -> str:
+    """The paper's words for the clearances [m] of one cell: contact in any run is not safe.
+
+    Without contact: safe where every run keeps `MARGIN`, not completely safe where none does, else not always safe.
+    """
+    if min(clearances) <= 0.0:
+        return "not safe"
+    kept = [clearance >= MARGIN for clearance in clearances]
+    if all(kept):
+        return "safe"
+    return "not always safe" if any(kept) else "not completely safe"

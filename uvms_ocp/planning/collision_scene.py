@@ -1,0 +1,191 @@
+"""The robot's shapes, the obstacles, and the pairs of them that must stay apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.robot import Robot
+
+from .coordinates import Coordinates
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Obstacle:
+    """A fixed shape in the world."""
+
+    name: str
+    shape: coal.ShapeBase
+    """coal shape, for instance ``coal.Sphere(0.3)``."""
+    X_WO: pin.SE3
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Pair:
+    """Two shapes by index in the geometry model, and the joints that carry them (0 is the world)."""
+
+    first: int
+    second: int
+    first_joint: int
+    second_joint: int
+    name: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class CollisionScene:
+    """What ``collision_scene`` builds: a geometry model whose pairs are the ones checked."""
+
+    coordinates: Coordinates
+    geometry: pin.GeometryModel
+    pairs: tuple[Pair, ...]
+    moved: Array
+    """(n_pairs, n_axes) -1, 0 or 1: does the axis move the second shape minus does it move the first."""
+    reach: Array
+    """(n_pairs, n_axes) upper bound on |d distance / d axis| at any configuration [m per unit of the axis]."""
+    carried: Array
+    """(n_pairs, n_axes) 1 where the axis moves the second shape."""
+    follows: Array
+    """(n_axes, n_axes) see ``Coordinates.follows``."""
+    gyration: Array
+    """(n_pairs,) [m] radius of gyration of the ball around the second shape."""
+    room: Array
+    """(n_pairs,) [m] half the distance of two links at ``robot.home``, close by design; infinite for obstacles."""
+
+    @property
+    def n_pairs(self) -> int:
+        return len(self.pairs)
+
+
+def obstacle(name: str, shape: coal.ShapeBase, position: ArrayLike, rotation: ArrayLike | None = None) -> Obstacle:
+    """An obstacle at p_WO (3,) [m] with R_WO (3, 3), identity by default. Raises InvalidInput for NaN or shapes."""
+    p = np.asarray(position, dtype=float)
+    R = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)
+    if p.shape != (3,) or R.shape != (3, 3) or not (np.isfinite(p).all() and np.isfinite(R).all()):
+        raise InvalidInput(
+            f"obstacle {name!r} has position {p} and rotation {R.tolist()}; allowed are finite (3,), (3, 3)."
+        )
+    return Obstacle(name=name, shape=shape, X_WO=pin.SE3(R, p))
+
+
+def collision_scene(
+    coordinates: Coordinates, obstacles: Sequence[Obstacle], *, self_collision: bool = True
+) -> CollisionScene:
+    """All pairs link - obstacle, and all pairs of links two or more joints apart.
+
+    Pairs of links that touch at ``robot.home`` are built to touch and are left out; so are pairs that no planned axis
+    moves.
+    """
+    robot = coordinates.robot
+    geometry = pin.GeometryModel(robot.collision_model)
+    geometry.removeAllCollisionPairs()
+    n_links = geometry.ngeoms
+    for item in obstacles:
+        geometry.addGeometryObject(pin.GeometryObject(item.name, 0, item.X_WO, item.shape))
+    names = [shape.name for shape in geometry.geometryObjects]
+    joints = [shape.parentJoint for shape in geometry.geometryObjects]
+    indices = [(o, i) for o in range(n_links, geometry.ngeoms) for i in range(n_links)]
+    if self_collision:
+        indices += _self_pairs(robot, joints[:n_links])
+    pairs = [
+        Pair(first=a, second=b, first_joint=joints[a], second_joint=joints[b], name=f"{names[a]} - {names[b]}")
+        for a, b in indices
+    ]
+    return _with_moving_pairs(coordinates, geometry, pairs)
+
+
+def _with_moving_pairs(
+    coordinates: Coordinates, geometry: pin.GeometryModel, candidates: Sequence[Pair]
+) -> CollisionScene:
+    supports = _supports(coordinates)
+    reaches = np.stack([_reach(coordinates, shape) for shape in geometry.geometryObjects])
+    pairs = [pair for pair in candidates if (supports[pair.second_joint] != supports[pair.first_joint]).any()]
+    shape = (len(pairs), coordinates.n_axes)
+    moved = np.array([supports[p.second_joint] - supports[p.first_joint] for p in pairs]).reshape(shape)
+    reach = np.array([np.maximum(reaches[p.first], reaches[p.second]) for p in pairs]).reshape(shape)
+    carried = np.array([supports[p.second_joint] for p in pairs]).reshape(shape)
+    radii = np.array([geometry.geometryObjects[p.second].geometry.aabb_radius for p in pairs])
+    for pair in pairs:
+        geometry.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
+    return CollisionScene(
+        coordinates=coordinates,
+        geometry=geometry,
+        pairs=tuple(pairs),
+        moved=moved,
+        reach=reach * np.abs(moved),
+        carried=carried,
+        follows=coordinates.follows(),
+        gyration=radii * np.sqrt(0.4),
+        room=_room(coordinates.robot, geometry, pairs),
+    )
+
+
+def _self_pairs(robot: Robot, joints: Sequence[int]) -> list[tuple[int, int]]:
+    model, geometry = robot.model, pin.GeometryModel(robot.collision_model)
+    geometry.removeAllCollisionPairs()
+    far = [
+        (a, b)
+        for a in range(len(joints))
+        for b in range(a + 1, len(joints))
+        if joints[a] != joints[b]
+        and joints[a] not in model.parents[joints[b] : joints[b] + 1]
+        and joints[b] not in model.parents[joints[a] : joints[a] + 1]
+    ]
+    for a, b in far:
+        geometry.addCollisionPair(pin.CollisionPair(a, b))
+    data = geometry.createData()
+    pin.computeDistances(model, model.createData(), geometry, data, robot.configuration())
+    return [pair for k, pair in enumerate(far) if data.distanceResults[k].min_distance > 0.0]
+
+
+def _room(robot: Robot, geometry: pin.GeometryModel, pairs: Sequence[Pair]) -> Array:
+    data = geometry.createData()
+    pin.computeDistances(robot.model, robot.model.createData(), geometry, data, robot.configuration())
+    return np.array(
+        [
+            data.distanceResults[k].min_distance / 2.0 if pair.first_joint and pair.second_joint else np.inf
+            for k, pair in enumerate(pairs)
+        ]
+    )
+
+
+def _supports(coordinates: Coordinates) -> Array:
+    """(n_joints + 1, n_axes) 1 where the axis moves the joint."""
+    model = coordinates.robot.model
+    supports = np.zeros((model.njoints, model.nv))
+    for joint in range(1, model.njoints):
+        for carrier in list(model.supports[joint])[1:]:
+            first = model.joints[carrier].idx_v
+            supports[joint, first : first + model.joints[carrier].nv] = 1.0
+    return supports[:, coordinates.planned]
+
+
+def _reach(coordinates: Coordinates, shape: pin.GeometryObject) -> Array:
+    """(n_axes,) the farthest that one unit of each axis can move any point of a shape [m]."""
+    robot, reach = coordinates.robot, np.zeros(coordinates.reference.size)
+    shape.geometry.computeLocalAABB()
+    centre = shape.placement.act(np.array(shape.geometry.aabb_center))
+    length, carrier = float(np.linalg.norm(centre)) + shape.geometry.aabb_radius, shape.parentJoint
+    while carrier:
+        joint = robot.model.joints[carrier]
+        if joint.nv == 6:
+            reach[:3], reach[3:6] = 1.0, length
+        else:
+            prismatic = joint.shortname().startswith("JointModelP")
+            reach[joint.idx_v] = 1.0 if prismatic else length
+            length += _travel(robot, joint.idx_v) if prismatic else 0.0
+        length += float(np.linalg.norm(robot.model.jointPlacements[carrier].translation))
+        carrier = robot.model.parents[carrier]
+    return reach[coordinates.planned]
+
+
+def _travel(robot: Robot, idx_v: int) -> float:
+    axis = idx_v - robot.n_vehicle
+    return float(max(abs(robot.limits.position_lower[axis]), abs(robot.limits.position_upper[axis])))

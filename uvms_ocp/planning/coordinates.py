@@ -1,0 +1,177 @@
+"""Coordinates of a planned motion: a plain vector x (n_axes,) in place of a configuration on the manifold.
+
+x is [p_WB (3) [m], roll, pitch, yaw [rad], joints] for a vehicle with an arm and the joints alone for a fixed base;
+axes that are not planned keep their reference value. Roll-pitch-yaw is R = Rz Ry Rx, [Gao2022] eqs (6)-(9): singular at
+pitch = +-90 deg, which a planned vehicle motion must not cross.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.model.robot import Robot
+
+Array = NDArray[np.float64]
+
+VEHICLE_AXES = ("x", "y", "z", "roll", "pitch", "yaw")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Coordinates:
+    """Which axes of a robot are planned, and where the others stay; see ``coordinates``."""
+
+    robot: Robot
+    reference: Array
+    """(n_v,) all axes."""
+    planned: NDArray[np.intp]
+    """(n_axes,) indices of the planned axes among all axes."""
+
+    @property
+    def n_axes(self) -> int:
+        return self.planned.size
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the planned axes."""
+        names = _axis_names(self.robot)
+        return tuple(names[i] for i in self.planned)
+
+    def all_axes(self, x: Array) -> Array:
+        """(..., n_v) values of all axes from the planned ones (..., n_axes)."""
+        full = np.broadcast_to(self.reference, (*x.shape[:-1], self.reference.size)).copy()
+        full[..., self.planned] = x
+        return full
+
+    def configurations(self, x: Array) -> Array:
+        """(n, n_q) configurations from x (n, n_axes)."""
+        full = self.all_axes(x)
+        if not self.robot.n_vehicle:
+            return full
+        return np.concatenate([full[:, :3], _quaternions(full[:, 3:6]), full[:, 6:]], axis=1)
+
+    def x(self, q: ArrayLike) -> Array:
+        """(n_axes,) coordinates of a configuration q (n_q,)."""
+        return _axis_values(self.robot, self.robot.check_configuration(q))[self.planned]
+
+    def velocity_map(self, x: Array) -> Array:
+        """(n, n_v, n_axes): generalized velocity v = map @ rate of x, at x (n, n_axes)."""
+        full = self.all_axes(x)
+        maps = np.broadcast_to(np.eye(full.shape[1]), (full.shape[0], full.shape[1], full.shape[1])).copy()
+        if self.robot.n_vehicle:
+            maps[:, :3, :3], maps[:, 3:6, 3:6] = _body_rate_maps(full[:, 3:6])
+        return maps[:, :, self.planned]
+
+    def symbolic_configuration(self, x: ca.SX) -> ca.SX:
+        """(n_q,) expression of the configuration at x (n_axes,)."""
+        full = ca.SX(ca.DM(self.reference))
+        full[self.planned.tolist()] = x
+        if not self.robot.n_vehicle:
+            return full
+        return ca.vertcat(full[:3], _symbolic_quaternion(full[3:6]), full[6:])
+
+    def follows(self) -> Array:
+        """(n_axes, n_axes) 1 where the column's axis is carried by the row's; the vehicle turns yaw, pitch, roll."""
+        model = self.robot.model
+        result = np.zeros((model.nv, model.nv))
+        for joint in range(1, model.njoints):
+            for carrier in list(model.supports[joint])[1:-1]:
+                result[model.joints[carrier].idx_v, model.joints[joint].idx_v] = 1.0
+        if self.robot.n_vehicle:
+            result[:6, 6:] = result[:3, 3:6] = 1.0
+            for before, after in ((5, 4), (5, 3), (4, 3)):
+                result[before, after] = 1.0
+        return result[np.ix_(self.planned, self.planned)]
+
+    def limits(self) -> tuple[Array, Array]:
+        """Lower and upper positions (n_axes,); vehicle axes have none but pitch, which stays within 89 deg."""
+        free = np.full(self.robot.n_vehicle, np.inf)
+        if free.size:
+            free[4] = np.deg2rad(89.0)
+        lower = np.concatenate([-free, self.robot.limits.position_lower])
+        upper = np.concatenate([free, self.robot.limits.position_upper])
+        return lower[self.planned], upper[self.planned]
+
+
+def coordinates(robot: Robot, *, reference: ArrayLike | None = None, axes: Sequence[str] | None = None) -> Coordinates:
+    """Choose the planned axes.
+
+    Args:
+        reference: Configuration q (n_q,) that axes not planned keep; default: origin, ``robot.home``.
+        axes: Names among x, y, z, roll, pitch, yaw and the joints; default all.
+
+    Raises:
+        NameNotFound: an axis that the robot does not have.
+        InvalidInput: a joint that is not a single bounded axis.
+    """
+    for joint in robot.joints:
+        if joint.n_q != 1 or joint.n_v != 1:
+            raise InvalidInput(f"joint {joint.name!r} has {joint.n_q} coordinates; planning needs single-axis joints.")
+    names = _axis_names(robot)
+    wanted = names if axes is None else tuple(axes)
+    for name in wanted:
+        if name not in names:
+            raise NameNotFound("axis", name, names)
+    q = robot.configuration() if reference is None else robot.check_configuration(reference)
+    planned = np.array([names.index(name) for name in wanted], dtype=np.intp)
+    return Coordinates(robot=robot, reference=_axis_values(robot, q), planned=planned)
+
+
+def _axis_names(robot: Robot) -> tuple[str, ...]:
+    return (*(VEHICLE_AXES if robot.n_vehicle else ()), *robot.joint_names)
+
+
+def _axis_values(robot: Robot, q: Array) -> Array:
+    if not robot.n_vehicle:
+        return np.array(q)
+    rpy = pin.rpy.matrixToRpy(pin.Quaternion(np.array(q[3:7])).toRotationMatrix())
+    return np.concatenate([q[:3], rpy, q[7:]])
+
+
+def _quaternions(rpy: Array) -> Array:
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy / 2.0).T, np.sin(rpy / 2.0).T
+    return np.stack(_quaternion_parts(cr, cp, cy, sr, sp, sy), axis=1)
+
+
+def _symbolic_quaternion(rpy: ca.SX) -> ca.SX:
+    c, s = ca.cos(rpy / 2.0), ca.sin(rpy / 2.0)
+    return ca.vertcat(*_quaternion_parts(c[0], c[1], c[2], s[0], s[1], s[2]))
+
+
+def _quaternion_parts(cr, cp, cy, sr, sp, sy):  # type: ignore[no-untyped-def]
+    """xyzw of Rz Ry Rx from cosines and sines of the half angles, numbers or expressions."""
+    return (
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        cr * cp * cy + sr * sp * sy,
+    )
+
+
+def _body_rate_maps(rpy: Array) -> tuple[Array, Array]:
+    """R_BW (n, 3, 3), and (n, 3, 3) from Euler rates to the angular velocity in B, [Gao2022] eq. (9)."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy).T, np.sin(rpy).T
+    zero, one = np.zeros_like(cr), np.ones_like(cr)
+    R_WB = np.stack(
+        [
+            np.stack([cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr], axis=1),
+            np.stack([sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr], axis=1),
+            np.stack([-sp, cp * sr, cp * cr], axis=1),
+        ],
+        axis=1,
+    )
+    rates = np.stack(
+        [
+            np.stack([one, zero, -sp], axis=1),
+            np.stack([zero, cr, cp * sr], axis=1),
+            np.stack([zero, -sr, cp * cr], axis=1),
+        ],
+        axis=1,
+    )
+    return R_WB.transpose(0, 2, 1), rates

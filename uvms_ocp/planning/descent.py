@@ -1,0 +1,95 @@
+"""Trust-region descent on a block-tridiagonal Gauss-Newton matrix (Levenberg-Marquardt in a smooth metric)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .block_tridiagonal import BlockTridiagonal
+from .path_cost import LocalModel
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DescentOptions:
+    """When to stop, and the damping to start with."""
+
+    max_iterations: int = 40
+    tolerance: float = 1e-3
+    """Relative decrease of the cost below which an accepted step is the last."""
+    damping: float = 1e-3
+    """First weight of the metric that holds steps back."""
+    longest_step: float = 0.3
+    """[m or rad] a node's position moves at most this far in one step."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Descent:
+    """Where the descent ended."""
+
+    variables: Array
+    model: LocalModel
+    iterations: int
+    converged: bool
+
+
+def descend(
+    model: Callable[[Array], LocalModel],
+    start: Array,
+    free: Mask,
+    metric: BlockTridiagonal,
+    options: DescentOptions,
+    enough: Callable[[LocalModel], bool] = lambda _: False,
+) -> Descent:
+    """Minimise over the free variables (n_nodes, b).
+
+    Steps solve ``(H + mu metric) step = -gradient``; mu falls when the model predicts well and grows when a step is
+    refused, so a step is never accepted that raises the cost.
+
+    Args:
+        enough: Stops early on a model that is good enough.
+    """
+    x, here, mu = start, model(start), options.damping
+    for iteration in range(options.max_iterations):
+        if enough(here):
+            return Descent(variables=x, model=here, iterations=iteration, converged=True)
+        step, predicted, mu = _step(here, free, metric, mu, options.longest_step)
+        there = model(x + step)
+        actual = here.parts.total - there.parts.total
+        if actual <= 0.0:
+            if predicted <= options.tolerance * here.parts.total:
+                return Descent(variables=x, model=here, iterations=iteration + 1, converged=True)
+            mu *= 8.0
+            continue
+        done = actual <= options.tolerance * here.parts.total
+        x, here, mu = x + step, there, mu * _damping_change(actual / predicted)
+        if done:
+            return Descent(variables=x, model=here, iterations=iteration + 1, converged=True)
+    return Descent(variables=x, model=here, iterations=options.max_iterations, converged=False)
+
+
+def _step(
+    model: LocalModel, free: Mask, metric: BlockTridiagonal, mu: float, longest: float
+) -> tuple[Array, float, float]:
+    """Step, predicted decrease, and the damping that made the step positive definite and short enough."""
+    slope = model.gradient * free
+    while True:
+        factor = (model.hessian + metric.scaled(mu)).pinned(free).cholesky()
+        step = -slope if factor is None else -factor.solve(slope)
+        if factor is not None and np.abs(step[:, : model.n_axes]).max() <= longest:
+            break
+        mu *= 4.0
+    predicted = -float(np.sum(slope * step)) - 0.5 * float(np.sum(step * model.hessian.times(step)))
+    return step, predicted, mu
+
+
+def _damping_change(ratio: float) -> float:
+    """Factor on mu after an accepted step, by actual over predicted decrease."""
+    if ratio > 0.75:
+        return 0.25
+    return 1.0 if ratio > 0.25 else 4.0

@@ -1,0 +1,269 @@
+"""The soft-collision cost J = l1 Js + l2 Jc + l3 Jd of a trajectory in its node derivatives, [Gao2022] eqs (76)-(82).
+
+Sums over pieces couple neighbouring nodes only, so the Gauss-Newton matrix is block tridiagonal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uvms_ocp.exceptions import InvalidInput
+
+from .block_tridiagonal import BlockTridiagonal
+from .clearance import NearPairs
+from .collision_scene import CollisionScene
+from .free_derivatives import Pieces
+from .hermite import basis, hermite_cost
+from .link_speed import link_speeds
+from .penalty import Penalty, outside, penalty, two_sided
+from .segment_times import MotionLimits
+
+Array = NDArray[np.float64]
+
+
+class Distances(Protocol):
+    """Where signed distances come from: coal, or closed forms."""
+
+    @property
+    def scene(self) -> CollisionScene: ...
+
+    def near(self, x: Array, thresholds: Array) -> NearPairs: ...
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CostWeights:
+    """l1, l2, l3 and the shape of the penalties."""
+
+    smoothness: float = 1e-3
+    """Of the snap, in units of one rest-to-rest move by 1 m or 1 rad over the same time."""
+    collision: float = 100.0
+    """Of the penalty of clearance, per metre travelled."""
+    limits: float = 1.0
+    """Of the penalties of positions, velocities and accelerations beyond limits, per second."""
+    clearance: float = 0.06
+    """[m] distance where the penalty of clearance begins."""
+    speed_floor: float = 0.02
+    """[m/s] speed at which a link at rest counts."""
+    margin: float = 0.1
+    """Fraction of a limit, and distance [m or rad] from a position limit, where its penalty begins."""
+    samples: int = 15
+    """Samples per piece."""
+
+    def __post_init__(self) -> None:
+        for name in ("clearance", "speed_floor", "margin", "samples"):
+            if not getattr(self, name) > 0:
+                raise InvalidInput(f"{name} is {getattr(self, name)}; it must be positive.")
+        for name in ("smoothness", "collision", "limits"):
+            if not getattr(self, name) >= 0:
+                raise InvalidInput(f"the weight {name} is {getattr(self, name)}; it must not be negative.")
+
+
+class CostParts(NamedTuple):
+    """Weighted parts of the cost."""
+
+    smoothness: float
+    collision: float
+    limits: float
+
+    @property
+    def total(self) -> float:
+        return self.smoothness + self.collision + self.limits
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LocalModel:
+    """Cost, exact gradient and positive semi-definite Hessian at one trajectory, by node."""
+
+    parts: CostParts
+    gradient: Array
+    """(n_nodes, k n_axes)"""
+    hessian: BlockTridiagonal
+    n_axes: int
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _SampleSlopes:
+    """Derivatives of the cost at every sample (samples, pieces, n_axes); Hessians (..., n_axes) full or diagonal."""
+
+    value: float
+    position: Array
+    rate: Array
+    acceleration: Array
+    position_hessian: Array
+    rate_hessian: Array
+    acceleration_hessian: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PathCost:
+    """The cost of trajectories over fixed pieces; variables are scaled node derivatives (n_nodes, k n_axes)."""
+
+    distances: Distances
+    pieces: Pieces
+    weights: CostWeights
+    limits: MotionLimits
+
+    @property
+    def n_axes(self) -> int:
+        return self.distances.scene.coordinates.n_axes
+
+    def variables(self, values: Array) -> Array:
+        """Scaled variables (n_nodes, k n_axes) from node derivatives (k, n_nodes, n_axes)."""
+        return (values * self._node_scale).transpose(1, 0, 2).reshape(values.shape[1], -1)
+
+    def values(self, variables: Array) -> Array:
+        """Node derivatives (k, n_nodes, n_axes) from variables."""
+        return self._by_derivative(variables) / self._node_scale
+
+    def samples(self, variables: Array) -> tuple[Array, Array, Array]:
+        """Positions, rates and accelerations at the samples, each (samples per piece, n_pieces, n_axes)."""
+        nodes = self._by_derivative(variables)
+        data = np.concatenate([nodes[:, :-1], nodes[:, 1:]]) * self.pieces.scale
+        flat = data.reshape(data.shape[0], -1)
+        x, v, a = (np.reshape(P @ flat, (-1, *data.shape[1:])) for P in self._bases)
+        return x, v / self._h, a / self._h**2
+
+    def model(self, variables: Array, *, collision_only: bool = False) -> LocalModel:
+        """Cost, gradient and Gauss-Newton Hessian; ``collision_only`` leaves out limits and weighs snap lightly."""
+        x, v, a = self.samples(variables)
+        collision = self._collision(x, v)
+        limits = self._limits(x, v, a, 0.0 if collision_only else self.weights.limits)
+        smooth = self.smoothness_hessian.scaled(0.1 if collision_only else 1.0)
+        pull = smooth.times(variables)
+        return LocalModel(
+            parts=CostParts(0.5 * float(np.sum(pull * variables)), collision.value, limits.value),
+            gradient=pull + self._gradient(collision) + self._gradient(limits),
+            hessian=smooth + self._hessian(collision, limits),
+            n_axes=self.n_axes,
+        )
+
+    @cached_property
+    def smoothness_hessian(self) -> BlockTridiagonal:
+        """Hessian of l1 Js, constant."""
+        k, total = self.pieces.k, float(np.sum(self.pieces.durations))
+        factor = 2.0 * self.weights.smoothness * total ** (2 * k - 1) / hermite_cost(k)[k, k]
+        unit = hermite_cost(k)[None, :, :, None, None] * np.eye(self.n_axes)
+        return self._assembled(factor * self.pieces.weight[:, :, None, None, None] * unit)
+
+    @cached_property
+    def _bases(self) -> tuple[Array, Array, Array]:
+        u = (np.arange(self.weights.samples) + 0.5) / self.weights.samples
+        return basis(u, 0, self.pieces.k), basis(u, 1, self.pieces.k), basis(u, 2, self.pieces.k)
+
+    @cached_property
+    def _outer(self) -> tuple[Array, Array, Array]:
+        """(4 k^2, samples) products of basis functions, by derivative."""
+        rows = [P[:, :, None] * P[:, None, :] for P in self._bases]
+        return (
+            rows[0].reshape(len(rows[0]), -1).T,
+            rows[1].reshape(len(rows[1]), -1).T,
+            rows[2].reshape(len(rows[2]), -1).T,
+        )
+
+    @cached_property
+    def _h(self) -> Array:
+        """(n_pieces, 1) [s]"""
+        return self.pieces.durations[:, None] * self.pieces.unit
+
+    @cached_property
+    def _node_scale(self) -> Array:
+        order = np.arange(self.pieces.k)[:, None, None]
+        return (self.pieces.node_times * self.pieces.unit)[None, :, None] ** order
+
+    @cached_property
+    def _clearances(self) -> Array:
+        """(n_pairs,) [m] where each pair's penalty begins: links close by design keep half their distance."""
+        return np.minimum(self.weights.clearance, self.distances.scene.room)
+
+    def _by_derivative(self, variables: Array) -> Array:
+        return variables.reshape(len(variables), self.pieces.k, -1).transpose(1, 0, 2)
+
+    def _collision(self, x: Array, v: Array) -> _SampleSlopes:
+        n_samples, n_pieces, n = x.shape
+        near = self.distances.near(x.reshape(-1, n), self._clearances)
+        scene = self.distances.scene
+        width = self._clearances[near.pair]
+        c = penalty(1.0 - near.distance / width)
+        speeds = link_speeds(scene, near, v.reshape(-1, n)[near.sample], self.weights.speed_floor)
+        weight = self.weights.collision * (self._h[:, 0] / n_samples)[near.sample % n_pieces]
+        toward = -(weight * c.slope * speeds.speed / width)[:, None] * near.gradient
+        bend = near.gradient * np.sqrt(weight * c.curvature * speeds.speed / width**2)[:, None]
+        zero = np.zeros_like(x)
+        return _SampleSlopes(
+            value=float(np.sum(weight * c.value * speeds.speed)),
+            position=_summed(near.sample, toward + (weight * c.value)[:, None] * speeds.by_position, x.shape),
+            rate=_summed(near.sample, (weight * c.value)[:, None] * speeds.by_rate, x.shape),
+            acceleration=zero,
+            position_hessian=_summed(near.sample, bend[:, :, None] * bend[:, None, :], (*x.shape, n)),
+            rate_hessian=zero,
+            acceleration_hessian=zero,
+        )
+
+    def _limits(self, x: Array, v: Array, a: Array, weight: float) -> _SampleSlopes:
+        dt = weight * np.broadcast_to(self._h / len(x), x.shape[1:])
+        lower, upper = self.distances.scene.coordinates.limits()
+        rows = self.limits.rows(x.shape[2])
+        position = _weighted(outside(x, lower, upper, self.weights.margin), dt)
+        rate = _weighted(two_sided(v, rows[0], self.weights.margin), dt)
+        acceleration = _weighted(two_sided(a, rows[1], self.weights.margin), dt)
+        return _SampleSlopes(
+            value=float(position.value.sum() + rate.value.sum() + acceleration.value.sum()),
+            position=position.slope,
+            rate=rate.slope,
+            acceleration=acceleration.slope,
+            position_hessian=position.curvature,
+            rate_hessian=rate.curvature,
+            acceleration_hessian=acceleration.curvature,
+        )
+
+    def _gradient(self, slopes: _SampleSlopes) -> Array:
+        parts = (slopes.position, slopes.rate / self._h, slopes.acceleration / self._h**2)
+        by_end = sum(P.T @ part.reshape(len(part), -1) for P, part in zip(self._bases, parts, strict=True))
+        ends = np.reshape(by_end, (2 * self.pieces.k, *slopes.position.shape[1:])) * self.pieces.scale
+        nodes = np.zeros((self.pieces.k, ends.shape[1] + 1, ends.shape[2]))
+        nodes[:, :-1] += ends[: self.pieces.k]
+        nodes[:, 1:] += ends[self.pieces.k :]
+        return nodes.transpose(1, 0, 2).reshape(nodes.shape[1], -1)
+
+    def _hessian(self, collision: _SampleSlopes, limits: _SampleSlopes) -> BlockTridiagonal:
+        k2, (n_samples, n_pieces, n) = 2 * self.pieces.k, collision.position.shape
+        outer, h = self._outer, self._h
+        full = outer[0] @ collision.position_hessian.reshape(n_samples, -1)
+        blocks = full.reshape(k2, k2, n_pieces, n, n).transpose(2, 0, 1, 3, 4)
+        diagonal = (
+            outer[0] @ limits.position_hessian.reshape(n_samples, -1)
+            + outer[1] @ (limits.rate_hessian / h**2).reshape(n_samples, -1)
+            + outer[2] @ (limits.acceleration_hessian / h**4).reshape(n_samples, -1)
+        ).reshape(k2, k2, n_pieces, n)
+        axes = np.arange(n)
+        blocks[..., axes, axes] += diagonal.transpose(2, 0, 1, 3)
+        return self._assembled(blocks)
+
+    def _assembled(self, unit: Array) -> BlockTridiagonal:
+        """Node blocks from unit-interval piece blocks (n_pieces, 2k, 2k, n_axes, n_axes)."""
+        k, scale = self.pieces.k, self.pieces.scale[..., 0].T
+        scaled = unit * (scale[:, :, None] * scale[:, None, :])[..., None, None]
+        rows = scaled.transpose(0, 1, 3, 2, 4)
+        n_pieces, b = unit.shape[0], k * unit.shape[3]
+        diagonal = np.zeros((n_pieces + 1, b, b))
+        diagonal[:-1] += rows[:, :k, :, :k].reshape(n_pieces, b, b)
+        diagonal[1:] += rows[:, k:, :, k:].reshape(n_pieces, b, b)
+        return BlockTridiagonal(diagonal=diagonal, below=rows[:, k:, :, :k].reshape(n_pieces, b, b))
+
+
+def _weighted(p: Penalty, weight: Array) -> Penalty:
+    return Penalty(value=p.value * weight, slope=p.slope * weight, curvature=p.curvature * weight)
+
+
+def _summed(sample: NDArray[np.intp], rows: Array, shape: tuple[int, ...]) -> Array:
+    """Rows added up by sample (which come in ascending order), laid out as (samples, pieces, ...)."""
+    result = np.zeros((shape[0] * shape[1], *rows.shape[1:]))
+    if sample.size:
+        first = np.flatnonzero(np.diff(sample, prepend=-1))
+        result[sample[first]] = np.add.reduceat(rows, first, axis=0)
+    return result.reshape(shape)

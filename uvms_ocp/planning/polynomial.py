@@ -1,0 +1,261 @@
+"""Piecewise polynomials in time, any degree and any number of axes.
+
+Each piece is written in its own unit interval, ``u = (t - breaks[j]) / durations[j]``: powers of absolute time lose
+all digits for very long or very short pieces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import factorial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from uvms_ocp.exceptions import InvalidInput, OutputError
+
+Array = NDArray[np.float64]
+
+_EXTREMUM_GRID = np.linspace(0.0, 1.0, 65)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PiecewisePolynomial:
+    """A curve ``t -> R^n_axes`` made of polynomials; as a callable it is a ``Reference``, ``t -> (value, rate)``.
+
+    Raises:
+        InvalidInput: wrong shapes, NaN, or breaks that do not increase (the first offending index is named).
+    """
+
+    breaks: Array
+    """(n_pieces + 1,) [s] strictly increasing times at which the pieces begin and end."""
+    coefficients: Array
+    """(degree + 1, n_pieces, n_axes), ascending powers of the unit-interval time of each piece."""
+
+    def __post_init__(self) -> None:
+        breaks, coefficients = frozen(self.breaks), frozen(self.coefficients)
+        _check_breaks(breaks)
+        _check_coefficients(coefficients, breaks.size - 1)
+        object.__setattr__(self, "breaks", breaks)
+        object.__setattr__(self, "coefficients", coefficients)
+
+    @property
+    def degree(self) -> int:
+        return self.coefficients.shape[0] - 1
+
+    @property
+    def n_pieces(self) -> int:
+        return self.coefficients.shape[1]
+
+    @property
+    def n_axes(self) -> int:
+        return self.coefficients.shape[2]
+
+    @property
+    def start(self) -> float:
+        """[s]"""
+        return float(self.breaks[0])
+
+    @property
+    def end(self) -> float:
+        """[s]"""
+        return float(self.breaks[-1])
+
+    @property
+    def duration(self) -> float:
+        """[s]"""
+        return self.end - self.start
+
+    @cached_property
+    def durations(self) -> Array:
+        """(n_pieces,) [s]"""
+        return np.diff(self.breaks)
+
+    def __call__(self, t: float) -> tuple[Array, Array]:
+        """Value (n_axes,) and rate (n_axes,) at t; before the start and after the end the curve rests at its ends."""
+        inside = min(max(t, self.start), self.end)
+        piece = min(int(np.searchsorted(self.breaks, inside, side="right")) - 1, self.n_pieces - 1)
+        duration = self.breaks[piece + 1] - self.breaks[piece]
+        u = (inside - self.breaks[piece]) / duration
+        value, rate = _horner_with_rate(self.coefficients[:, piece], u)
+        return value, rate / duration if inside == t else np.zeros(self.n_axes)
+
+    def evaluate(self, t: ArrayLike, derivative: int = 0) -> Array:
+        """The derivative-th derivative at times t (...,), shape (..., n_axes); t outside is clipped to the ends."""
+        if derivative < 0:
+            raise InvalidInput(f"derivative is {derivative}; allowed is 0 or more.")
+        times = np.clip(np.asarray(t, dtype=float), self.start, self.end)
+        piece = np.clip(np.searchsorted(self.breaks, times, side="right") - 1, 0, self.n_pieces - 1)
+        u = (times - self.breaks[piece]) / self.durations[piece]
+        scaled = _differentiated(self.coefficients, derivative)
+        return _horner(scaled[:, piece], u[..., None]) / self.durations[piece][..., None] ** derivative
+
+    def derivative(self, order: int = 1) -> PiecewisePolynomial:
+        """The order-th time derivative as a curve of its own."""
+        scale = self.durations[:, None] ** -order
+        return PiecewisePolynomial(breaks=self.breaks, coefficients=_differentiated(self.coefficients, order) * scale)
+
+    def sample(self, period: float, derivatives: int = 0) -> tuple[Array, Array]:
+        """Times (n,) every ``period`` [s], end included, and values (n, derivatives + 1, n_axes)."""
+        if not period > 0.0:
+            raise InvalidInput(f"period is {period}; it must be positive [s].")
+        n = max(int(np.ceil(self.duration / period - 1e-9)), 1) + 1
+        times = np.minimum(self.start + period * np.arange(n), self.end)
+        return times, np.stack([self.evaluate(times, d) for d in range(derivatives + 1)], axis=1)
+
+    def jumps(self, derivative: int) -> Array:
+        """(n_pieces - 1, n_axes) value just after minus just before each inner break."""
+        scaled = _differentiated(self.coefficients, derivative)
+        rate = self.durations[:, None] ** -derivative
+        return scaled[0, 1:] * rate[1:] - scaled[:, :-1].sum(axis=0) * rate[:-1]
+
+    def peak(self, derivative: int = 0) -> Array:
+        """(n_axes,) largest absolute value of the derivative-th derivative over the whole curve."""
+        scaled = _differentiated(self.coefficients, derivative)
+        return np.max(_unit_peaks(scaled) / self.durations[:, None] ** derivative, axis=0)
+
+    def scaled(self, factor: float) -> PiecewisePolynomial:
+        """The same path, ``factor`` times slower, with the same start time."""
+        if not factor > 0.0:
+            raise InvalidInput(f"time factor is {factor}; it must be positive.")
+        breaks = self.start + factor * (self.breaks - self.start)
+        return PiecewisePolynomial(breaks=breaks, coefficients=self.coefficients)
+
+    def shifted(self, delay: float) -> PiecewisePolynomial:
+        """The same curve, ``delay`` [s] later."""
+        return PiecewisePolynomial(breaks=self.breaks + delay, coefficients=self.coefficients)
+
+    def axes(self, indices: Sequence[int]) -> PiecewisePolynomial:
+        """The curve of the chosen axes only."""
+        return PiecewisePolynomial(breaks=self.breaks, coefficients=self.coefficients[:, :, list(indices)])
+
+    def table(self, period: float, derivatives: int = 4) -> tuple[tuple[str, ...], Array]:
+        """Column names and rows ``t, d0_axis0, d0_axis1, ..., d1_axis0, ...`` every ``period`` [s]."""
+        times, values = self.sample(period, derivatives)
+        names = [f"d{d}_axis{axis}" for d in range(derivatives + 1) for axis in range(self.n_axes)]
+        return ("t", *names), np.column_stack([times, values.reshape(times.size, -1)])
+
+    def to_csv(self, path: Path | str, period: float, derivatives: int = 4) -> None:
+        """Write ``table`` as comma-separated text.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        names, rows = self.table(period, derivatives)
+        try:
+            np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="", fmt="%.17g")
+        except OSError as error:
+            raise OutputError(f"{path}: cannot write the trajectory ({error.strerror}).") from error
+
+    def to_numpy(self, path: Path | str) -> None:
+        """Write breaks and coefficients to one ``.npz`` file, without loss.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        try:
+            np.savez(path, breaks=self.breaks, coefficients=self.coefficients)
+        except OSError as error:
+            raise OutputError(f"{path}: cannot write the trajectory ({error.strerror}).") from error
+
+    @staticmethod
+    def from_numpy(path: Path | str) -> PiecewisePolynomial:
+        """Read what ``to_numpy`` wrote."""
+        try:
+            with np.load(path) as data:
+                return PiecewisePolynomial(breaks=data["breaks"], coefficients=data["coefficients"])
+        except (OSError, KeyError, ValueError) as error:
+            raise InvalidInput(f"{path}: not a trajectory written by to_numpy ({error}).") from error
+
+
+def concatenate(curves: Sequence[PiecewisePolynomial]) -> PiecewisePolynomial:
+    """One curve after the other, each shifted to begin where the one before ends; lower degrees are padded.
+
+    Raises:
+        InvalidInput: no curve, or numbers of axes that differ (the offending index is named).
+    """
+    if not curves:
+        raise InvalidInput("no curve to concatenate; give at least one.")
+    for index, curve in enumerate(curves):
+        if curve.n_axes != curves[0].n_axes:
+            raise InvalidInput(f"curve {index} has {curve.n_axes} axes; curve 0 has {curves[0].n_axes}.")
+    degree = max(curve.degree for curve in curves)
+    durations = np.concatenate([curve.durations for curve in curves])
+    breaks = curves[0].start + np.concatenate([[0.0], np.cumsum(durations)])
+    padded = [_padded(curve.coefficients, degree) for curve in curves]
+    return PiecewisePolynomial(breaks=breaks, coefficients=np.concatenate(padded, axis=1))
+
+
+def frozen(values: ArrayLike) -> Array:
+    """A read-only array of floats: the one given where nobody can write to it, else a copy."""
+    given = np.asarray(values, dtype=float)
+    if given is not values or given.flags.writeable or given.base is not None:
+        given = np.array(values, dtype=float)
+        given.flags.writeable = False
+    return given
+
+
+def _check_breaks(breaks: Array) -> None:
+    if breaks.ndim != 1 or breaks.size < 2:
+        raise InvalidInput(f"breaks have shape {breaks.shape}; allowed is (n_pieces + 1,) with n_pieces >= 1.")
+    wrong = ~(np.diff(breaks) > 0.0)
+    if wrong.any() or not np.isfinite(breaks).all():
+        index = int(np.argmax(wrong)) + 1 if wrong.any() else int(np.argmin(np.isfinite(breaks)))
+        raise InvalidInput(f"break {index} is {breaks[index]}; breaks must be finite and increase [s].")
+
+
+def _check_coefficients(coefficients: Array, n_pieces: int) -> None:
+    if coefficients.ndim != 3 or coefficients.shape[1] != n_pieces or 0 in coefficients.shape:
+        raise InvalidInput(
+            f"coefficients have shape {coefficients.shape}; allowed is (degree + 1, {n_pieces}, n_axes)."
+        )
+    # The sum is finite in all but a few cases where each term is, and needs no memory.
+    if not np.isfinite(coefficients.sum()) and not np.isfinite(coefficients).all():
+        index = int(np.argmin(np.isfinite(coefficients).all(axis=(0, 2))))
+        raise InvalidInput(f"the coefficients of piece {index} are not finite.")
+
+
+def _horner(coefficients: Array, u: Array | float) -> Array:
+    value = coefficients[-1]
+    for row in coefficients[-2::-1]:
+        value = value * u + row
+    return value
+
+
+def _horner_with_rate(coefficients: Array, u: float) -> tuple[Array, Array]:
+    value, rate = coefficients[-1], np.zeros(coefficients.shape[1])
+    for row in coefficients[-2::-1]:
+        rate = rate * u + value
+        value = value * u + row
+    return value, rate
+
+
+def _differentiated(coefficients: Array, order: int) -> Array:
+    if order == 0:
+        return coefficients
+    if order >= coefficients.shape[0]:
+        return np.zeros((1, *coefficients.shape[1:]))
+    powers = range(order, coefficients.shape[0])
+    falling = np.array([factorial(i) / factorial(i - order) for i in powers])
+    return coefficients[order:] * falling[:, None, None]
+
+
+def _unit_peaks(coefficients: Array) -> Array:
+    """(n_pieces, n_axes) largest absolute value in the unit interval: best of a grid, then Newton on the slope."""
+    values = np.abs(_horner(coefficients[:, None], _EXTREMUM_GRID[:, None, None]))
+    best = np.take_along_axis(values, np.argmax(values, axis=0)[None], axis=0)[0]
+    u = _EXTREMUM_GRID[np.argmax(values, axis=0)]
+    slope, curvature = _differentiated(coefficients, 1), _differentiated(coefficients, 2)
+    for _ in range(3):
+        second = _horner(curvature, u)
+        step = np.divide(_horner(slope, u), second, out=np.zeros_like(u), where=second != 0.0)
+        u = np.clip(u - np.clip(step, -1 / 64, 1 / 64), 0.0, 1.0)
+        best = np.maximum(best, np.abs(_horner(coefficients, u)))
+    return best
+
+
+def _padded(coefficients: Array, degree: int) -> Array:
+    return np.pad(coefficients, ((0, degree + 1 - coefficients.shape[0]), (0, 0), (0, 0)))

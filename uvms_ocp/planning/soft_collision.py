@@ -1,0 +1,293 @@
+"""Trajectories around obstacles by a soft collision cost, [Gao2022] eqs (76)-(82), and their verification."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from uvms_ocp.exceptions import InvalidInput
+
+from .certificate import ClearanceReport, PairDistances, check_clearance
+from .clearance import CoalDistances
+from .collision_scene import CollisionScene
+from .descent import Descent, DescentOptions, descend
+from .free_derivatives import pieces_of
+from .ipopt_descent import Bounds, IpoptOptions, descend_ipopt
+from .min_snap import min_snap, solution_of
+from .path_cost import CostParts, CostWeights, Distances, LocalModel, PathCost
+from .polynomial import PiecewisePolynomial
+from .sampling import SamplingOptions, sampled_waypoints
+from .segment_times import MotionLimits, scale_to_limits, trapezoidal_times
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+class PlanStatus(Enum):
+    """Outcome of a plan; ``advice`` says what to do about it."""
+
+    FREE = "free of collision"
+    UNDECIDED = "no collision found, not certified"
+    COLLIDING = "still in collision"
+
+    @property
+    def advice(self) -> str:
+        return _ADVICE[self]
+
+
+_ADVICE = {
+    PlanStatus.FREE: "none needed.",
+    PlanStatus.UNDECIDED: "the path all but touches something; plan again with a larger clearance.",
+    PlanStatus.COLLIDING: "give way points around the obstacle (see sampled_waypoints), more pieces or restarts.",
+}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SoftCollisionOptions:
+    """Settings of ``plan_soft_collision``."""
+
+    pieces: int = 10
+    weights: CostWeights = field(default_factory=CostWeights)
+    descent: DescentOptions | IpoptOptions = field(default_factory=DescentOptions)
+    """The solver: trust region on the banded structure, or IPOPT with joint limits as hard bounds on the nodes."""
+    restarts: int = 2
+    """Further attempts, from randomly bent starts, while the result collides."""
+    sampling: SamplingOptions | None = field(default_factory=SamplingOptions)
+    """Then one attempt through way points found by sampling, unless None or way points are kept."""
+    bend: float = 0.5
+    """[m or rad] size of the first bend; it grows with each attempt."""
+    free_waypoints: bool = True
+    """Move interior way points too; otherwise only their derivatives."""
+    seed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class CollisionPlan:
+    """A trajectory of the scene's coordinates and how clear of collision it is."""
+
+    trajectory: PiecewisePolynomial
+    status: PlanStatus
+    clearance: ClearanceReport
+    cost: CostParts
+    iterations: int
+    attempts: int
+    solve_time: float
+    """[s]"""
+
+    @property
+    def collision_free(self) -> bool:
+        return self.clearance.collision_free
+
+
+def plan_soft_collision(
+    scene: CollisionScene,
+    waypoints: ArrayLike,
+    *,
+    limits: MotionLimits,
+    times: ArrayLike | None = None,
+    options: SoftCollisionOptions | None = None,
+    distances: Distances | None = None,
+) -> CollisionPlan:
+    """Bend a minimum-snap trajectory away from collisions, then verify it.
+
+    Args:
+        waypoints: (n >= 2, n_axes) of the scene's coordinates, end points included; two are a straight start.
+        limits: Velocity, acceleration and jerk limits.
+        times: (n,) [s] of the way points, kept unless they break the limits; default: as fast as the limits allow.
+        distances: Distances for the optimisation; default coal. The verification always uses coal.
+
+    Raises:
+        InvalidInput: an end point in collision or outside the position limits, or arguments as for ``min_snap``.
+    """
+    began, settings = perf_counter(), options or SoftCollisionOptions()
+    exact = CoalDistances(scene)
+    _check_ends(scene, exact, np.asarray(waypoints, dtype=float))
+    start = straight_start(waypoints, limits, times)
+    attempts = _attempts(distances or exact, exact, start, limits, settings, times_given=times is not None)
+    plans = (_verified(problem, problem.solve(guess, settings), exact) for problem, guess in attempts)
+    best, n_attempts = _first_free(plans)
+    return replace(best, attempts=n_attempts, solve_time=perf_counter() - began)
+
+
+def _first_free(plans: Iterator[CollisionPlan]) -> tuple[CollisionPlan, int]:
+    """The first plan free of collision, or else the clearest, and how many were made."""
+    best, n = next(plans), 1
+    for plan in plans if not best.collision_free else ():
+        best, n = max(best, plan, key=lambda p: (p.collision_free, p.clearance.min_clearance)), n + 1
+        if best.collision_free:
+            break
+    return best, n
+
+
+def straight_start(waypoints: ArrayLike, limits: MotionLimits, times: ArrayLike | None = None) -> PiecewisePolynomial:
+    """Minimum snap through the way points, at the given times or as fast as the limits allow."""
+    if times is not None:
+        return min_snap(waypoints, times).trajectory
+    guess = min_snap(waypoints, trapezoidal_times(waypoints, limits)).trajectory
+    return scale_to_limits(guess, limits)
+
+
+def _attempts(
+    distances: Distances,
+    exact: CoalDistances,
+    start: PiecewisePolynomial,
+    limits: MotionLimits,
+    options: SoftCollisionOptions,
+    *,
+    times_given: bool,
+) -> Iterator[tuple[_Problem, Array]]:
+    """Problems and where to start them: as given, bent at random, through sampled way points."""
+    problem = _Problem.of(distances, start, limits, options, times_given=times_given)
+    yield problem, problem.start
+    for bent in problem.bent_starts(options):
+        yield problem, bent
+    if options.sampling is not None and options.free_waypoints:
+        ends = start.evaluate([start.start, start.end])
+        found = sampled_waypoints(exact, ends[0], ends[1], options.sampling)
+        if found is not None:
+            detour = _Problem.of(distances, straight_start(found, limits), limits, options, times_given=False)
+            yield detour, detour.start
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Problem:
+    """The cost, the start and what is free."""
+
+    cost: PathCost
+    breaks: Array
+    start: Array
+    free: Mask
+    times_given: bool
+
+    @staticmethod
+    def of(
+        distances: Distances,
+        start: PiecewisePolynomial,
+        limits: MotionLimits,
+        options: SoftCollisionOptions,
+        *,
+        times_given: bool,
+    ) -> _Problem:
+        breaks, is_waypoint = _refined(start.breaks, options.pieces)
+        values = np.stack([start.evaluate(breaks, d) for d in range(4)])
+        pieces = pieces_of(np.diff(breaks), 4)
+        cost = PathCost(distances=distances, pieces=pieces, weights=options.weights, limits=limits)
+        free = np.ones(values.shape, dtype=bool)
+        free[:, [0, -1]] = False
+        free[0, is_waypoint] = options.free_waypoints
+        free[0, [0, -1]] = False
+        return _Problem(
+            cost=cost,
+            breaks=breaks,
+            start=cost.variables(values),
+            free=free.transpose(1, 0, 2).reshape(len(breaks), -1),
+            times_given=times_given,
+        )
+
+    def bent_starts(self, options: SoftCollisionOptions) -> Iterator[Array]:
+        """Smooth random bends of the start: noise whose covariance is the inverse of the snap Hessian."""
+        rng = np.random.default_rng(options.seed)
+        factor = self.cost.smoothness_hessian.pinned(self.free).cholesky()
+        if factor is None:
+            return
+        for attempt in range(options.restarts):
+            noise = factor.back(rng.normal(size=self.start.shape) * self.free)
+            size = np.abs(self.cost.values(noise)[0]).max()
+            yield self._within_limits(self.start + noise * (options.bend * (1.0 + 0.5 * attempt) / size))
+
+    def solve(self, start: Array, options: SoftCollisionOptions) -> Descent:
+        """Out of collision first, then the whole cost."""
+        first = self._descent(lambda y: self.cost.model(y, collision_only=True), start, options, _touches_nothing)
+        second = self._descent(self.cost.model, first.variables, options)
+        return replace(second, iterations=first.iterations + second.iterations)
+
+    def _descent(
+        self,
+        model: Callable[[Array], LocalModel],
+        start: Array,
+        options: SoftCollisionOptions,
+        enough: Callable[[LocalModel], bool] = lambda _: False,
+    ) -> Descent:
+        if isinstance(options.descent, IpoptOptions):
+            return descend_ipopt(model, start, self.free, self._bounds(), options.descent)
+        metric = self.cost.smoothness_hessian.scaled(1.0 / max(options.weights.smoothness, 1e-12))
+        return descend(model, start, self.free, metric, options.descent, enough)
+
+    def _bounds(self) -> Bounds:
+        """Position limits on the nodes."""
+        lower, upper = self.cost.distances.scene.coordinates.limits()
+        low, high = np.full(self.start.shape, -np.inf), np.full(self.start.shape, np.inf)
+        low[:, : lower.size], high[:, : upper.size] = lower, upper
+        return Bounds(lower=low, upper=high)
+
+    def trajectory(self, variables: Array) -> PiecewisePolynomial:
+        """At the given times unless they break the limits; as fast as the limits allow where none were given."""
+        found = solution_of(self.breaks, self.cost.pieces, self.cost.values(variables)).trajectory
+        keep = self.times_given and self.cost.limits.ratio(found) <= 1.0
+        return found if keep else scale_to_limits(found, self.cost.limits)
+
+    def _within_limits(self, variables: Array) -> Array:
+        lower, upper = self.cost.distances.scene.coordinates.limits()
+        values = self.cost.values(variables)
+        values[0] = np.clip(values[0], lower, upper)
+        return np.where(self.free, self.cost.variables(values), self.start)
+
+
+def _touches_nothing(model: LocalModel) -> bool:
+    return model.parts.collision <= 1e-3
+
+
+def _refined(breaks: Array, pieces: int) -> tuple[Array, NDArray[np.intp]]:
+    """Breaks split evenly into at least ``pieces`` pieces, and which of them were breaks before."""
+    each = max(1, -(-pieces // (breaks.size - 1)))
+    parts = [np.linspace(a, b, each, endpoint=False) for a, b in itertools.pairwise(breaks)]
+    return np.concatenate([*parts, breaks[-1:]]), np.arange(0, each * (breaks.size - 1) + 1, each)
+
+
+def _check_ends(scene: CollisionScene, distances: PairDistances, waypoints: Array) -> None:
+    if waypoints.ndim != 2 or waypoints.shape[1] != scene.coordinates.n_axes:
+        raise InvalidInput(
+            f"way points have shape {waypoints.shape}; allowed is (n, {scene.coordinates.n_axes}), one column per axis."
+        )
+    lower, upper = scene.coordinates.limits()
+    for index, name in ((0, "start"), (len(waypoints) - 1, "goal")):
+        outside = (waypoints[index] < lower - 1e-9) | (waypoints[index] > upper + 1e-9)
+        if outside.any():
+            axis = int(np.argmax(outside))
+            raise InvalidInput(
+                f"way point {index} (the {name}) has {scene.coordinates.names[axis]} = {waypoints[index, axis]:.6g}; "
+                f"allowed is {lower[axis]:.6g} to {upper[axis]:.6g}."
+            )
+        d = distances.distances(waypoints[index : index + 1])[0]
+        if d.size and d.min() <= 0.0:
+            pair = scene.pairs[int(np.argmin(d))].name
+            raise InvalidInput(
+                f"way point {index} (the {name}) is in collision: {pair} overlap by {-d.min():.3g} m; "
+                "move it or the obstacle."
+            )
+
+
+def _verified(problem: _Problem, descent: Descent, exact: CoalDistances) -> CollisionPlan:
+    trajectory = problem.trajectory(descent.variables)
+    report = check_clearance(exact, trajectory)
+    return CollisionPlan(
+        trajectory=trajectory,
+        status=_status(report),
+        clearance=report,
+        cost=descent.model.parts,
+        iterations=descent.iterations,
+        attempts=1,
+        solve_time=0.0,
+    )
+
+
+def _status(report: ClearanceReport) -> PlanStatus:
+    if report.collision_free:
+        return PlanStatus.FREE
+    return PlanStatus.UNDECIDED if report.undecided else PlanStatus.COLLIDING

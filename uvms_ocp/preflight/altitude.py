@@ -1,0 +1,101 @@
+"""Checks on heights: way points against the minimum altitude, landing against it, and the start."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.preflight.findings import Finding, Severity
+from uvms_ocp.preflight.forecast import Visit, ball, limit_of
+from uvms_ocp.preflight.setup import Setup, frame_pose
+from uvms_ocp.tasks import HorizontalAttitude, LandingAltitude, MinimumAltitude, VehiclePose
+from uvms_ocp.tasks.reference import evaluate_pose
+
+CHECK = "minimum altitude"
+
+
+def check_altitude(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
+    """Findings on the start, and on phases in which the minimum altitude is on."""
+    yield from _start(setup, visits[0])
+    for visit in visits:
+        minimum = visit.active(MinimumAltitude)
+        if minimum is None:
+            continue
+        if visit.active(VehiclePose) is not None:
+            yield from _way_point(setup, visit, minimum)
+        if visit.active(LandingAltitude) is not None:
+            yield from _landing(visit, minimum)
+
+
+def _start(setup: Setup, first: Visit) -> Iterator[Finding]:
+    X_WS = frame_pose(setup.robot, setup.start, setup.altimeter_frame)
+    altitude = float(X_WS.translation[2]) - setup.floor_at(X_WS.translation[0], X_WS.translation[1])
+    minimum = first.active(MinimumAltitude)
+    if altitude <= 0:
+        text = f"the altimeter starts {-altitude:.2f} m inside the floor; raise the start"
+        yield Finding(severity=Severity.ERROR, check="start", text=text, figures={"altitude_m": altitude})
+    elif minimum is not None and altitude < minimum.threshold:
+        text = f"the start is at an altitude of {altitude:.2f} m, below {minimum.name}'s {minimum.threshold:g} m"
+        yield Finding(severity=Severity.WARNING, check="start", text=text, figures={"altitude_m": altitude})
+    attitude = first.active(HorizontalAttitude)
+    tilt = math.acos(min(1.0, float(pin.Quaternion(setup.start[3:7]).matrix()[2, 2])))
+    if attitude is not None and tilt > attitude.bell.end:
+        text = f"the vehicle starts with a tilt of {tilt:.2f} rad, outside {attitude.name}'s {attitude.bell.end:g} rad"
+        yield Finding(severity=Severity.WARNING, check="start", text=text, figures={"tilt_rad": tilt})
+
+
+def _way_point(setup: Setup, visit: Visit, minimum: MinimumAltitude) -> Iterator[Finding]:
+    """How far the minimum altitude holds the vehicle above its way point."""
+    task = visit.active(VehiclePose)
+    if task is None:
+        return
+    goal, _ = evaluate_pose(task.name, task.goal, 0.0)
+    radius = limit_of(visit.phase, f"{task.name}.position_error")
+    gap = minimum.threshold - _altitude(setup, goal)
+    if gap <= 0:
+        return
+    first = next(t.name for t in visit.tasks if t in (task, minimum))
+    figures = {"kept_away_m": gap, "ball_m": radius, "altitude_at_way_point_m": minimum.threshold - gap}
+    if first == task.name:
+        text = f"{task.name} ranks above {minimum.name} and breaks the minimum altitude by {gap:.2f} m at its way point"
+        yield Finding(severity=Severity.WARNING, check=CHECK, phase=visit.phase.name, text=text, figures=figures)
+        return
+    shut = radius is not None and _least_gap(setup, goal, minimum, radius) > 0
+    text = (
+        f"{minimum.name} keeps the vehicle {gap:.2f} m above its way point (altitude {minimum.threshold - gap:.2f} m, "
+        f"minimum {minimum.threshold:g} m)"
+    )
+    outside = f", outside the ball of {radius or 0:g} m that ends the phase; raise the way point by {gap:.2f} m"
+    severity = Severity.ERROR if shut else Severity.WARNING
+    yield Finding(severity=severity, check=CHECK, phase=visit.phase.name, text=text + outside * shut, figures=figures)
+
+
+def _altitude(setup: Setup, X_WB: pin.SE3) -> float:
+    """Altitude [m] of the altimeter above the floor below it, for the vehicle at X_WB."""
+    q = setup.start.copy()
+    q[:7] = pin.SE3ToXYZQUAT(X_WB)
+    p = frame_pose(setup.robot, q, setup.altimeter_frame).translation
+    return float(p[2]) - setup.floor_at(p[0], p[1])
+
+
+def _least_gap(setup: Setup, goal: pin.SE3, minimum: MinimumAltitude, radius: float) -> float:
+    """The least distance [m] by which the minimum altitude shuts the vehicle out, over the ball around a way point."""
+    top = pin.SE3(goal.rotation, goal.translation + np.array([0.0, 0.0, radius]))
+    rim = (pin.SE3(goal.rotation, point) for point in ball(goal.translation, radius))
+    return float(np.min([minimum.threshold - _altitude(setup, pose) for pose in (top, *rim)]))
+
+
+def _landing(visit: Visit, minimum: MinimumAltitude) -> Iterator[Finding]:
+    landing = visit.active(LandingAltitude)
+    if landing is None:
+        return
+    aim = landing.landing_distance + landing.safeguard
+    if aim < minimum.threshold:
+        text = f"{landing.name} aims at {aim:.2f} m while {minimum.name} keeps {minimum.threshold:g} m; switch one off"
+        figures = {"aim_m": aim, "minimum_m": minimum.threshold}
+        yield Finding(
+            severity=Severity.ERROR, check="contradiction", phase=visit.phase.name, text=text, figures=figures
+        )

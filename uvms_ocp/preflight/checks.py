@@ -1,0 +1,79 @@
+"""All checks of a mission before it begins."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from uvms_ocp.control.levels import LevelsProblem, build_levels
+from uvms_ocp.preflight.altitude import check_altitude
+from uvms_ocp.preflight.findings import Finding, PreflightReport, Severity
+from uvms_ocp.preflight.forces import check_forces
+from uvms_ocp.preflight.forecast import Visit, forecast
+from uvms_ocp.preflight.setup import Setup
+from uvms_ocp.preflight.structure import check_structure
+from uvms_ocp.preflight.tool import check_tool
+from uvms_ocp.tasks.task import Task, TaskClass
+
+_RANK = 1e-6  # singular values below it count as zero
+
+
+def check_mission(setup: Setup) -> PreflightReport:
+    """Every check on a mission; see `PreflightReport`. Raises what `build_levels` raises for unknown names."""
+    problem = build_levels(setup.robot, setup.mission.hierarchy, setup.dt)
+    setup.mission.check_quantities(problem.quantity_names)
+    if not setup.robot.n_vehicle:
+        return PreflightReport(findings=tuple(check_structure(setup.mission)))
+    visits = forecast(setup)
+    findings = [
+        *check_structure(setup.mission),
+        *check_altitude(setup, visits),
+        *check_freedom(setup, visits, problem),
+        *check_forces(setup, visits),
+    ]
+    return PreflightReport(findings=(*findings, *check_tool(setup, visits)))
+
+
+def check_freedom(setup: Setup, visits: Sequence[Visit], problem: LevelsProblem) -> Iterator[Finding]:
+    """Equality tasks of one phase must leave each other room: one that has no freedom left acts in name only."""
+    for visit in visits:
+        q = visit.stances[0].configuration(setup)
+        J = _jacobians(setup, problem, q)
+        N = np.eye(setup.robot.n_v)
+        for task in visit.tasks:
+            if not task.equality:
+                continue
+            rows = J[task.name]
+            if task.task_class < TaskClass.OPTIMIZATION and _rank(rows) and not _rank(rows @ N):
+                yield _without_freedom(visit, task)
+            N = N - np.linalg.pinv(rows @ N, rcond=_RANK) @ rows @ N
+
+
+def _without_freedom(visit: Visit, task: Task) -> Finding:
+    awaited = any(
+        condition.quantity.startswith(f"{task.name}.")
+        for transition in visit.phase.transitions
+        for condition in transition.when
+    )
+    names = ", ".join(other.name for other in visit.tasks if other.equality and other is not task)
+    return Finding(
+        severity=Severity.ERROR if awaited else Severity.WARNING,
+        check="contradiction",
+        phase=visit.phase.name,
+        text=f"{task.name} is on but has no freedom left below the other equality tasks ({names}); switch one off",
+    )
+
+
+def _rank(rows: np.ndarray) -> int:
+    return int(np.linalg.matrix_rank(rows, tol=_RANK)) if rows.size else 0
+
+
+def _jacobians(setup: Setup, problem: LevelsProblem, q: np.ndarray) -> dict[str, np.ndarray]:
+    """Jacobian of each level at q."""
+    n_v, n_tasks = setup.robot.n_v, len(setup.mission.hierarchy.tasks)
+    parameters = np.concatenate([task.parameters(0.0, q) for task in setup.mission.hierarchy.tasks])
+    zeros = np.zeros(n_v)
+    outputs = problem.function(q, zeros, zeros, 10.0, parameters, np.ones(n_tasks))
+    J = np.array(outputs[problem.function.index_out("J")])
+    return dict(zip(problem.names, np.split(J, np.cumsum(problem.sizes)[:-1]), strict=True))

@@ -1,0 +1,103 @@
+"""Check: thrusters and motors can hold the robot still in the current, and move it against the current."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from uvms_ocp.control.allocation import allocation_of
+from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.model.hydrodynamics import Water
+from uvms_ocp.model.thrusters import unactuated_axes
+from uvms_ocp.preflight.findings import Finding, Severity
+from uvms_ocp.preflight.forecast import Visit
+from uvms_ocp.preflight.setup import Setup
+from uvms_ocp.tasks.pose import PoseTask, VehiclePose
+
+CHECK = "forces"
+_TIMES = np.linspace(0.0, 120.0, 9)  # [s] at which a current that varies is sampled
+_FULL = 0.8  # share of a limit above which holding still is called tight
+_SHORT = 1e-3  # [N, N m] of force missing that counts
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Load:
+    """What one stance asks of the drives, as shares of their limits; above 1 the force is not there."""
+
+    thrust: float
+    torque: float
+    missing: float  # [N, N m] of the wrench
+
+
+def check_forces(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
+    """The largest load over all phases of holding still, and of moving as fast as the way point task asks."""
+    if not (setup.with_forces and setup.robot.description.thrusters):
+        return
+    dynamics = robot_dynamics(setup.robot)
+    still = [_hold(setup, dynamics, visit) for visit in visits]
+    worst = max(range(len(visits)), key=lambda k: (still[k].missing, still[k].thrust))
+    yield _finding(visits[worst], still[worst], "to hold still")
+    moving = [
+        (visit, _hold(setup, dynamics, visit, speed=_cruise(setup, visit)))
+        for visit in visits
+        if visit.active(VehiclePose) is not None
+    ]
+    for visit, load in moving:
+        if load.missing > _SHORT and still[visits.index(visit)].missing <= _SHORT:
+            text = f"thrust is short by {load.missing:.0f} N against the current at full speed: the approach is slower"
+            yield Finding(severity=Severity.WARNING, check=CHECK, phase=visit.phase.name, text=text)
+
+
+def _finding(visit: Visit, load: Load, purpose: str) -> Finding:
+    figures = {"thrust_share": load.thrust, "torque_share": load.torque, "missing_N": load.missing}
+    if load.missing > _SHORT or load.torque > 1.0:
+        text = (
+            f"{purpose} in this current takes {load.missing:.0f} N (N m) more than the thrusters give and "
+            f"{100 * load.torque:.0f} % of the joint torque; wait for less current or take a stronger robot"
+        )
+        severity = Severity.ERROR
+    else:
+        text = (
+            f"{purpose} takes {100 * load.thrust:.0f} % of the thrust and {100 * load.torque:.0f} % of the joint torque"
+        )
+        severity = Severity.WARNING if max(load.thrust, load.torque) > _FULL else Severity.NOTE
+    return Finding(severity=severity, check=CHECK, phase=visit.phase.name, text=text, figures=figures)
+
+
+def _cruise(setup: Setup, visit: Visit) -> float:
+    task = visit.active(PoseTask)
+    limit = float(setup.robot.limits.velocity[:3].min())
+    return min(limit, task.saturation_linear) if task is not None else 0.0
+
+
+def _hold(setup: Setup, dynamics: Dynamics, visit: Visit, speed: float = 0.0) -> Load:
+    """The largest load over the times; `speed` [m/s] is over ground, against the current."""
+    q = visit.stances[0].configuration(setup)
+    loads = [_load(setup, q, _forces(setup, dynamics, q, t, speed)) for t in _TIMES]
+    return max(loads, key=lambda load: (load.missing, load.thrust))
+
+
+def _forces(setup: Setup, dynamics: Dynamics, q: np.ndarray, t: float, speed: float) -> np.ndarray:
+    """Generalized force (n_v,) at rest over ground, in water that is faster by `speed`."""
+    positions = dynamics.link_positions(q)
+    velocity = setup.environment.current.velocity(positions, t)
+    size = np.linalg.norm(velocity, axis=1, keepdims=True)
+    faster = velocity * (1.0 + speed / np.maximum(size, 1e-9))
+    water = Water(velocity=faster, acceleration=setup.environment.current.acceleration(positions, t))
+    return dynamics.inverse_dynamics(q, np.zeros(setup.robot.n_v), np.zeros(setup.robot.n_v), water)
+
+
+def _load(setup: Setup, q: np.ndarray, tau: np.ndarray) -> Load:
+    robot = setup.robot
+    result = allocation_of(robot).allocate(tau[robot.vehicle_v])
+    actuated = [axis for axis in range(6) if axis not in unactuated_axes(robot)]
+    missing = float(np.linalg.norm(result.unreachable[actuated])) if result.saturated else 0.0
+    limits = np.array([max(thruster.maximum, -thruster.minimum) for thruster in robot.description.thrusters])
+    effort = robot.limits.effort
+    return Load(
+        thrust=float(np.max(np.abs(result.thrust) / limits)),
+        torque=float(np.max(np.abs(tau[robot.joint_v]) / effort, initial=0.0)),
+        missing=missing,
+    )

@@ -1,0 +1,164 @@
+"""Where the vehicle will be in each phase, foretold from the goals and thresholds of the mission."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.mission import DONE, Below, Phase
+from uvms_ocp.preflight.setup import Setup
+from uvms_ocp.tasks import Alignment, LandingAltitude, NullVelocity, VehiclePose
+from uvms_ocp.tasks.reference import evaluate_pose, evaluate_vector
+from uvms_ocp.tasks.task import Task
+
+_N_RIM = 8  # positions on the rim of the ball in which a phase may end
+_OVERHEAD = 1e-3  # [m] nearer to the target its direction is not defined
+
+AnyTask = TypeVar("AnyTask", bound=Task)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Stance:
+    """A pose of the vehicle, level, at which a phase may begin or end."""
+
+    position: np.ndarray  # (3,) [m] p_WB
+    yaw: float  # [rad]
+
+    @property
+    def X_WB(self) -> pin.SE3:
+        return pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, self.yaw), self.position)
+
+    def configuration(self, setup: Setup) -> np.ndarray:
+        """q (n_q,) with the joints as at the start."""
+        q = setup.start.copy()
+        q[:7] = pin.SE3ToXYZQUAT(self.X_WB)
+        return q
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Visit:
+    """One phase on the way, with the stances that the vehicle may have at its end; the first is the nominal one."""
+
+    index: int
+    phase: Phase
+    tasks: tuple[Task, ...]  # switched on, with the goals of this phase
+    stances: tuple[Stance, ...]
+
+    def active(self, kind: type[AnyTask]) -> AnyTask | None:
+        """The first task of a kind that is on."""
+        return next((task for task in self.tasks if isinstance(task, kind)), None)
+
+
+def forecast(setup: Setup) -> list[Visit]:
+    """The phases in the order in which a mission without trouble goes through them."""
+    start = setup.start
+    yaw = float(pin.rpy.matrixToRpy(pin.Quaternion(start[3:7]).matrix())[2])
+    stances: tuple[Stance, ...] = (Stance(position=start[:3].copy(), yaw=yaw),)
+    visits = []
+    for index in main_path(setup.mission.phases):
+        phase = setup.mission.phases[index]
+        on = {name for name, gate in phase.gates.items() if gate > 0}
+        tasks = tuple(task for task in setup.mission.tasks_of(index) if task.name in on)
+        visit = Visit(index=index, phase=phase, tasks=tasks, stances=stances)
+        stances = _stances_after(setup, visit)
+        visits.append(replace(visit, stances=stances))
+    return visits
+
+
+def main_path(phases: Sequence[Phase]) -> list[int]:
+    """Indices of the phases from the first on, by the first transition of each that leads to a new one."""
+    names = [phase.name for phase in phases]
+    path, index = [0], 0
+    while True:
+        targets = [transition.to for transition in phases[index].transitions]
+        fresh = [names.index(name) for name in targets if name in names and names.index(name) not in path]
+        if DONE in targets or not fresh:
+            return path
+        index = fresh[0]
+        path.append(index)
+
+
+def limit_of(phase: Phase, quantity: str) -> float | None:
+    """The threshold below which `quantity` must fall to leave the phase; `None` where it does not matter."""
+    limits = [
+        condition.limit
+        for transition in phase.transitions
+        for condition in transition.when
+        if isinstance(condition, Below) and condition.quantity == quantity
+    ]
+    return min(limits, default=None)
+
+
+def ball(centre: np.ndarray, radius: float) -> Iterator[np.ndarray]:
+    """The centre (3,) and points on the horizontal rim of a ball, where distances to anything outside are extreme."""
+    yield centre
+    for k in range(_N_RIM if radius > 0 else 0):
+        angle = 2 * math.pi * k / _N_RIM
+        yield centre + radius * np.array([math.cos(angle), math.sin(angle), 0.0])
+
+
+def _stances_after(setup: Setup, visit: Visit) -> tuple[Stance, ...]:
+    if visit.active(NullVelocity) is not None:
+        return visit.stances
+    stances = visit.stances
+    pose = visit.active(VehiclePose)
+    if pose is not None:
+        goal, _ = evaluate_pose(pose.name, pose.goal, 0.0)
+        radius = limit_of(visit.phase, f"{pose.name}.position_error") or 0.0
+        stances = way_point_stances(goal, radius, towards=_next_target(setup, visit))
+    alignment = visit.active(Alignment)
+    if alignment is not None:
+        target, _ = evaluate_vector(alignment.name, alignment.goal, 0.0)
+        stances = tuple(_aligned(stance, target) for stance in stances)
+    landing = visit.active(LandingAltitude)
+    if landing is not None:
+        aim = landing.landing_distance + landing.safeguard
+        altitude = limit_of(visit.phase, f"{landing.name}.altitude") or aim
+        stances = tuple(_landed(setup, stance, altitude) for stance in stances)
+    return stances
+
+
+def way_point_stances(goal: pin.SE3, radius: float, towards: np.ndarray | None = None) -> tuple[Stance, ...]:
+    """Stances in a ball around a way point; the rim begins in the direction of `towards` (3,) [m] in W."""
+    yaw = float(pin.rpy.matrixToRpy(goal.rotation)[2])
+    return tuple(Stance(position=point, yaw=yaw) for point in _ball_towards(goal.translation, radius, towards))
+
+
+def _ball_towards(centre: np.ndarray, radius: float, towards: np.ndarray | None) -> Iterator[np.ndarray]:
+    offset = np.zeros(2) if towards is None else towards[:2] - centre[:2]
+    R = pin.rpy.rpyToMatrix(0.0, 0.0, math.atan2(offset[1], offset[0]))
+    for point in ball(np.zeros(3), radius):
+        yield centre + R @ point
+
+
+def _next_target(setup: Setup, visit: Visit) -> np.ndarray | None:
+    """Target of the alignment of this mission, towards and away from which reach is best and worst."""
+    alignment = next((task for task in setup.mission.tasks_of(visit.index) if isinstance(task, Alignment)), None)
+    return None if alignment is None else evaluate_vector(alignment.name, alignment.goal, 0.0)[0]
+
+
+def _aligned(stance: Stance, target: np.ndarray) -> Stance:
+    """After turning to a target by the least motion: part of the turn is a walk around the target.
+
+    With d the distance, ``d theta = -(d psi + ds / d)`` and the least ``d psi^2 + ds^2`` share the angle as
+    d^2 : 1 between turning and walking.
+    """
+    offset = stance.position[:2] - target[:2]
+    d = float(np.linalg.norm(offset))
+    if d < _OVERHEAD:
+        return stance
+    bearing = math.atan2(-offset[1], -offset[0])
+    theta = math.remainder(bearing - stance.yaw, 2 * math.pi)
+    walk = -theta / (d**2 + 1.0)
+    R = pin.rpy.rpyToMatrix(0.0, 0.0, walk)[:2, :2]
+    return Stance(position=np.array([*(target[:2] + R @ offset), stance.position[2]]), yaw=bearing + walk)
+
+
+def _landed(setup: Setup, stance: Stance, altitude: float) -> Stance:
+    x, y, _ = stance.position
+    return replace(stance, position=np.array([x, y, setup.floor_at(x, y) + altitude - setup.altimeter_height()]))

@@ -1,0 +1,42 @@
+"""What the checks look at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.mission import Mission
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.sim.environment import Environment
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Setup:
+    """A mission before it begins."""
+
+    robot: Robot
+    mission: Mission
+    environment: Environment
+    start: np.ndarray  # (n_q,)
+    altimeter_frame: str
+    with_forces: bool  # the plant has thrusters and water, so that forces matter
+    dt: float  # [s] control period
+    duration: float  # [s] time limit
+
+    def floor_at(self, x: float, y: float) -> float:
+        """Height [m] of the floor in W."""
+        return self.environment.seafloor.height(float(x), float(y))
+
+    def altimeter_height(self) -> float:
+        """Height [m] of the altimeter above the vehicle's origin while the vehicle is level."""
+        q = self.robot.configuration()
+        return float(frame_pose(self.robot, q, self.altimeter_frame).translation[2])
+
+
+def frame_pose(robot: Robot, q: np.ndarray, frame: str) -> pin.SE3:
+    """X_WF of a frame at q (n_q,), which may be outside the limits."""
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q)
+    return pin.updateFramePlacement(robot.model, data, robot.frame_id(frame)).copy()

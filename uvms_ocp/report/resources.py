@@ -1,0 +1,88 @@
+"""Resource allocation: what each phase takes in time, energy, thrust and room to the limits."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.record import Record
+
+
+def resources(record: Record) -> list[dict[str, Any]]:
+    """One row per visit to a phase, in order of time, and a last row ``total``: `phase` and `figures_between`."""
+    t = record["t"]
+    ends = [*(event["t"] for event in record.meta["events"]), float(t[-1])]
+    names = [record.meta["phases"][0]["name"], *(event["target"] for event in record.meta["events"])]
+    spans = [(name, start, end) for name, start, end in zip(names, [0.0, *ends], ends, strict=False) if start < end]
+    rows = [{"phase": name, **figures_between(record, start, end)} for name, start, end in spans]
+    return [*rows, {"phase": "total", **figures_between(record, 0.0, float(t[-1]))}]
+
+
+def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
+    """What the time from `start` to `end` [s] took; `None` where the plant does not tell.
+
+    Path of the vehicle and of the joints, energy of thrusters and joints, peak thrust, time with thrusters at their
+    limits, least distance of a joint to its limits, largest velocity and torque in units of their limits.
+    """
+    first, last = (int(np.searchsorted(record["t"], t - 1e-9)) for t in (start, end))
+    rows = slice(first, min(last, len(record) - 1) + 1)
+    thrusters, joints = _gain(record, "thruster_energy", rows), _gain(record, "joint_energy", rows)
+    return {
+        "duration_s": end - start,
+        "path_length_m": _length(record["q"][rows, :3]) if record.meta["floating"] else 0.0,
+        "joint_path_rad": _joint_path(record, rows),
+        "thruster_energy_j": thrusters,
+        "joint_energy_j": joints,
+        "energy_j": None if thrusters is None or joints is None else thrusters + joints,
+        "peak_thrust_n": _peak(record, "thrust", rows),
+        "saturation_time_s": _saturated(record, rows),
+        "joint_margin_rad": _joint_margin(record, rows),
+        "velocity_share": _share(record, "v", "velocity", rows),
+        "torque_share": _share(record, "torque", "effort", rows),
+    }
+
+
+def _gain(record: Record, name: str, rows: slice) -> float | None:
+    """Increase of a running total."""
+    if name not in record.series:
+        return None
+    total = record[name] if record[name].ndim == 1 else record[name].sum(axis=1)
+    return float(total[rows.stop - 1] - total[rows.start])
+
+
+def _length(points: np.ndarray) -> float:
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+def _joint_path(record: Record, rows: slice) -> float:
+    rates = record["v"][rows, len(record["v"][0]) - len(record.meta["limits"]["position_lower"]) :]
+    return float(np.abs(rates[:-1]).sum() * record.meta["dt"])
+
+
+def _peak(record: Record, name: str, rows: slice) -> float | None:
+    return float(np.abs(record[name][rows]).max(initial=0.0)) if name in record.series else None
+
+
+def _saturated(record: Record, rows: slice) -> float | None:
+    if "saturated" not in record.series:
+        return None
+    return float(np.count_nonzero(record["saturated"][rows][:-1]) * record.meta["dt"])
+
+
+def _joint_margin(record: Record, rows: slice) -> float | None:
+    limits = record.meta["limits"]
+    lower, upper = np.array(limits["position_lower"]), np.array(limits["position_upper"])
+    n_vehicle = 7 if record.meta["floating"] else 0
+    if record["q"].shape[1] - n_vehicle != len(lower) or not len(lower):
+        return None  # joints that turn without end have two entries in q
+    joints = record["q"][rows, n_vehicle:]
+    margin = float(np.minimum(joints - lower, upper - joints).min())
+    return margin if np.isfinite(margin) else None
+
+
+def _share(record: Record, name: str, limit: str, rows: slice) -> float | None:
+    """The largest value in units of its limit."""
+    if name not in record.series or limit not in record.meta["limits"]:
+        return None
+    return float((np.abs(record[name][rows]) / np.array(record.meta["limits"][limit])).max(initial=0.0))

@@ -1,0 +1,26 @@
+"""Ready-made scenarios; every number in them can be overridden."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from uvms_ocp.scenario import Scenario
+from uvms_ocp.scenarios.case1 import Thresholds as Thresholds
+from uvms_ocp.scenarios.case1 import case1 as case1
+from uvms_ocp.scenarios.case1 import case1_unreachable as case1_unreachable
+from uvms_ocp.scenarios.current_drift import current_drift as current_drift
+from uvms_ocp.scenarios.priority_swap import priority_swap as priority_swap
+from uvms_ocp.scenarios.reach import reach as reach
+from uvms_ocp.scenarios.transit import transit as transit
+from uvms_ocp.scenarios.two_targets import two_targets as two_targets
+
+SCENARIOS: dict[str, Callable[..., Scenario]] = {
+    "case1": case1,
+    "case1_unreachable": case1_unreachable,
+    "priority_swap": priority_swap,
+    "two_targets": two_targets,
+    "current_drift": current_drift,
+    "reach": reach,
+    "transit": transit,
+}
+"""Scenarios by the name that the command line knows."""

@@ -1,0 +1,124 @@
+"""A small vehicle that reaches with its arm while floating."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.control.dynamic import VelocityGains
+from uvms_ocp.control.kinematic import HierarchySolver
+from uvms_ocp.mission import DONE, Below, Mission, Phase, Transition
+from uvms_ocp.model.kinematics import Kinematics
+from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.model.sensing import IDEAL_SENSORS, sensors_of
+from uvms_ocp.scenario import Scenario, pose_at
+from uvms_ocp.scenarios.parts import always_underactuated, current_field, on, underactuation
+from uvms_ocp.sim import Current, Environment, FlatSeafloor
+from uvms_ocp.solvers import LexicographicActiveSet
+from uvms_ocp.tasks import (
+    Hierarchy,
+    HorizontalAttitude,
+    JointLimits,
+    JointTracking,
+    MinimumAltitude,
+    ToolPosition,
+    VehiclePose,
+)
+
+
+def reach(
+    *,
+    robot: Robot | str = "bluerov2_alpha5",
+    variant: str | None = None,
+    target: Sequence[float] | None = None,
+    start: pin.SE3 | None = None,
+    seabed: float = -10.0,
+    tolerance: float = 0.01,
+    solver: HierarchySolver | None = None,
+    plant: str = "dynamic",
+    current: Current | Sequence[float] | None = None,
+    noise: bool = True,
+    observer: bool = True,
+    seed: int = 0,
+    dt: float = 1 / 200,
+    duration: float = 90.0,
+) -> Scenario:
+    """A small floating vehicle with a four-joint arm brings its tool to a position: approach, then reach.
+
+    The tool stays within `tolerance` [m] of the target (3,) [m] in W for 1 s; vehicle and arm reach together, the pose
+    of the vehicle comes second. variant: of the water on the plant's vehicle, such as another published set of drag; the
+    controller keeps the nominal one. target: by default drawn from `seed`, 2 to 4 m from the start.
+
+    Raises `UvmsError` where a name is unknown or a number is impossible.
+    """
+    machine = load_robot(robot) if isinstance(robot, str) else robot
+    real = machine if variant is None else load_robot(machine.name, variant=variant)
+    origin = start or pose_at((0.0, 0.0, -5.0))
+    point = _random_target(origin, seed) if target is None else np.asarray(target, dtype=float)
+    q0 = machine.configuration(position=origin.translation, quaternion=pin.Quaternion(origin.rotation).coeffs())
+    way_point = _facing(origin, point, Kinematics(machine, q0))
+    return Scenario(
+        name="reach",
+        robot=machine,
+        mission=Mission(
+            hierarchy=Hierarchy(
+                [
+                    *underactuation(machine),
+                    JointLimits(),
+                    MinimumAltitude(),
+                    HorizontalAttitude(),
+                    ToolPosition(goal=pin.SE3(np.eye(3), point)),
+                    VehiclePose(goal=way_point),
+                    JointTracking(joints=machine.joint_names, goal=machine.home),
+                ]
+            ),
+            phases=always_underactuated(machine, _reach_phases(tolerance)),
+        ),
+        environment=Environment(seafloor=FlatSeafloor(z=seabed), current=current_field(current)),
+        start=q0,
+        solver=solver or LexicographicActiveSet(),
+        plant=plant,
+        sensors=sensors_of(machine.description) if noise else IDEAL_SENSORS,
+        gains=VelocityGains() if observer else VelocityGains(observer_vehicle=0.0),
+        plant_robot=real,
+        seed=seed,
+        dt=dt,
+        duration=duration,
+        markers={"target": tuple(point), "way point": tuple(way_point.translation)},
+    )
+
+
+def _random_target(origin: pin.SE3, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    azimuth, distance, drop = rng.uniform(-np.pi, np.pi), rng.uniform(2.0, 4.0), rng.uniform(0.5, 1.5)
+    return origin.translation + distance * np.array([np.cos(azimuth), np.sin(azimuth), 0.0]) - [0.0, 0.0, drop]
+
+
+def _facing(origin: pin.SE3, target: np.ndarray, start: Kinematics) -> pin.SE3:
+    """Vehicle pose, level and facing the target, from which the tool at its present posture is just there."""
+    p_BT = start.pose("base_link").actInv(start.pose("tool").translation)
+    d = target - origin.translation
+    R_WB = pin.rpy.rpyToMatrix(0.0, 0.0, float(np.arctan2(d[1], d[0])))
+    return pin.SE3(R_WB, target - R_WB @ p_BT)
+
+
+def _reach_phases(tolerance: float) -> tuple[Phase, ...]:
+    near = Below(quantity="PC.position_error", limit=0.2)
+    turned = Below(quantity="PC.orientation_error", limit=0.2)
+    there = Below(quantity="TP.position_error", limit=tolerance)
+    return (
+        Phase(
+            name="A",
+            title="approach",
+            gates=on("JL", "MAC", "HA", "PC", "MP"),
+            transitions=(Transition(to="B", when=(near, turned)),),
+        ),
+        Phase(
+            name="B",
+            title="reach",
+            gates=on("JL", "MAC", "HA", "TP", "PC", "MP"),
+            transitions=(Transition(to=DONE, when=(there,), hold=1.0),),
+        ),
+    )
