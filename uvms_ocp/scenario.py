@@ -92,7 +92,7 @@ class Scenario:
             mission=self.mission,
             environment=self.environment,
             start=np.array(self.start),
-            altimeter_frame=self.altimeter_frame,
+            altimeter_frame=self.altimeter_frame or self.robot.description.altimeter,
             with_forces=self.plant == "dynamic",
             dt=self.dt,
             duration=self.duration,

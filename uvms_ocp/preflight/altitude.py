@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from uvms_ocp.preflight.findings import Finding, Severity
 from uvms_ocp.preflight.forecast import Visit, ball, limit_of
-from uvms_ocp.preflight.setup import Setup, frame_pose
+from uvms_ocp.preflight.setup import Setup
 from uvms_ocp.tasks import HorizontalAttitude, LandingAltitude, MinimumAltitude, VehiclePose
 from uvms_ocp.tasks.reference import evaluate_pose
 
@@ -19,6 +19,8 @@ CHECK = "minimum altitude"
 
 def check_altitude(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     """Findings on the start, and on phases in which the minimum altitude is on."""
+    if not setup.robot.n_vehicle:
+        return
     yield from _start(setup, visits[0])
     for visit in visits:
         minimum = visit.active(MinimumAltitude)
@@ -31,7 +33,7 @@ def check_altitude(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
 
 
 def _start(setup: Setup, first: Visit) -> Iterator[Finding]:
-    X_WS = frame_pose(setup.robot, setup.start, setup.altimeter_frame)
+    X_WS = setup.altimeter_pose(setup.start)
     altitude = float(X_WS.translation[2]) - setup.floor_at(X_WS.translation[0], X_WS.translation[1])
     minimum = first.active(MinimumAltitude)
     if altitude <= 0:
@@ -77,7 +79,7 @@ def _altitude(setup: Setup, X_WB: pin.SE3) -> float:
     """Altitude [m] of the altimeter above the floor below it, for the vehicle at X_WB."""
     q = setup.start.copy()
     q[:7] = pin.SE3ToXYZQUAT(X_WB)
-    p = frame_pose(setup.robot, q, setup.altimeter_frame).translation
+    p = setup.altimeter_pose(q).translation
     return float(p[2]) - setup.floor_at(p[0], p[1])
 
 

@@ -20,7 +20,7 @@ class Setup:
     mission: Mission
     environment: Environment
     start: np.ndarray  # (n_q,)
-    altimeter_frame: str
+    altimeter_frame: str | None  # none for a robot without an altimeter
     with_forces: bool  # the plant has thrusters and water, so that forces matter
     dt: float  # [s] control period
     duration: float  # [s] time limit
@@ -29,10 +29,15 @@ class Setup:
         """Height [m] of the floor in W."""
         return self.environment.seafloor.height(float(x), float(y))
 
+    def altimeter_pose(self, q: np.ndarray) -> pin.SE3:
+        """X_WS at q (n_q,); the vehicle's own pose without an altimeter."""
+        if self.altimeter_frame is None:
+            return pin.XYZQUATToSE3(np.asarray(q[:7]))
+        return frame_pose(self.robot, q, self.altimeter_frame)
+
     def altimeter_height(self) -> float:
         """Height [m] of the altimeter above the vehicle's origin while the vehicle is level."""
-        q = self.robot.configuration()
-        return float(frame_pose(self.robot, q, self.altimeter_frame).translation[2])
+        return float(self.altimeter_pose(self.robot.configuration()).translation[2])
 
 
 def frame_pose(robot: Robot, q: np.ndarray, frame: str) -> pin.SE3:
