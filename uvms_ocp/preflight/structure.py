@@ -36,8 +36,8 @@ def _trap(name: str) -> Finding:
 
 
 def _idle(mission: Mission, phase: Phase) -> Iterator[Finding]:
-    """A phase needs a task that acts; constraints, safety and preferences alone move nothing on purpose."""
-    acting = (TaskClass.PREREQUISITE, TaskClass.ACTION)
+    """A phase needs a task that acts; constraints and safety alone move nothing on purpose."""
+    acting = (TaskClass.PREREQUISITE, TaskClass.ACTION, TaskClass.OPTIMIZATION)
     active = [task for task in mission.hierarchy.tasks if phase.gates.get(task.name, 0.0) > 0]
     if not any(task.task_class in acting for task in active):
         text = f"phase {phase.name!r} has no acting task switched on; nothing would happen in it"
