@@ -36,10 +36,11 @@ def _trap(name: str) -> Finding:
 
 
 def _idle(mission: Mission, phase: Phase) -> Iterator[Finding]:
-    """A phase needs a task that acts; constraints and safety alone move nothing on purpose."""
-    acting = (TaskClass.PREREQUISITE, TaskClass.ACTION, TaskClass.OPTIMIZATION)
+    """A phase needs a task that acts; constraints, safety and preferences that it does not wait for move nothing on purpose."""
+    acting = (TaskClass.PREREQUISITE, TaskClass.ACTION)
+    awaited = {c.quantity.split(".")[0] for transition in phase.transitions for c in transition.when}
     active = [task for task in mission.hierarchy.tasks if phase.gates.get(task.name, 0.0) > 0]
-    if not any(task.task_class in acting for task in active):
+    if not any(task.task_class in acting or task.name in awaited for task in active):
         text = f"phase {phase.name!r} has no acting task switched on; nothing would happen in it"
         yield Finding(severity=Severity.ERROR, check=CHECK, phase=phase.name, text=text)
 
