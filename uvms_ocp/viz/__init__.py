@@ -1,5 +1,8 @@
 """Figures and 3-D scenes of a `Record`; the only package that imports Matplotlib and meshcat."""
 
+from uvms_ocp.viz.comparison import figure_joint_motion as figure_joint_motion
+from uvms_ocp.viz.comparison import figure_paths as figure_paths
+from uvms_ocp.viz.comparison import figure_row_activations as figure_row_activations
 from uvms_ocp.viz.plots import figure_activations as figure_activations
 from uvms_ocp.viz.plots import figure_altitude as figure_altitude
 from uvms_ocp.viz.plots import figure_errors as figure_errors
