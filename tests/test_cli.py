@@ -21,7 +21,7 @@ def cli(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
 @pytest.fixture(scope="module")
 def complete(tmp_path_factory: pytest.TempPathFactory) -> tuple[subprocess.CompletedProcess[str], Path]:
     folder = tmp_path_factory.mktemp("run")
-    return cli("run", "--json", cwd=folder), folder / "uvms_runs" / "case1-kinematic-lexqp"
+    return cli("run", "--json", cwd=folder), folder / "uvms_runs" / "case1-dynamic-lexqp"
 
 
 def test_run_completes_the_mission(complete: tuple[subprocess.CompletedProcess[str], Path]) -> None:
@@ -77,7 +77,7 @@ def test_a_mission_out_of_time_exits_with_3_and_says_why(tmp_path: Path) -> None
         (["run", "case9"], "unknown scenario 'case9'; known: case1"),
         (["run", "--solver", "lexpq"], "unknown solver 'lexpq'; known: lexqp, icat. Did you mean 'lexqp'?"),
         (["run", "--robot", "girona"], "unknown robot 'girona'; known: girona_maris7"),
-        (["run", "--plant", "wet"], "unknown plant 'wet'; known: kinematic"),
+        (["run", "--plant", "wet"], "unknown plant 'wet'; known: dynamic, kinematic"),
         (["run", "--duration", "-1"], "duration = -1.0 s; give a finite time > 0"),
         (["run", "--duration", "nan"], "duration = nan s"),
         (["run", "--out", "taken/out"], "cannot write there"),

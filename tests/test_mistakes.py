@@ -33,6 +33,7 @@ from uvms_ocp.scenarios import case1
         ({"order": ("T",)}, InvalidInput, "must name each of"),
         ({"seabed": float("nan")}, InvalidInput, "seafloor at z = nan"),
         ({"dt": 0.0}, InvalidInput, "dt = 0.0 s"),
+        ({"current": (0.1, 0.2)}, InvalidInput, r"velocity of the current = \[0.1, 0.2\]; give finite numbers"),
         ({"target": (np.nan, 0, 0)}, InvalidInput, "AT: goal .*nan"),
     ],
 )

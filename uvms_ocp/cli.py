@@ -16,9 +16,12 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
+from rich.text import Text
 
 from uvms_ocp.control.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.exceptions import NameNotFound, UvmsError
+from uvms_ocp.model.check_robot import RobotReport, check_robot_files
+from uvms_ocp.model.description import RobotDescription
 from uvms_ocp.model.robot import list_robots
 from uvms_ocp.model.state import Command
 from uvms_ocp.output import staged_folder
@@ -53,15 +56,23 @@ def main() -> None:
 def run(
     name: Annotated[str, typer.Argument(metavar="SCENARIO", help="Scenario to run, see `uvms-ocp list`.")] = "case1",
     robot: Annotated[str | None, typer.Option(help="Robot, see `uvms-ocp list`; default: the scenario's.")] = None,
-    plant: Annotated[str, typer.Option(help=f"Plant: {', '.join(PLANTS)}.")] = "kinematic",
+    plant: Annotated[str, typer.Option(help=f"Plant: {', '.join(PLANTS)}.")] = PLANTS[0],
     solver: Annotated[str, typer.Option(help=f"Hierarchy solver: {', '.join(SOLVERS)}.")] = "lexqp",
-    duration: Annotated[float, typer.Option(metavar="S", help="Time limit of the mission [s].")] = 120.0,
+    current: Annotated[
+        tuple[float, float, float] | None, typer.Option(metavar="X Y Z", help="Uniform current in W [m/s].")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of everything random.")] = None,
+    noise: Annotated[
+        bool | None, typer.Option("--noise/--no-noise", help="Sensors with noise, rates and delays.")
+    ] = None,
+    duration: Annotated[float | None, typer.Option(metavar="S", help="Time limit of the mission [s].")] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder for the results.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report on stdout, the rest on stderr.")] = False,
 ) -> None:
-    """Run a scenario; write its record, report, figures and 3-D scene."""
+    """Run a scenario; write its record, report, figures and 3-D scene. What is left out is as the scenario has it."""
     console = Console(stderr=as_json)
-    scenario = _build(name, robot=robot, plant=plant, solver=solver, duration=duration)
+    given = {"robot": robot, "plant": plant, "current": current, "seed": seed, "noise": noise, "duration": duration}
+    scenario = _build(name, solver, {option: value for option, value in given.items() if value is not None})
     folder = out or Path("uvms_runs") / f"{name}-{plant}-{solver}"
     with staged_folder(folder) as staging:
         record = _simulate(scenario, console)
@@ -96,14 +107,55 @@ def list_all(
     Console().print(table)
 
 
-def _build(name: str, *, robot: str | None, plant: str, solver: str, duration: float) -> Scenario:
+def _active_errors(phase: dict[str, Any]) -> Iterator[str]:
+    """Errors of the tasks that the phase had turned on."""
+    for name, value in phase["final_errors"].items():
+        task, quantity = name.split(".")
+        if task in phase["tasks"] and "error" in quantity:
+            yield f"{name} {value:.3g}"
+
+
+@app.command(name="check-robot")
+def check_robot(
+    path: Annotated[Path, typer.Argument(help="URDF, or a folder with robot.urdf and hydrodynamics.yaml.")],
+    hydrodynamics: Annotated[Path | None, typer.Option(metavar="YAML", help="Hydrodynamics file.")] = None,
+    fixed: Annotated[bool, typer.Option("--fixed", help="The base does not float.")] = False,
+    packages: Annotated[
+        list[Path] | None, typer.Option("--packages", metavar="DIR", help="Where package:// meshes are; repeatable.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Check a robot: inertias, trim, thruster rank, frames, meshes."""
+    report = check_robot_files(path, hydrodynamics, base="fixed" if fixed else None, package_dirs=packages or ())
+    if as_json:
+        findings = [{"subject": f.subject, "verdict": f.verdict.value, "text": f.text} for f in report.findings]
+        sys.stdout.write(json.dumps({"usable": report.usable, "findings": findings}, indent=2) + "\n")
+    else:
+        _print_findings(report)
+    if not report.usable:
+        raise typer.Exit(BAD_INPUT)
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON schema of hydrodynamics.yaml."""
+    sys.stdout.write(json.dumps(RobotDescription.model_json_schema(), indent=2) + "\n")
+
+
+def _print_findings(report: RobotReport) -> None:
+    table = Table("", "what", "finding", box=None, title=report.name, title_justify="left")
+    for finding in report.findings:
+        table.add_row(finding.verdict.value, finding.subject, Text(finding.text))
+    Console().print(table)
+
+
+def _build(name: str, solver: str, options: dict[str, Any]) -> Scenario:
     """The scenario with the options of the command line; raises `UvmsError` where one is wrong."""
     if name not in SCENARIOS:
         raise NameNotFound("scenario", name, SCENARIOS)
     if solver not in SOLVERS:
         raise NameNotFound("solver", solver, SOLVERS)
-    options: dict[str, Any] = {} if robot is None else {"robot": robot}
-    return SCENARIOS[name](plant=plant, solver=SOLVERS[solver](), duration=duration, **options)
+    return SCENARIOS[name](solver=SOLVERS[solver](), **options)
 
 
 def _simulate(scenario: Scenario, console: Console) -> Record:
@@ -145,13 +197,17 @@ def _write(scenario: Scenario, record: Record, report: dict[str, Any], folder: P
 
 def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) -> None:
     table = Table(title=f"{report['scenario']}, {report['robot']}, {report['plant']} plant, {report['solver']}")
-    for column in ("phase", "start [s]", "end [s]", "why it ended", "errors at its end"):
-        table.add_column(column, overflow="fold")
+    for column in ("phase", "start [s]", "end [s]", "J", "m"):
+        table.add_column(column, no_wrap=True, justify="left" if column == "phase" else "right")
+    table.add_column("why it ended, errors at its end")
     for phase in report["phases"]:
-        errors = ", ".join(f"{name} {value:.3g}" for name, value in phase["final_errors"].items() if "error" in name)
         times = (f"{phase['start_s']:.2f}", f"{phase['end_s']:.2f}")
-        table.add_row(f"{phase['name']} {phase['title']}", *times, phase["reason"], errors)
+        energy = f"{phase['energy_j']:.0f}" if "energy_j" in phase else "-"
+        why = Text("\n").join([Text(phase["reason"]), *(Text(error, style="dim") for error in _active_errors(phase))])
+        table.add_row(f"{phase['name']} {phase['title']}", *times, energy, f"{phase['path_length_m']:.2f}", why)
     console.print(table)
+    for alarm in report["alarms"]:
+        console.print(f"alarm at {alarm['t']:.2f} s: {alarm['text']}", style="yellow", markup=False)
     verdict = "complete" if report["completed"] else f"not completed: {report['pending']}"
     console.print(
         f"mission {verdict}; simulated {report['simulated_s']:.1f} s in {report['wall_s']:.1f} s, "

@@ -74,6 +74,10 @@ class Recorder:
             self._arrays[name][self._n] = value
         self._n += 1
 
+    def last(self, name: str) -> Any:
+        """The newest value of the series `name`."""
+        return self._arrays[name][self._n - 1]
+
     def freeze(self, meta: Mapping[str, Any]) -> Record:
         """The rows so far as a `Record`."""
         series = {name: array[: self._n].copy() for name, array in self._arrays.items()}

@@ -12,7 +12,7 @@ _SETTLING = 0.5  # [s] after the start of a phase, before its drift counts
 
 
 def summarize(record: Record) -> dict[str, Any]:
-    """The content of ``report.json``; `None` where a figure does not apply to the run.
+    """The content of ``report.json``; `None` where a figure does not apply to the run. Tool errors are true ones.
 
     Lengths in m, angles in rad, times in s unless the key says otherwise.
     """
@@ -26,8 +26,11 @@ def summarize(record: Record) -> dict[str, Any]:
         "completed": meta["completed"],
         "pending": meta["pending"],
         "phases": phase_table(record),
-        "tool_position_error_m": final_quantity(record, f"{tool}.position_error"),
-        "tool_orientation_error_rad": final_quantity(record, f"{tool}.orientation_error"),
+        "seed": meta["seed"],
+        "noise": meta["noise"],
+        "alarms": meta["alarms"],
+        "tool_position_error_m": meta["true_quantities"].get(f"{tool}.position_error"),
+        "tool_orientation_error_rad": meta["true_quantities"].get(f"{tool}.orientation_error"),
         "vehicle_drift_in_last_phase_m": _drift_in_last_phase(record),
         "min_altimeter_m": float(np.nanmin(record["altimeter_range"])),
         "max_velocity_step": max_velocity_step(record),
@@ -45,12 +48,6 @@ def quantity(record: Record, name: str) -> np.ndarray | None:
     return record["quantities"][:, names.index(name)] if name in names else None
 
 
-def final_quantity(record: Record, name: str) -> float | None:
-    """The last value of `quantity`."""
-    series = quantity(record, name)
-    return None if series is None else float(series[-1])
-
-
 def phase_table(record: Record) -> list[dict[str, Any]]:
     """One row per phase that was entered, in order of time: name, title, start, end, reason, errors at its end."""
     events = record.meta["events"]
@@ -61,18 +58,37 @@ def phase_table(record: Record) -> list[dict[str, Any]]:
     ]
     ends = [event["t"] for event in events] + [float(record["t"][-1])]
     reasons = [event["reason"] for event in events] + [f"time is over, waiting for: {record.meta['pending']}"]
-    titles = {phase["name"]: phase["title"] for phase in record.meta["phases"]}
+    phases = {phase["name"]: phase for phase in record.meta["phases"]}
     return [
         {
             "name": name,
-            "title": titles[name],
+            "title": phases[name]["title"],
+            "tasks": phases[name]["tasks"],
             "start_s": start,
             "end_s": end,
             "reason": reason,
             "final_errors": _quantities_at(record, end),
+            **_resources(record, start, end),
         }
         for name, start, end, reason in zip(names, starts, ends, reasons, strict=False)
     ]
+
+
+def _resources(record: Record, start: float, end: float) -> dict[str, float]:
+    """What a phase cost: path of the vehicle, and on a plant with thrusters energy, peak thrust and saturation."""
+    rows = slice(*np.searchsorted(record["t"], [start - 1e-9, end + 1e-9]))
+    steps = np.diff(record["q"][rows, :3], axis=0) if record.meta["floating"] else np.zeros((0, 3))
+    resources = {"path_length_m": float(np.linalg.norm(steps, axis=1).sum())}
+    if "thrust" not in record.series:
+        return resources
+    thrusters, joints = record["thruster_energy"][rows], record["joint_energy"][rows]
+    return resources | {
+        "thruster_energy_j": float((thrusters[-1] - thrusters[0]).sum()),
+        "joint_energy_j": float(joints[-1] - joints[0]),
+        "energy_j": float((thrusters[-1] - thrusters[0]).sum() + joints[-1] - joints[0]),
+        "peak_thrust_n": float(np.abs(record["thrust"][rows]).max(initial=0.0)),
+        "saturation_time_s": float(np.count_nonzero(record["saturated"][rows]) * record.meta["dt"]),
+    }
 
 
 def max_velocity_step(record: Record) -> float:
@@ -92,6 +108,8 @@ def _drift_in_last_phase(record: Record) -> float | None:
     t = record["t"]
     settled = t >= t[start] + _SETTLING
     if not settled.any():
+        return None
+    if not record.meta["floating"]:
         return None
     positions = record["q"][settled, :3]
     return float(np.linalg.norm(positions - positions[0], axis=1).max())

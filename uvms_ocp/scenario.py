@@ -12,20 +12,26 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.control.dynamic import DynamicController, VelocityGains
+from uvms_ocp.control.estimator import Estimator as NavigationEstimator
+from uvms_ocp.control.estimator import PassThrough
 from uvms_ocp.control.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.mission import Mission
+from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
 from uvms_ocp.model.state import Command, Measurement, State
 from uvms_ocp.record import Record
-from uvms_ocp.sim import Altimeter, FlatSeafloor, KinematicPlant, simulate
+from uvms_ocp.sim import DynamicPlant, Environment, KinematicPlant, SensorSuite, simulate
+from uvms_ocp.sim.loop import Controller, Estimator, Plant
 from uvms_ocp.solvers import LexicographicQp, Status
 from uvms_ocp.tasks.pose import PoseTask, ToolPose, ToolPosition
 from uvms_ocp.tasks.reference import evaluate_pose
 from uvms_ocp.version import __version__
 
 Progress = Callable[[float, Command, KinematicController], None]
-PLANTS = {"kinematic": KinematicPlant}
+PLANTS = ("dynamic", "kinematic")
 _DEPENDENCIES = ("pin", "casadi", "coal", "numpy")
 
 
@@ -40,10 +46,16 @@ class Scenario:
     name: str
     robot: Robot
     mission: Mission
-    seafloor: FlatSeafloor
-    start: np.ndarray  # (n_q,) configuration at t = 0
+    environment: Environment
+    start: np.ndarray  # (n_q,) configuration at t = 0, at rest
     solver: HierarchySolver = field(default_factory=LexicographicQp)
-    plant: str = "kinematic"
+    plant: str = "dynamic"
+    sensors: SensorSpecs = IDEAL_SENSORS
+    gains: VelocityGains = field(
+        default_factory=VelocityGains
+    )  # of the dynamic control layer; the kinematic plant has none
+    plant_robot: Robot | None = None  # what moves in the water, where it differs from what the controller knows
+    seed: int = 0  # of the sensor noise
     altimeter_frame: str = "altimeter"
     dt: float = 1 / 200  # [s] control period
     duration: float = 120.0  # [s] at which an incomplete mission is stopped
@@ -63,46 +75,82 @@ class Scenario:
                 self._require_above_floor(f"goal of {task.name}", task.reference(0.0)[:3])
 
     def controller(self) -> KinematicController:
-        """A fresh controller for this mission."""
+        """A fresh kinematic layer for this mission."""
         return KinematicController(robot=self.robot, mission=self.mission, solver=self.solver, dt=self.dt)
 
     def run(self, progress: Progress | None = None) -> Record:
         """Simulate until the mission is complete or `duration` is over."""
-        controller = self.controller()
-        plant = PLANTS[self.plant](self.robot, self.start)
-        altimeter = Altimeter(self.robot, self.seafloor, self.altimeter_frame)
+        kinematic = self.controller()
+        plant, controller = self._plant_and_controller(kinematic)
         begin = perf_counter()
         recorder = simulate(
             plant=plant,
-            sense=lambda state: _ideal_measurement(state, altimeter),
+            sensors=self._sensor_suite().read,
+            estimator=self._estimator(),
             controller=controller,
             dt=self.dt,
             duration=self.duration,
-            progress=None if progress is None else lambda t, command: progress(t, command, controller),
+            progress=None if progress is None else lambda t, command: progress(t, command, kinematic),
         )
-        return recorder.freeze(self._meta(controller, perf_counter() - begin))
+        wall = perf_counter() - begin
+        truth = kinematic.evaluate(self._true_measurement(plant.state), recorder.last("t"))
+        return recorder.freeze(self._meta(kinematic, wall, truth))
+
+    def _plant_and_controller(self, kinematic: KinematicController) -> tuple[Plant, Controller]:
+        if self.plant == "kinematic":
+            return KinematicPlant(self.robot, self.start), kinematic
+        real = self.plant_robot or self.robot
+        plant = DynamicPlant(real, self.start, dynamics=robot_dynamics(real), environment=self.environment)
+        model = robot_dynamics(self.robot)
+        return plant, DynamicController(robot=self.robot, dynamics=model, kinematic=kinematic, gains=self.gains)
+
+    def _sensor_suite(self, specs: SensorSpecs | None = None) -> SensorSuite:
+        return SensorSuite(
+            self.robot, self.environment.seafloor, specs or self.sensors, self.seed, self.altimeter_frame
+        )
+
+    def _estimator(self) -> Estimator:
+        if self.sensors == IDEAL_SENSORS:
+            return PassThrough(self.robot, self.sensors)
+        return NavigationEstimator(self.robot, self.sensors, altimeter_frame=self.altimeter_frame)
+
+    def _true_measurement(self, state: State) -> Measurement:
+        readings = self._sensor_suite(IDEAL_SENSORS).read(state, 0.0)
+        return PassThrough(self.robot, IDEAL_SENSORS)(readings, 0.0)
 
     def _require_above_floor(self, what: str, position: np.ndarray) -> None:
-        floor = self.seafloor.height(float(position[0]), float(position[1]))
+        floor = self.environment.seafloor.height(float(position[0]), float(position[1]))
         if position[2] <= floor:
             raise InvalidInput(f"{what} z = {position[2]:g} m is below the seafloor z = {floor:g} m; raise it")
 
-    def _meta(self, controller: KinematicController, wall: float) -> dict[str, Any]:
+    def _meta(self, controller: KinematicController, wall: float, truth: dict[str, float]) -> dict[str, Any]:
         tasks = self.mission.hierarchy.tasks
         tools = [task.name for task in tasks if isinstance(task, (ToolPose, ToolPosition))]
         return {
             "scenario": self.name,
             "robot": self.robot.name,
+            "floating": bool(self.robot.n_vehicle),
             "plant": self.plant,
             "solver": type(self.solver).__name__,
             "dt": self.dt,
             "wall_s": wall,
+            "seed": self.seed,
+            "noise": self.sensors != IDEAL_SENSORS,
+            "true_quantities": truth,
+            "alarms": [{"t": t, "text": text} for t, text in controller.watchdog.alarms],
             "completed": controller.state.completed,
             "pending": "" if controller.state.completed else controller.pending(),
             "events": [
                 {"t": e.t, "source": e.source, "target": e.target, "reason": e.reason} for e in controller.events
             ],
-            "phases": [{"name": phase.name, "title": phase.title} for phase in self.mission.phases],
+            "phases": [
+                {
+                    "name": phase.name,
+                    "title": phase.title,
+                    "tasks": [name for name, gate in phase.gates.items() if gate],
+                }
+                for phase in self.mission.phases
+            ],
             "tasks": [{"name": task.name, "label": task.label} for task in tasks],
             "tool_task": tools[0] if tools else None,
             "levels": [
@@ -128,7 +176,7 @@ class Scenario:
                 for task in tasks
                 if isinstance(task, ToolPose)
             },
-            "floor_z": self.seafloor.height(float(self.start[0]), float(self.start[1])),
+            "floor_z": self.environment.seafloor.height(float(self.start[0]), float(self.start[1])),
             "markers": {name: [float(x) for x in point] for name, point in self.markers.items()},
             "versions": _versions(),
         }
@@ -137,10 +185,6 @@ class Scenario:
 def _versions() -> dict[str, str]:
     own = {"uvms_ocp": __version__, "python": platform.python_version()}
     return own | {name: version(name) for name in _DEPENDENCIES}
-
-
-def _ideal_measurement(state: State, altimeter: Altimeter) -> Measurement:
-    return Measurement(q=state.q, v=state.v, altimeter_range=altimeter.measure(state.q))
 
 
 def pose_at(position: tuple[float, float, float], rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> pin.SE3:

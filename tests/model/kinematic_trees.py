@@ -71,9 +71,7 @@ MODELS: dict[str, Callable[[], pin.Model]] = {
     **{name: lambda name=name: built_model(name, name) for name in _TYPES},
     "continuous_unaligned": continuous_unaligned,
     "every_type_in_a_chain": lambda: built_model(*_TYPES),
-    "two_branches": lambda: built_model(
-        "free_flyer", "revolute_unaligned", "prismatic_x", "revolute_z", branch_at=3
-    ),
+    "two_branches": lambda: built_model("free_flyer", "revolute_unaligned", "prismatic_x", "revolute_z", branch_at=3),
     **{name: lambda name=name: arm(name) for name in _ARMS},
     **{name: lambda name=name: load_robot(name).model for name in list_robots()},
 }

@@ -30,8 +30,11 @@ def coefficients(text: str) -> str:
 
 
 MISTAKES = {
-    "unknown key": ("densty: 1000", "densty", "Extra inputs"),
-    "unknown key in a thruster": (f"thrusters: [{{{THRUSTER}, colour: red}}]", r"thrusters.0.colour", "red"),
+    "misspelt key": ("water_densty: 1000", "water_densty", "unknown key; did you mean 'water_density'?"),
+    "true for a number": ("water_density: true", "water_density: given 'true';", "allowed: a valid number"),
+    "millimetres": (coefficients("volume: 1, centre_of_buoyancy: [0, 0, 100]"), "centre_of_buoyancy.2", "50"),
+    "unknown key": ("qqq: 1000", "qqq", "unknown key; known keys of all sections"),
+    "unknown key in a thruster": (f"thrusters: [{{{THRUSTER}, colour: red}}]", r"thrusters.0.colour", "unknown key"),
     "word for a number": ("water_density: heavy", "water_density", "'heavy'"),
     "density in g/cm3": ("water_density: 1", "water_density: given 1;", "greater than or equal to 900"),
     "NaN": ("water_density: .nan", "water_density", "finite"),
@@ -42,7 +45,7 @@ MISTAKES = {
         "links.hull.coefficients",
         "volume > 0",
     ),
-    "five coefficients": (coefficients("quadratic_drag: [1, 1, 1, 1, 1]"), "quadratic_drag", "Field required"),
+    "five coefficients": (coefficients("quadratic_drag: [1, 1, 1, 1, 1]"), "quadratic_drag", "missing"),
     "negative quadratic drag": (
         coefficients("quadratic_drag: [1, 1, -1, 1, 1, 1]"),
         r"quadratic_drag.2: given -1;",
@@ -60,7 +63,7 @@ MISTAKES = {
     ),
     "zero radius": ("links: {arm: {sphere: {radius: 0}}}", "links.arm.sphere.radius: given 0;", "greater than 0"),
     "negative mass": ("trim: [{name: a, position: [0, 0, 0], mass: -1, volume: 0}]", r"trim.0.mass: given -1;", "0"),
-    "missing key": ("trim: [{name: a, position: [0, 0, 0], mass: 1}]", "trim.0.volume", "required"),
+    "missing key": ("trim: [{name: a, position: [0, 0, 0], mass: 1}]", "trim.0.volume", "missing"),
     "thruster without direction": (
         f"thrusters: [{{{THRUSTER.replace('[1, 0, 0]', '[0, 0, 0]')}}}]",
         "thrusters.0.direction",

@@ -53,9 +53,7 @@ def test_a_jacobian_maps_velocities_to_the_motion_of_its_frame(uvms: Kinematics)
 
 
 def test_a_jacobian_expressed_in_the_vehicle_is_a_unit_matrix_at_the_vehicle(uvms: Kinematics) -> None:
-    np.testing.assert_allclose(
-        uvms.jacobian("base_link", expressed_in="B"), np.eye(6, uvms.robot.n_v), atol=1e-14
-    )
+    np.testing.assert_allclose(uvms.jacobian("base_link", expressed_in="B"), np.eye(6, uvms.robot.n_v), atol=1e-14)
 
 
 def test_a_jacobian_can_be_expressed_in_the_axes_of_any_frame(uvms: Kinematics) -> None:

@@ -254,6 +254,16 @@ BROKEN_URDFS = {
         with_shape("a", "<collision><geometry><cone/></geometry></collision>"),
         "link 'a' collision geometry: given <cone>; allowed: box, sphere, cylinder, mesh",
     ),
+    "negative friction": (
+        link("a") + link("b") + joint(limit=LIMIT + "<dynamics damping='-1'/>"),
+        "joint 'j' dynamics damping: given -1.0; allowed: >= 0",
+    ),
+    "three colours": (
+        link("a") + "<material name='red'><color rgba='1 0 0'/></material>",
+        "material 'red' color rgba: given '1 0 0'; allowed: four numbers from 0 to 1",
+    ),
+    "colour without a name": (link("a") + "<material><color rgba='1 0 0 1'/></material>", "a <material> has no name"),
+    "material without a colour": (link("a") + "<material name='red'/>", "material 'red': given no name or no colour"),
     "flat box": (
         with_shape("a", "<visual><geometry><box size='1 1 0'/></geometry></visual>"),
         "link 'a' visual box: given {'size': '1 1 0'}; allowed: sizes > 0 m",
@@ -320,3 +330,16 @@ def test_a_named_robot_can_get_other_water(tmp_path: Path) -> None:
     text = (robot_folder("girona_maris7") / "hydrodynamics.yaml").read_text(encoding="utf-8")
     water.write_text(text.replace("water_density: 998.0", "water_density: 1025.0"), encoding="utf-8")
     assert load_robot("girona_maris7", hydrodynamics=water).description.water_density == 1025.0
+
+
+def test_a_thruster_must_sit_on_the_vehicle(tmp_path: Path) -> None:
+    water = tmp_path / "water.yaml"
+    ends = "position: [0, 0, 0], direction: [1, 0, 0], minimum: -1, maximum: 1, time_constant: 0"
+    water.write_text(f"thrusters: [{{name: t, link: b, {ends}}}]", encoding="utf-8")
+    with pytest.raises(RobotDataError, match="thruster 't' link: given 'b'; allowed: links fixed to the vehicle"):
+        load_robot(urdf=urdf(tmp_path, link("a") + link("b") + joint()), hydrodynamics=water)
+
+
+def test_a_base_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(InvalidInput, match=r"base: given 'wheels'; .*'free_flyer' or 'fixed'"):
+        load_robot("planar5", base="wheels")  # type: ignore[arg-type]

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.description import LinkDescription
 from uvms_ocp.model.library import robot_folder
-from uvms_ocp.model.robot import Robot, list_robots, load_robot
+from uvms_ocp.model.robot import Robot, list_robots, list_variants, load_robot
+from uvms_ocp.model.thruster_layout import thruster_matrix
 
 ROBOTS = list_robots()
 GIRONAS = ("girona_maris7", "girona_maris7_full")
@@ -145,13 +149,76 @@ def frame_pose(robot: Robot, q: np.ndarray, frame: str) -> pin.SE3:
     return data.oMf[robot.frame_id(frame)]
 
 
-@pytest.mark.parametrize(("name", "rank"), [("girona_maris7", 5), ("girona_maris7_full", 6)])
+@pytest.mark.parametrize(("name", "rank"), [("girona_maris7", 5), ("girona_maris7_full", 6), ("bluerov2_alpha5", 6)])
 def test_the_thrusters_reach_as_many_axes_as_stated(name: str, rank: int) -> None:
-    columns = []
-    for thruster in load_robot(name).description.thrusters:
-        force = np.array(thruster.direction) / np.linalg.norm(thruster.direction)
-        columns.append(np.concatenate([force, np.cross(thruster.position, force)]))
-    assert np.linalg.matrix_rank(np.array(columns).T) == rank
+    assert np.linalg.matrix_rank(thruster_matrix(load_robot(name))) == rank
+
+
+def test_the_bluerov_thrusters_have_the_published_singular_values() -> None:
+    singular = np.linalg.svd(thruster_matrix(load_robot("bluerov2_alpha5")), compute_uv=False)
+    assert singular == pytest.approx([2.0, 1.41, 1.41, 0.43, 0.335, 0.236], abs=5e-3)
+
+
+def test_a_thruster_pushes_at_its_position() -> None:
+    matrix = thruster_matrix(load_robot("girona_maris7"))
+    names = [thruster.name for thruster in load_robot("girona_maris7").description.thrusters]
+    assert matrix[:, names.index("surge_port")] == pytest.approx([1.0, 0.0, 0.0, 0.0, -0.021, -0.2587])
+    assert matrix[:, names.index("heave_bow")] == pytest.approx([0.0, 0.0, 1.0, 0.0, -0.5347, 0.0])
+
+
+def test_five_published_sets_exist_for_the_bluerov_and_span_its_surge_drag() -> None:
+    variants = list_variants("bluerov2_alpha5")
+    assert variants == ("angler", "blue_sdf", "hippocampus", "wu")
+    robots = [load_robot("bluerov2_alpha5", variant=variant) for variant in (None, *variants)]
+    surge = [np.diag(robot.hydrodynamics[0].quadratic_drag)[0] for robot in robots]
+    assert (min(surge), max(surge)) == (18.18, 141.0)
+    balances = [static_balance(robot, robot.configuration())[0] for robot in robots]
+    assert balances == pytest.approx([balances[0]] * 5)
+
+
+def test_an_unknown_variant_names_the_alternatives() -> None:
+    with pytest.raises(NameNotFound, match=r"unknown variant of bluerov2_alpha5 'blue'; known: angler, blue_sdf"):
+        load_robot("bluerov2_alpha5", variant="blue")
+    with pytest.raises(NameNotFound, match="known: none"):
+        load_robot("planar5", variant="blue")
+
+
+def test_the_bluerov_arm_has_the_published_lengths() -> None:
+    robot = load_robot("bluerov2_alpha5")
+    q = robot.configuration()
+    p = [frame_pose(robot, q, frame).translation for frame in ("arm_base", "link2", "link3", "link4", "flange")]
+    lengths = [np.linalg.norm(b - a) for a, b in pairwise(p)]
+    assert lengths == pytest.approx([np.hypot(0.02, 0.0462), 0.150705, 0.02, 0.18])
+    assert p[0] == pytest.approx([0.203, 0.0, -0.1317])
+
+
+def test_the_bluerov_arm_weighs_eight_newtons_in_water() -> None:
+    robot = load_robot("bluerov2_alpha5")
+    volume = sum(displaced(link)[0] for name, link in robot.description.links.items() if name != "base_link")
+    mass = pin.computeTotalMass(robot.model) - 13.5 - sum(body.mass for body in robot.description.trim)
+    assert GRAVITY * (mass - 998.0 * volume) == pytest.approx(8.0, abs=0.5)
+
+
+def test_another_water_density_changes_buoyancy_only_where_data_say_so() -> None:
+    robot = load_robot("girona_maris7")
+    sea = robot.with_water_density(1025.0)
+    assert sea.description.water_density == 1025.0
+    assert [link.volume for link in sea.hydrodynamics] == [link.volume for link in robot.hydrodynamics]
+    assert np.array_equal(sea.hydrodynamics[0].added_mass, robot.hydrodynamics[0].added_mass)
+    ratio = sea.hydrodynamics[1].added_mass[0, 0] / robot.hydrodynamics[1].added_mass[0, 0]
+    assert ratio == pytest.approx(1025.0 / 998.0)
+    with pytest.raises(InvalidInput, match=r"water_density: given 1; .*greater than or equal to 900"):
+        robot.with_water_density(1)
+
+
+def test_the_arm_of_the_bluerov_can_be_mounted_elsewhere() -> None:
+    X_BA = pin.SE3(np.eye(3), np.array([0.25, -0.10965, 0.005]))
+    robot = load_robot("bluerov2_alpha5")
+    moved = robot.with_frame_pose("arm_base", X_BA)
+    q = robot.configuration()
+    before = frame_pose(robot, q, "arm_base").inverse() * frame_pose(robot, q, "tool")
+    assert frame_pose(moved, q, "arm_base").isApprox(X_BA)
+    assert (X_BA.inverse() * frame_pose(moved, q, "tool")).isApprox(before)
 
 
 def test_the_arm_masses_follow_from_wet_weight_and_cylinder_volume() -> None:

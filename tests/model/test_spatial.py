@@ -18,12 +18,12 @@ ANGLES = [0.0, 1e-12, 1e-8, 1e-4, 0.05, 0.0999, 0.1001, 0.2, 1.0, 2.0, 3.0, np.p
 VECTORS = [angle * axis for angle in ANGLES for axis in AXES]
 
 
-def symbolic(function: Callable, *arguments: np.ndarray) -> list[np.ndarray]:
-    """Values of a function evaluated through an SX expression."""
-    symbols = [ca.SX.sym(f"x{i}", *np.atleast_2d(x.T).T.shape) for i, x in enumerate(arguments)]
+def symbolic(function: Callable, *arguments: np.ndarray, kind: type = ca.SX) -> list[np.ndarray]:
+    """Values of a function evaluated through an expression."""
+    symbols = [kind.sym(f"x{i}", *np.atleast_2d(x.T).T.shape) for i, x in enumerate(arguments)]
     result = function(*symbols)
     outputs = list(result) if isinstance(result, tuple) else [result]
-    values = ca.Function("f", symbols, [ca.densify(ca.SX(y)) for y in outputs]).call(list(arguments))
+    values = ca.Function("f", symbols, [ca.densify(kind(y)) for y in outputs]).call(list(arguments))
     return [np.asarray(value) for value in values]
 
 
@@ -39,9 +39,10 @@ def test_exponentials_equal_pinocchio(vector: np.ndarray) -> None:
     R, p = spatial.exp6(twist)
     np.testing.assert_allclose(R, pin.exp3(vector), atol=1e-14)
     np.testing.assert_allclose(p, X.translation, atol=1e-13)
-    R_symbolic, p_symbolic = symbolic(spatial.exp6, twist)
-    np.testing.assert_allclose(R_symbolic, R, atol=1e-15)
-    np.testing.assert_allclose(p_symbolic.ravel(), p, atol=1e-15)
+    for kind in (ca.SX, ca.MX):
+        R_symbolic, p_symbolic = symbolic(spatial.exp6, twist, kind=kind)
+        np.testing.assert_allclose(R_symbolic, R, atol=1e-15)
+        np.testing.assert_allclose(p_symbolic.ravel(), p, atol=1e-15)
 
 
 @pytest.mark.parametrize("vector", VECTORS)
@@ -50,7 +51,8 @@ def test_logarithms_undo_exponentials(vector: np.ndarray) -> None:
     R, p = spatial.exp6(twist)
     np.testing.assert_allclose(spatial.log3(R), vector, atol=1e-13)
     np.testing.assert_allclose(spatial.log6(R, p), twist, atol=1e-13)
-    np.testing.assert_allclose(symbolic(spatial.log6, R, p)[0].ravel(), twist, atol=1e-13)
+    for kind in (ca.SX, ca.MX):
+        np.testing.assert_allclose(symbolic(spatial.log6, R, p, kind=kind)[0].ravel(), twist, atol=1e-13)
 
 
 @pytest.mark.parametrize("axis", AXES)
@@ -93,9 +95,7 @@ def test_quaternions_of_either_sign_are_one_rotation(vector: np.ndarray) -> None
 def test_quaternion_products_follow_matrix_products() -> None:
     a, b = (spatial.quaternion_exp(vector) for vector in RNG.normal(size=(2, 3)))
     product = spatial.quaternion_to_matrix(spatial.quaternion_multiply(a, b))
-    np.testing.assert_allclose(
-        product, spatial.quaternion_to_matrix(a) @ spatial.quaternion_to_matrix(b), atol=1e-15
-    )
+    np.testing.assert_allclose(product, spatial.quaternion_to_matrix(a) @ spatial.quaternion_to_matrix(b), atol=1e-15)
 
 
 def test_skew_matrices_multiply_like_cross_products() -> None:

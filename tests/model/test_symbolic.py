@@ -29,8 +29,7 @@ def states(model: pin.Model) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     pin.seed(3)
     rng = np.random.default_rng(3)
     return [
-        (random_configuration(model), rng.normal(size=model.nv), rng.normal(size=model.nv))
-        for _ in range(N_STATES)
+        (random_configuration(model), rng.normal(size=model.nv), rng.normal(size=model.nv)) for _ in range(N_STATES)
     ]
 
 
@@ -74,9 +73,7 @@ def test_steps_on_the_configuration_space_equal_pinocchio(
 ) -> None:
     integrate = symbolic.integrate_function()
     for q, v, _ in states(model):
-        np.testing.assert_allclose(
-            flat(integrate(q, step * v)), pin.integrate(model, q, step * v), atol=EXACT
-        )
+        np.testing.assert_allclose(flat(integrate(q, step * v)), pin.integrate(model, q, step * v), atol=EXACT)
 
 
 def test_differences_equal_pinocchio(model: pin.Model, symbolic: SymbolicModel) -> None:
@@ -104,6 +101,17 @@ def test_jacobians_are_the_derivative_along_steps(model: pin.Model, symbolic: Sy
         np.testing.assert_allclose(derivative, jacobian(configuration)[:3, :], atol=EXACT)
 
 
+def test_rounding_errors_of_steps_do_not_accumulate() -> None:
+    model = built_model("free_flyer", "planar", "unbounded_z")
+    integrate, (q, v, _) = SymbolicModel(model).integrate_function(), states(model)[0]
+    stretched = q.copy()
+    for unit in (slice(3, 7), slice(9, 11), slice(11, 13)):
+        stretched[unit] *= 1 + 1e-5
+    stepped = flat(integrate(stretched, 0.01 * v))
+    for unit in (slice(3, 7), slice(9, 11), slice(11, 13)):
+        assert np.linalg.norm(stepped[unit]) == pytest.approx(1.0, abs=1e-9)
+
+
 def test_either_sign_of_a_quaternion_is_the_same_configuration() -> None:
     model = built_model("free_flyer", "revolute_x")
     symbolic, (q, v, a) = SymbolicModel(model), states(model)[0]
@@ -129,9 +137,7 @@ def test_added_inertia_on_every_body_enters_force_and_mass_matrix_alike() -> Non
 
 def test_an_unknown_frame_is_named_with_the_frames_there_are() -> None:
     symbolic = SymbolicModel(built_model("revolute_x"))
-    with pytest.raises(
-        FrameNotFound, match=r"unknown frame '0_revolute_x_tap'.* Did you mean '0_revolute_x_tip'"
-    ):
+    with pytest.raises(FrameNotFound, match=r"unknown frame '0_revolute_x_tap'.* Did you mean '0_revolute_x_tip'"):
         symbolic.pose_function("0_revolute_x_tap")
 
 

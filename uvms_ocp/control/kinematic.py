@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.control.levels import LevelsProblem, build_levels
+from uvms_ocp.control.watchdog import Freshness, Watchdog
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.mission import Event, Mission, MissionState
 from uvms_ocp.model.robot import Robot
@@ -31,7 +32,15 @@ class KinematicController:
     Holds the mission's state and the last command; `events` is the log of transitions. Build one per run.
     """
 
-    def __init__(self, *, robot: Robot, mission: Mission, solver: HierarchySolver, dt: float) -> None:
+    def __init__(
+        self,
+        *,
+        robot: Robot,
+        mission: Mission,
+        solver: HierarchySolver,
+        dt: float,
+        watchdog: Watchdog | None = None,
+    ) -> None:
         """dt [s] is the control period. Raises what `build_levels` and `Mission.check_quantities` raise."""
         if not (np.isfinite(dt) and dt > 0):
             raise InvalidInput(f"control period dt = {dt} s; give a finite time > 0")
@@ -42,24 +51,21 @@ class KinematicController:
         self.events: list[Event] = []
         self.state: MissionState = mission.start()
         self.quantities: dict[str, float] = {}
+        self.watchdog = watchdog or Watchdog()
         self._previous = np.zeros(robot.n_v)
 
     def __call__(self, measurement: Measurement, t: float) -> Command:
         """The command for the tick at time t [s]."""
         begin = perf_counter()
         phase, gates = self.state.phase, self.mission.gates(self.state, t)
-        echo = measurement.altimeter_range
-        result = self._tick(
-            measurement.q,
-            measurement.v,
-            self._previous,
-            np.array([echo if np.isfinite(echo) else NO_ECHO_RANGE]),
-            self.mission.reference(self.state, t),
-            gates,
-        )
-        self._previous = self._within_limits(result)
+        freshness = self.watchdog.judge(measurement.age, t)
+        result = self._tick(*self._inputs(measurement, t), gates)
         quantities, activity = result.extras
-        self._advance(t, dict(zip(self.problem.quantity_names, quantities.tolist(), strict=True)))
+        if freshness is Freshness.FRESH:
+            self._previous = self._within_limits(result)
+            self._advance(t, self._named(quantities))
+        else:
+            self._previous = self._braking()
         telemetry = {
             "phase": phase,
             "gates": gates,
@@ -68,13 +74,37 @@ class KinematicController:
             "quantities": quantities,
             "status": _STATUS_CODE[result.status],
             "solve_time": result.solve_time,
+            "freshness": int(freshness),
             "tick_time": perf_counter() - begin,
         }
-        return Command(v=self._previous, finished=self.state.completed, telemetry=telemetry)
+        return Command(
+            v=self._previous,
+            stop=freshness is Freshness.LOST,
+            finished=self.state.completed,
+            telemetry=telemetry,
+        )
 
     def pending(self) -> str:
         """What the current phase still waits for, with the last measured values."""
         return self.mission.pending(self.state, self.quantities)
+
+    def evaluate(self, measurement: Measurement, t: float) -> dict[str, float]:
+        """All quantities at a measurement, such as the true state after a run; the mission stays where it is."""
+        outputs = self.problem.function(*self._inputs(measurement, t), self.mission.gates(self.state, t))
+        return self._named(np.array(outputs[self.problem.function.index_out("quantities")]).ravel())
+
+    def _inputs(self, measurement: Measurement, t: float) -> tuple[np.ndarray, ...]:
+        echo = measurement.altimeter_range
+        return (
+            measurement.q,
+            measurement.v,
+            self._previous,
+            np.array([echo if np.isfinite(echo) else NO_ECHO_RANGE]),
+            self.mission.reference(self.state, t),
+        )
+
+    def _named(self, quantities: np.ndarray) -> dict[str, float]:
+        return dict(zip(self.problem.quantity_names, quantities.tolist(), strict=True))
 
     def _advance(self, t: float, quantities: dict[str, float]) -> None:
         self.quantities = quantities
@@ -85,7 +115,11 @@ class KinematicController:
     def _within_limits(self, result: TickResult) -> np.ndarray:
         """The solver's velocity, shortened to the velocity limits with its direction kept; braking where unusable."""
         if not result.status.usable:
-            step = self.robot.limits.acceleration * self.dt
-            return self._previous - np.clip(self._previous, -step, step)
+            return self._braking()
         excess = np.max(np.abs(result.v) / self.robot.limits.velocity, initial=1.0)
         return result.v / excess
+
+    def _braking(self) -> np.ndarray:
+        """One tick nearer to rest."""
+        step = self.robot.limits.acceleration * self.dt
+        return self._previous - np.clip(self._previous, -step, step)

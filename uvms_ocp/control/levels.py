@@ -8,10 +8,10 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.control.reach import reachable_rows
+from uvms_ocp.model.limits import bounded_joints
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.symbolic import SymbolicModel
 from uvms_ocp.tasks.hierarchy import Hierarchy
-from uvms_ocp.tasks.joints import bounded_joints
 from uvms_ocp.tasks.limits import stopping_speed
 from uvms_ocp.tasks.task import Rows, TickSymbols, equality_rows
 
@@ -109,7 +109,7 @@ def _limit_rows(symbols: TickSymbols, previous: ca.SX) -> Rows:
     robot = symbols.robot
     reach = ca.DM(robot.limits.acceleration * symbols.dt)
     lower, upper = ca.SX(-robot.limits.velocity), ca.SX(robot.limits.velocity)
-    for joint, q_lower, q_upper in bounded_joints(robot):
+    for joint, q_lower, q_upper in bounded_joints(robot.joints, robot.limits):
         i, q = joint.idx_v, symbols.q[joint.idx_q]
         braking = {"deceleration": float(robot.limits.acceleration[i]), "dt": symbols.dt}
         lower[i] = ca.fmax(lower[i], -stopping_speed(q - q_lower, **braking))

@@ -6,6 +6,7 @@ SI units throughout; angles in rad. Vectors are in the link's own frame, forward
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -13,14 +14,26 @@ import numpy as np
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from uvms_ocp.exceptions import RobotDataError
+from uvms_ocp.exceptions import InvalidInput, RobotDataError
 
 NonNegative = Annotated[float, Field(ge=0.0)]
 Positive = Annotated[float, Field(gt=0.0)]
+Coordinate = Annotated[float, Field(ge=-50.0, le=50.0)]  # [m]; larger numbers are millimetres by mistake
+Point = tuple[Coordinate, Coordinate, Coordinate]
 Vector3 = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
 NonNegative6 = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
 Positive6 = tuple[Positive, Positive, Positive, Positive, Positive, Positive]
+Channel = Literal[
+    "position",
+    "depth",
+    "attitude",
+    "angular_velocity",
+    "linear_velocity",
+    "joint_positions",
+    "joint_velocities",
+    "altimeter_range",
+]
 Matrix6 = tuple[Vector6, Vector6, Vector6, Vector6, Vector6, Vector6]
 
 
@@ -33,7 +46,7 @@ class _Section(BaseModel):
 class Pose(_Section):
     """Pose of a coefficient frame in the frame of its link."""
 
-    position: Vector3 = Field(default=(0.0, 0.0, 0.0), description="origin [m]")
+    position: Point = Field(default=(0.0, 0.0, 0.0), description="origin [m]")
     rpy: Vector3 = Field(default=(0.0, 0.0, 0.0), description="roll, pitch, yaw [rad], R = Rz Ry Rx")
 
 
@@ -53,7 +66,7 @@ class LinkCoefficients(_Section):
         default=(0.0,) * 6, description="factor of v|v| per axis [N/(m/s)^2, N m/(rad/s)^2], >= 0"
     )
     volume: float = Field(default=0.0, ge=0.0, le=1e4, description="displaced volume [m3]")
-    centre_of_buoyancy: Vector3 | None = Field(default=None, description="in the link frame [m]; needs a volume")
+    centre_of_buoyancy: Point | None = Field(default=None, description="in the link frame [m]; needs a volume")
 
     @field_validator("added_mass")
     @classmethod
@@ -131,7 +144,7 @@ class TrimBody(_Section):
 
     name: str
     link: str = "base_link"
-    position: Vector3 = Field(description="centre, in the link frame [m]")
+    position: Point = Field(description="centre, in the link frame [m]")
     mass: float = Field(ge=0.0, le=1e4, description="[kg]")
     volume: float = Field(ge=0.0, le=10.0, description="displaced volume [m3]")
 
@@ -149,7 +162,7 @@ class Thruster(_Section):
 
     name: str
     link: str = "base_link"
-    position: Vector3 = Field(description="in the link frame [m]")
+    position: Point = Field(description="in the link frame [m]")
     direction: Vector3 = Field(description="of positive thrust on the vehicle, in the link frame; any length > 0")
     minimum: float = Field(ge=-1e5, le=0.0, description="thrust limit [N]")
     maximum: float = Field(gt=0.0, le=1e5, description="thrust limit [N]")
@@ -193,9 +206,22 @@ class JointDescription(_Section):
     """What the URDF does not say about a joint."""
 
     home: float | None = Field(
-        default=None, description="stowed position [rad or m]; left out: 0, or mid-range where 0 is not allowed"
+        default=None,
+        description="stowed position [rad or m]; left out: 0, or mid-range where 0 is not allowed",
     )
     acceleration: Positive | None = Field(default=None, description="limit [rad/s2 or m/s2]; none is unlimited")
+
+
+class SensorDescription(_Section):
+    """One channel of the sensors; what is left out is as in `uvms_ocp.model.sensing.SensorSpecs`."""
+
+    rate: Positive | None = Field(default=None, description="[Hz]")
+    sigma: NonNegative | None = Field(
+        default=None, description="standard deviation of the noise, in the channel's unit"
+    )
+    bias: float | tuple[float, ...] | None = Field(default=None, description="constant error, in the channel's unit")
+    delay: NonNegative | None = Field(default=None, description="[s]")
+    dropout: float | None = Field(default=None, ge=0.0, le=1.0, description="probability that a reading is lost [-]")
 
 
 class RobotDescription(_Section):
@@ -211,6 +237,9 @@ class RobotDescription(_Section):
     links: dict[str, LinkDescription] = Field(default={}, description="by link name; links left out are dry")
     trim: tuple[TrimBody, ...] = Field(default=(), description="floats and ballast")
     thrusters: tuple[Thruster, ...] = ()
+    sensors: dict[Channel, SensorDescription | None] = Field(
+        default={}, description="by channel; null is a robot without this sensor"
+    )
 
     @field_validator("trim", "thrusters")
     @classmethod
@@ -227,15 +256,41 @@ def as_matrix6(value: Vector6 | Matrix6) -> np.ndarray:
     return np.diag(array) if array.ndim == 1 else array
 
 
-def read_description(path: Path) -> RobotDescription:
-    """Read and validate one YAML file; every mistake is a one-line ``RobotDataError``."""
-    content = _read_yaml(path)
-    if not isinstance(content, dict):
-        raise RobotDataError(path, "the file must hold keys and values; it is empty or a bare value")
+def read_description(path: Path, variant: Path | None = None) -> RobotDescription:
+    """Read and validate one YAML file; every mistake is a one-line ``RobotDataError``.
+
+    The keys of ``variant``, a file of the same schema with some of its keys, replace those of the first file.
+    """
+    content = _read_mapping(path)
+    if variant is not None:
+        content = _overlaid(content, _read_mapping(variant))
     try:
         return RobotDescription.model_validate(content)
     except ValidationError as error:
-        raise RobotDataError(path, _one_line(error)) from None
+        raise RobotDataError(variant or path, _one_line(error)) from None
+
+
+def _read_mapping(path: Path) -> dict[str, Any]:
+    content = _read_yaml(path)
+    if not isinstance(content, dict):
+        raise RobotDataError(path, "the file must hold keys and values; it is empty or a bare value")
+    return content
+
+
+def _overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    merged = dict(below)
+    for key, value in above.items():
+        nested = isinstance(value, dict) and isinstance(below.get(key), dict)
+        merged[key] = _overlaid(below[key], value) if nested else value
+    return merged
+
+
+def checked_copy(description: RobotDescription, **changes: object) -> RobotDescription:
+    """Return a copy with other top-level values, validated. Raises ``InvalidInput``."""
+    try:
+        return RobotDescription.model_validate({**dict(description), **changes})
+    except ValidationError as error:
+        raise InvalidInput(_one_line(error)) from None
 
 
 def _read_yaml(path: Path) -> object:
@@ -259,6 +314,12 @@ def _mapping_with_unique_keys(loader: _UniqueKeys, node: yaml.MappingNode) -> di
     return loader.construct_mapping(node, deep=True)
 
 
+def _word(loader: _UniqueKeys, node: yaml.ScalarNode) -> str:
+    """Read yes, no, true, ... as words: nothing in the file is true or false, and true must not pass as 1.0."""
+    return str(loader.construct_scalar(node))
+
+
+_UniqueKeys.add_constructor("tag:yaml.org,2002:bool", _word)
 _UniqueKeys.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping_with_unique_keys)
 
 
@@ -266,10 +327,24 @@ def _one_line(error: ValidationError) -> str:
     problems = error.errors(include_url=False)
     worst = _best_match(problems)
     key = ".".join(str(part) for part in worst["loc"] if "[" not in str(part)) or "file"
-    given = "" if worst["type"] == "missing" else f" given {_short(worst['input'])};"
-    message = worst["msg"].removeprefix("Value error, ")
     more = f" ({len(problems) - 1} more)" if len(problems) > 1 else ""
-    return f"{key}:{given} {message}{more}"
+    return f"{key}: {_problem(worst)}{more}"
+
+
+def _problem(problem: Any) -> str:
+    if problem["type"] == "missing":
+        return "missing; give it a value"
+    if problem["type"] == "extra_forbidden":
+        return f"unknown key{_did_you_mean(str(problem['loc'][-1]))}"
+    message = problem["msg"].removeprefix("Value error, ").replace("Input should be", "allowed:")
+    return f"given {_short(problem['input'])}; {message.partition(', unable to parse')[0]}"
+
+
+def _did_you_mean(key: str) -> str:
+    sections = (*_Section.__subclasses__(), *_Shape.__subclasses__())
+    known = {name for section in sections for name in section.model_fields}
+    close = get_close_matches(key, sorted(known), n=1)
+    return f"; did you mean {close[0]!r}?" if close else f"; known keys of all sections: {', '.join(sorted(known))}"
 
 
 def _best_match(problems: list[Any]) -> Any:

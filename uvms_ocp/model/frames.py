@@ -27,10 +27,13 @@ def frames_fixed_to(model: pin.Model, index: int) -> frozenset[int]:
 
 
 def shifted_frames(model: pin.Model, moved: frozenset[int], shift: pin.SE3) -> pin.Model:
-    """Return a copy of the model with the frames moved by ``shift``, given in their moving link."""
+    """Return a copy of the model with the frames, and the joints they carry, moved by ``shift``."""
     model = model.copy()
     for i in moved:
         model.frames[i].placement = shift * model.frames[i].placement
+    for frame in model.frames:
+        if frame.type == pin.FrameType.JOINT and frame.parentFrame in moved:
+            model.jointPlacements[frame.parentJoint] = shift * model.jointPlacements[frame.parentJoint]
     return model
 
 

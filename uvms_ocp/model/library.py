@@ -28,6 +28,18 @@ def robot_folder(name: str) -> Path:
     return robots_folder() / name
 
 
+def list_variants(name: str) -> tuple[str, ...]:
+    """Return the names of the other published data sets of a robot, sorted; ``load_robot(name, variant=...)``."""
+    return tuple(sorted(path.stem for path in (robot_folder(name) / "variants").glob("*.yaml")))
+
+
+def variant_file(name: str, variant: str) -> Path:
+    """Return the file of a variant. Raises ``NameNotFound`` with the alternatives."""
+    if variant not in list_variants(name):
+        raise NameNotFound(f"variant of {name}", variant, list_variants(name))
+    return robot_folder(name) / "variants" / f"{variant}.yaml"
+
+
 def example_robot_data() -> Path:
     """Return the folder of the package example-robot-data, which holds ``robots/<maker>_description``.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -121,3 +122,14 @@ def read_only(values: ArrayLike) -> np.ndarray:
     array = np.array(values, dtype=float)
     array.setflags(write=False)
     return array
+
+
+def bounded_joints(joints: Sequence[Joint], limits: Limits) -> list[tuple[Joint, float, float]]:
+    """Joints of one degree of freedom with finite limits, with their lower and upper position [rad or m]."""
+    first = joints[0].idx_v if joints else 0
+    found = (
+        (joint, float(limits.position_lower[joint.idx_v - first]), float(limits.position_upper[joint.idx_v - first]))
+        for joint in joints
+        if joint.n_q == joint.n_v == 1
+    )
+    return [(joint, low, up) for joint, low, up in found if np.isfinite([low, up]).all()]

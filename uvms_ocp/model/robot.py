@@ -13,9 +13,13 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.exceptions import FrameNotFound, InvalidInput, NameNotFound, RobotDataError
 from uvms_ocp.model import configuration, frames
-from uvms_ocp.model.description import RobotDescription, TrimBody, read_description
+from uvms_ocp.model.coefficients import links_in_water
+from uvms_ocp.model.conventions import forward_left_up
+from uvms_ocp.model.description import RobotDescription, TrimBody, checked_copy, read_description
+from uvms_ocp.model.hydrodynamics import LinkHydrodynamics
 from uvms_ocp.model.library import list_robots as list_robots
-from uvms_ocp.model.library import robot_folder
+from uvms_ocp.model.library import list_variants as list_variants
+from uvms_ocp.model.library import robot_folder, variant_file
 from uvms_ocp.model.limits import Joint as Joint
 from uvms_ocp.model.limits import Limits as Limits
 from uvms_ocp.model.limits import home_of, joints_of, limits_of
@@ -38,6 +42,7 @@ class Robot:
     joints: tuple[Joint, ...]  # arm joints of a free-flyer, all joints otherwise
     limits: Limits
     home: np.ndarray  # (n_q - 7,) or (n_q,) stowed posture, the joint part of q
+    hydrodynamics: tuple[LinkHydrodynamics, ...]  # links in water; floats and ballast add their volume
 
     @property
     def n_q(self) -> int:
@@ -104,8 +109,8 @@ class Robot:
     def with_frame_pose(self, frame: str, X_parent: pin.SE3) -> Robot:
         """Return a copy whose fixed frame sits at ``X_parent`` in the moving link that carries it.
 
-        Frames and shapes fixed to that frame move along; masses stay. Raises ``InvalidInput`` for a frame
-        that is itself a moving link.
+        Frames, shapes and joints on that frame move along; masses fixed to the moving link stay. Raises
+        ``InvalidInput`` for a frame that is itself a moving link.
         """
         index = self.frame_id(frame)
         frames.check_movable(self.model, index)
@@ -117,6 +122,14 @@ class Robot:
             visual_model=frames.shifted_shapes(self.visual_model, moved, shift),
             collision_model=frames.shifted_shapes(self.collision_model, moved, shift),
         )
+
+    def with_water_density(self, density: float) -> Robot:
+        """Return a copy in water of another density [kg/m3].
+
+        Buoyancy and the added mass of shapes follow it, published coefficients and the trim do not.
+        """
+        description = checked_copy(self.description, water_density=density)
+        return replace(self, description=description, hydrodynamics=links_in_water(description))
 
     def configuration(
         self,
@@ -143,18 +156,20 @@ def load_robot(
     *,
     urdf: Path | str | None = None,
     hydrodynamics: Path | str | None = None,
+    variant: str | None = None,
     base: Literal["free_flyer", "fixed"] | None = None,
     package_dirs: Sequence[Path | str] = (),
 ) -> Robot:
     """Load a robot by name, or from a URDF file and, if there is one, its hydrodynamics file.
 
-    ``base`` overrides the file (default: free_flyer). ``package_dirs`` are searched for ``package://``
-    meshes. Raises ``NameNotFound`` and ``RobotDataError``.
+    ``variant`` is another published data set of a named robot, see ``list_variants``. ``base`` overrides the file
+    (default: free_flyer). ``package_dirs`` are searched for ``package://`` meshes. Raises ``NameNotFound`` and
+    ``RobotDataError``.
     """
     urdf_path, yaml_path = _paths(name, urdf, hydrodynamics)
-    description = read_description(yaml_path) if yaml_path else RobotDescription()
+    description = _description(name, yaml_path, variant)
     if base is not None:
-        description = description.model_copy(update={"base": base})
+        description = checked_copy(description, base=base)
     free_flyer = description.base == "free_flyer"
     models = read_urdf(urdf_path, free_flyer=free_flyer, package_dirs=[Path(folder) for folder in package_dirs])
     return assemble(models, description, yaml_path or urdf_path, name)
@@ -170,24 +185,41 @@ def _paths(name: str | None, urdf: Path | str | None, hydrodynamics: Path | str 
     return folder / "robot.urdf", given or folder / "hydrodynamics.yaml"
 
 
+def _description(name: str | None, path: Path | None, variant: str | None) -> RobotDescription:
+    if path is None:
+        return RobotDescription()
+    if variant is None:
+        return read_description(path)
+    if name is None:
+        raise InvalidInput(f"variant {variant!r} without a robot's name; variants belong to named robots")
+    return read_description(path, variant_file(name, variant))
+
+
 def assemble(models: UrdfModels, description: RobotDescription, path: Path, name: str | None = None) -> Robot:
     """Join the mechanism and its description; ``path`` is the file blamed for names that do not fit."""
+    description = forward_left_up(description)
     _check_names(models.model, description, path)
-    model = _with_trim(models.model, description.trim)
-    joints = joints_of(model, free_flyer=description.base == "free_flyer")
-    limits = limits_of(model, description, joints)
-    robot = Robot(
-        name=name or models.name,
-        model=model,
+    trimmed = replace(models, model=_with_trim(models.model, description.trim))
+    robot = robot_of(trimmed, description, name or models.name)
+    _check_home(robot, path)
+    return robot
+
+
+def robot_of(models: UrdfModels, description: RobotDescription, name: str) -> Robot:
+    """Return the robot of a mechanism that already carries its trim bodies."""
+    joints = joints_of(models.model, free_flyer=description.base == "free_flyer")
+    limits = limits_of(models.model, description, joints)
+    return Robot(
+        name=name,
+        model=models.model,
         visual_model=models.visual,
         collision_model=models.collision,
         description=description,
         joints=joints,
         limits=limits,
-        home=home_of(model, description, joints, limits),
+        home=home_of(models.model, description, joints, limits),
+        hydrodynamics=links_in_water(description),
     )
-    _check_home(robot, path)
-    return robot
 
 
 def _check_home(robot: Robot, path: Path) -> None:
@@ -208,6 +240,15 @@ def _check_names(model: pin.Model, description: RobotDescription, path: Path) ->
     ]
     _check_known(path, wanted, known_frames)
     _check_known(path, [("joints", joint) for joint in description.joints], tuple(model.names)[1:])
+    _check_thrusters(model, description, path)
+
+
+def _check_thrusters(model: pin.Model, description: RobotDescription, path: Path) -> None:
+    carrier = 1 if description.base == "free_flyer" else 0
+    for thruster in description.thrusters:
+        if model.frames[model.getFrameId(thruster.link)].parentJoint != carrier:
+            problem = f"thruster {thruster.name!r} link: given {thruster.link!r}; allowed: links fixed to the vehicle"
+            raise RobotDataError(path, problem)
 
 
 def _check_known(path: Path, wanted: Sequence[tuple[str, str]], known: Sequence[str]) -> None:
@@ -219,7 +260,13 @@ def _check_known(path: Path, wanted: Sequence[tuple[str, str]], known: Sequence[
 def _with_trim(model: pin.Model, trim: Sequence[TrimBody]) -> pin.Model:
     model = model.copy()
     for body in trim:
-        frame = model.frames[model.getFrameId(body.link)]
-        point_mass = pin.Inertia(body.mass, np.array(body.position), np.zeros((3, 3)))
-        model.appendBodyToJoint(frame.parentJoint, point_mass, frame.placement)
+        joint, inertia = trim_inertia(model, body)
+        model.inertias[joint] += inertia
     return model
+
+
+def trim_inertia(model: pin.Model, body: TrimBody) -> tuple[int, pin.Inertia]:
+    """Return the joint that carries a float or ballast, and its point mass in the frame of that joint."""
+    frame = model.frames[model.getFrameId(body.link)]
+    point_mass = pin.Inertia(body.mass, np.array(body.position), np.zeros((3, 3)))
+    return frame.parentJoint, frame.placement.act(point_mass)

@@ -29,9 +29,7 @@ from uvms_ocp.exceptions import InvalidInput
 Array = Any
 """``numpy.ndarray``, ``casadi.SX`` or ``casadi.MX``; scalars of these."""
 
-_SERIES_BELOW = (
-    1e-2  # squared angle [rad^2]: five terms are exact to rounding, the closed forms keep 13 digits
-)
+_SERIES_BELOW = 1e-2  # squared angle [rad^2]: five terms are exact to rounding, the closed forms keep 13 digits
 _GIMBAL_COSINE = 1e-9
 
 _COS = (1.0, -1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800)
@@ -69,6 +67,11 @@ def matrix(*rows: Sequence[Array]) -> Array:
     if not any(is_symbolic(*row) for row in rows):
         return np.array(rows, dtype=float)
     return ca.vertcat(*[ca.horzcat(*[_entry(x) for x in row]) for row in rows])
+
+
+def diagonal(entries: Array) -> Array:
+    """Square matrix with these entries on its diagonal."""
+    return ca.diag(entries) if is_symbolic(entries) else np.diag(entries)
 
 
 def _entry(x: Array) -> Array:
@@ -163,9 +166,7 @@ def matrix_to_quaternion(R: Array) -> Array:
     return column(*[scale * product for product in products])
 
 
-def _larger(
-    a: Array, row_a: Sequence[Array], b: Array, row_b: Sequence[Array]
-) -> tuple[Array, tuple[Array, ...]]:
+def _larger(a: Array, row_a: Sequence[Array], b: Array, row_b: Sequence[Array]) -> tuple[Array, tuple[Array, ...]]:
     choose_a = a > b
     rows = tuple(where(choose_a, x, y) for x, y in zip(row_a, row_b, strict=True))
     return where(choose_a, a, b), rows

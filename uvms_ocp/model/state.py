@@ -1,4 +1,4 @@
-"""What flows between plant and controller: `Measurement` in, `Command` out.
+"""What flows between plant and controller: `Readings` to an estimator, its `Measurement` in, `Command` out.
 
 Configuration ``q`` and velocity ``v`` follow Pinocchio's free-flyer order, see `uvms_ocp.model.spatial`.
 """
@@ -7,9 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
+
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -21,12 +23,35 @@ class State:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Reading(Generic[Value]):
+    """The last value that a sensor delivered."""
+
+    value: Value
+    t: float  # [s] when it was taken, which is earlier than when it arrived if the sensor has a delay
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Readings:
+    """The last reading of every channel at one tick; `None` before the first and where there is no such sensor."""
+
+    position: Reading[np.ndarray] | None = None  # (3,) [m] p_WB
+    depth: Reading[float] | None = None  # [m] z of p_WB
+    attitude: Reading[np.ndarray] | None = None  # (4,) quaternion xyzw of R_WB
+    angular_velocity: Reading[np.ndarray] | None = None  # (3,) [rad/s] in B
+    linear_velocity: Reading[np.ndarray] | None = None  # (3,) [m/s] of B over ground, in B
+    joint_positions: Reading[np.ndarray] | None = None  # the joint part of q
+    joint_velocities: Reading[np.ndarray] | None = None  # (n_joints,) [rad/s or m/s]
+    altimeter_range: Reading[float] | None = None  # [m] along -z of the altimeter frame; nan without an echo
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Measurement:
-    """What the sensors say at one tick; the only thing a controller sees."""
+    """The navigation solution at one tick; the only thing a controller sees."""
 
     q: np.ndarray  # (n_q,) measured configuration
     v: np.ndarray  # (n_v,) [m/s, rad/s] measured generalized velocity
     altimeter_range: float  # [m] range along -z of the altimeter frame; nan where there is no echo
+    age: float = 0.0  # [s] of the oldest reading that it needs; inf before the first
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -34,5 +59,8 @@ class Command:
     """What a controller asks of the plant at one tick."""
 
     v: np.ndarray  # (n_v,) [m/s, rad/s] reference velocity
+    thrust: np.ndarray | None = None  # (n_thrusters,) [N] asked of the thrusters; kinematic layers leave it out
+    torque: np.ndarray | None = None  # (n_joints,) [N m or N] asked of the joint motors
+    stop: bool = False  # cut thrust and torque
     finished: bool = False  # the mission is complete; the loop may stop
     telemetry: Mapping[str, Any] = field(default_factory=dict)  # scalars and arrays to record

@@ -75,9 +75,7 @@ def symbolic_joint(model: pin.Model, index: int) -> SymbolicJoint:
 def _kind(shortname: str, joint_name: str) -> JointKind:
     if shortname not in JOINT_KINDS:
         known = ", ".join(name.removeprefix("JointModel") for name in JOINT_KINDS)
-        raise InvalidInput(
-            f"joint {joint_name!r} has type {shortname.removeprefix('JointModel')}; supported: {known}"
-        )
+        raise InvalidInput(f"joint {joint_name!r} has type {shortname.removeprefix('JointModel')}; supported: {known}")
     return JOINT_KINDS[shortname]
 
 
@@ -96,9 +94,7 @@ def _free_flyer_integrate(q: ca.SX, v: ca.SX) -> ca.SX:
 
 
 def _free_flyer_difference(q0: ca.SX, q1: ca.SX) -> ca.SX:
-    turn: ca.SX = spatial.quaternion_log(
-        spatial.quaternion_multiply(spatial.quaternion_conjugate(q0[3:]), q1[3:])
-    )
+    turn: ca.SX = spatial.quaternion_log(spatial.quaternion_multiply(spatial.quaternion_conjugate(q0[3:]), q1[3:]))
     p = spatial.quaternion_to_matrix(q0[3:]).T @ (q1[:3] - q0[:3])
     return ca.vertcat(spatial.log6_translation(turn, p), turn)
 
@@ -169,9 +165,7 @@ def _rotation_about(axis: np.ndarray, c: ca.SX, s: ca.SX) -> ca.SX:
     return sparse(outer) + c * sparse(np.eye(3) - outer) + s * sparse(spatial.skew(axis))
 
 
-FREE_FLYER = JointKind(
-    pose=_free_flyer_pose, integrate=_free_flyer_integrate, difference=_free_flyer_difference
-)
+FREE_FLYER = JointKind(pose=_free_flyer_pose, integrate=_free_flyer_integrate, difference=_free_flyer_difference)
 PLANAR = JointKind(pose=_planar_pose, integrate=_planar_integrate, difference=_planar_difference)
 UNBOUNDED = JointKind(pose=_circle_pose, integrate=_circle_integrate, difference=_circle_difference)
 REVOLUTE = JointKind(pose=_revolute_pose, integrate=_vector_integrate, difference=_vector_difference)

@@ -23,9 +23,30 @@ _SHAPES = {"box": (), "sphere": ("radius",), "cylinder": ("radius", "length"), "
 
 def check_urdf(path: Path, root: Element) -> None:
     """Raise ``RobotDataError`` for the first mistake in links, joints or the tree they form."""
+    if not root.get("name"):
+        raise RobotDataError(path, "the <robot> has no name")
+    _check_materials(path, root)
     _check_links(path, root)
     _check_joints(path, root)
     _check_tree(path, root)
+
+
+def _check_materials(path: Path, root: Element) -> None:
+    defined = _names(path, root, "material")
+    for material in root.iter("material"):
+        name = material.get("name", "")
+        drawn = [part for part in ("color", "texture") if material.find(part) is not None]
+        if not name or not (drawn or name in defined) or (material in list(root) and not drawn):
+            raise RobotDataError(path, f"material {name!r}: given no name or no colour; allowed: a name and a <color>")
+        _check_colour(path, material.find("color"), f"material {name!r} color")
+
+
+def _check_colour(path: Path, colour: Element | None, where: str) -> None:
+    if colour is None:
+        return
+    values = [_to_float(word) for word in colour.get("rgba", "").split()]
+    if len(values) != 4 or not all(0.0 <= value <= 1.0 for value in values):
+        raise RobotDataError(path, f"{where} rgba: given {colour.get('rgba')!r}; allowed: four numbers from 0 to 1")
 
 
 def _check_links(path: Path, root: Element) -> None:
@@ -87,8 +108,16 @@ def _check_joints(path: Path, root: Element) -> None:
             raise RobotDataError(path, f"{where}: type {kind!r}; allowed: {', '.join(_JOINT_TYPES)}")
         _check_origin(path, joint, where)
         _check_axis(path, joint, where)
+        _check_dynamics(path, joint.find("dynamics"), f"{where} dynamics")
         if kind in ("revolute", "prismatic"):
             _check_limit(path, joint.find("limit"), f"{where} limit")
+
+
+def _check_dynamics(path: Path, element: Element | None, where: str) -> None:
+    for key in ("damping", "friction"):
+        value = _number(path, element, key, f"{where} {key}", default=0.0)
+        if value < 0.0:
+            raise RobotDataError(path, f"{where} {key}: given {value}; allowed: >= 0")
 
 
 def _check_axis(path: Path, joint: Element, where: str) -> None:

@@ -1,6 +1,19 @@
-"""The simulated water: floor, sensors, plants and the closed loop."""
+"""The simulated water: environment, sensors, plants and the closed loop."""
 
-from uvms_ocp.sim.environment import FlatSeafloor as FlatSeafloor
+from uvms_ocp.sim.currents import Current as Current
+from uvms_ocp.sim.currents import GustyCurrent as GustyCurrent
+from uvms_ocp.sim.currents import ShearedCurrent as ShearedCurrent
+from uvms_ocp.sim.currents import StillWater as StillWater
+from uvms_ocp.sim.currents import UniformCurrent as UniformCurrent
+from uvms_ocp.sim.dynamic_plant import DynamicPlant as DynamicPlant
+from uvms_ocp.sim.environment import Environment as Environment
 from uvms_ocp.sim.loop import simulate as simulate
-from uvms_ocp.sim.plant import Altimeter as Altimeter
+from uvms_ocp.sim.obstacles import Obstacle as Obstacle
+from uvms_ocp.sim.obstacles import mesh_shape as mesh_shape
 from uvms_ocp.sim.plant import KinematicPlant as KinematicPlant
+from uvms_ocp.sim.seafloor import FlatSeafloor as FlatSeafloor
+from uvms_ocp.sim.seafloor import HeightField as HeightField
+from uvms_ocp.sim.seafloor import Seafloor as Seafloor
+from uvms_ocp.sim.seafloor import floor_mesh as floor_mesh
+from uvms_ocp.sim.sensors import Altimeter as Altimeter
+from uvms_ocp.sim.sensors import SensorSuite as SensorSuite

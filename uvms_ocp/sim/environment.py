@@ -1,40 +1,24 @@
-"""What surrounds the robot."""
+"""What surrounds the robot: floor, water and obstacles."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-from typing import Protocol
-
-import numpy as np
+from dataclasses import dataclass, field
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.sim.currents import Current, StillWater
+from uvms_ocp.sim.obstacles import Obstacle
+from uvms_ocp.sim.seafloor import Seafloor
 
 
-class Seafloor(Protocol):
-    """A floor that can be seen by an altimeter."""
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Environment:
+    """Everything that is not the robot. Raises `InvalidInput` for two obstacles of the same name."""
 
-    def height(self, x: float, y: float) -> float:
-        """z [m] of the floor below or above the point (x, y) [m] in W."""
-
-    def range_along(self, origin: np.ndarray, direction: np.ndarray) -> float:
-        """Distance [m] from `origin` (3,) along the unit vector `direction` (3,) to the floor; nan without a hit."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class FlatSeafloor:
-    """The plane z = `z` [m] in W."""
-
-    z: float
+    seafloor: Seafloor
+    current: Current = field(default_factory=StillWater)
+    obstacles: tuple[Obstacle, ...] = ()
 
     def __post_init__(self) -> None:
-        if not math.isfinite(self.z):
-            raise InvalidInput(f"seafloor at z = {self.z}; give a finite height [m]")
-
-    def height(self, x: float, y: float) -> float:
-        return self.z
-
-    def range_along(self, origin: np.ndarray, direction: np.ndarray) -> float:
-        """See `Seafloor`; 0 or negative where the origin is at or below the floor and the ray points down."""
-        descent = -float(direction[2])
-        return (float(origin[2]) - self.z) / descent if descent > 1e-9 else math.nan
+        names = [obstacle.name for obstacle in self.obstacles]
+        if len(set(names)) != len(names):
+            raise InvalidInput(f"names of obstacles must be unique; given: {names}")

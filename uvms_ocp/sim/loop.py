@@ -7,9 +7,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from uvms_ocp.model.state import Command, Measurement, State
+from uvms_ocp.model.state import Command, Measurement, Readings, State
 from uvms_ocp.record import Recorder
 
+Sensors = Callable[[State, float], Readings]
+Estimator = Callable[[Readings, float, Command | None], Measurement]
 Controller = Callable[[Measurement, float], Command]
 Progress = Callable[[float, Command], None]
 
@@ -22,11 +24,15 @@ class Plant(Protocol):
     def step(self, command: Command, dt: float) -> None:
         """Advance by dt [s]."""
 
+    def telemetry(self) -> dict[str, Any]:
+        """What it knows beside its state, for the record."""
+
 
 def simulate(
     *,
     plant: Plant,
-    sense: Callable[[State], Measurement],
+    sensors: Sensors,
+    estimator: Estimator,
     controller: Controller,
     dt: float,
     duration: float,
@@ -37,11 +43,12 @@ def simulate(
     dt [s] is the control period. `progress` is called after every tick with the time and the command.
     """
     recorder = Recorder()
+    command: Command | None = None
     for k in range(round(duration / dt) + 1):
         t = k * dt
-        measurement = sense(plant.state)
+        measurement = estimator(sensors(plant.state, t), t, command)
         command = controller(measurement, t)
-        recorder.append(_row(t, plant.state, measurement, command))
+        recorder.append(_row(t, plant, measurement, command))
         if progress is not None:
             progress(t, command)
         if command.finished:
@@ -50,12 +57,15 @@ def simulate(
     return recorder
 
 
-def _row(t: float, state: State, measurement: Measurement, command: Command) -> Mapping[str, Any]:
+def _row(t: float, plant: Plant, measurement: Measurement, command: Command) -> Mapping[str, Any]:
     return {
         "t": np.float64(t),
-        "q": state.q,
-        "v": state.v,
+        "q": plant.state.q,
+        "v": plant.state.v,
+        "q_measured": measurement.q,
+        "v_measured": measurement.v,
         "altimeter_range": np.float64(measurement.altimeter_range),
         "command": command.v,
         **command.telemetry,
+        **plant.telemetry(),
     }

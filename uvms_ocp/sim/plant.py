@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, State
-from uvms_ocp.sim.environment import Seafloor
 
 
 class KinematicPlant:
@@ -22,17 +23,6 @@ class KinematicPlant:
         """Advance by dt [s]."""
         self.state = State(q=pin.integrate(self._model, self.state.q, command.v * dt), v=command.v)
 
-
-class Altimeter:
-    """Range along -z of a frame of the robot to the seafloor, without noise."""
-
-    def __init__(self, robot: Robot, seafloor: Seafloor, frame: str = "altimeter") -> None:
-        self._model, self._data = robot.model, robot.model.createData()
-        self._frame = robot.frame_id(frame)
-        self._seafloor = seafloor
-
-    def measure(self, q: np.ndarray) -> float:
-        """Range [m] at configuration q (n_q,); nan without an echo."""
-        pin.forwardKinematics(self._model, self._data, q)
-        X_WS = pin.updateFramePlacement(self._model, self._data, self._frame)
-        return self._seafloor.range_along(X_WS.translation, -X_WS.rotation[:, 2])
+    def telemetry(self) -> dict[str, Any]:
+        """Nothing: the state is all there is."""
+        return {}

@@ -9,7 +9,8 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.robot import Joint, Robot
+from uvms_ocp.model.limits import Joint, bounded_joints
+from uvms_ocp.model.robot import Robot
 from uvms_ocp.tasks.activation import Bell
 from uvms_ocp.tasks.limits import approach_speed, saturate
 from uvms_ocp.tasks.reference import VectorGoal, evaluate_vector
@@ -38,7 +39,7 @@ class JointLimits(Task):
             raise InvalidInput(f"{self.name}: margin = {self.margin}; give a share of the range below 0.5")
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        joints = bounded_joints(symbols.robot)
+        joints = bounded_joints(symbols.robot.joints, symbols.robot.limits)
         rows = [self._joint_row(symbols, joint, lower, upper) for joint, lower, upper in joints]
         stacked = [ca.vertcat(*column) for column in zip(*rows, strict=True)] or [ca.SX(0, 1)] * 4
         return Rows(
@@ -142,22 +143,6 @@ def manipulability(symbols: TickSymbols, frame: str) -> ca.SX:
     gram = J @ J.T if J.shape[1] >= 6 else J.T @ J
     pivots, _, _ = ca.ldl(gram + _SINGULAR * ca.SX.eye(gram.shape[0]), False)
     return ca.sqrt(ca.fmax(_product(pivots), 0) + _SINGULAR**2)
-
-
-def bounded_joints(robot: Robot) -> list[tuple[Joint, float, float]]:
-    """The arm's joints with finite limits, with their lower and upper position."""
-    limits = robot.limits
-    rows = zip(
-        robot.joints,
-        _per_joint(robot, limits.position_lower),
-        _per_joint(robot, limits.position_upper),
-        strict=True,
-    )
-    return [(joint, low, up) for joint, low, up in rows if joint.n_q == joint.n_v == 1 and np.isfinite([low, up]).all()]
-
-
-def _per_joint(robot: Robot, values: np.ndarray) -> list[float]:
-    return [float(values[joint.idx_v - robot.joint_v.start]) for joint in robot.joints]
 
 
 def _arm_gradient(symbols: TickSymbols, scalar: ca.SX) -> ca.SX:

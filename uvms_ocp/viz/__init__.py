@@ -1,5 +1,7 @@
 """Figures and 3-D scenes of a `Record`; the only package that imports Matplotlib and meshcat."""
 
+from uvms_ocp.viz.efforts import figure_efforts as figure_efforts
+from uvms_ocp.viz.efforts import figure_tracking as figure_tracking
 from uvms_ocp.viz.plots import figure_activations as figure_activations
 from uvms_ocp.viz.plots import figure_altitude as figure_altitude
 from uvms_ocp.viz.plots import figure_errors as figure_errors

@@ -1,0 +1,184 @@
+"""Laws of thrust allocation."""
+
+import numpy as np
+import pytest
+from scipy.linalg import null_space
+from scipy.optimize import LinearConstraint, lsq_linear, minimize
+
+from uvms_ocp.control.allocation import Allocation, allocation_of
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.robot import list_robots, load_robot
+
+ROBOTS = [name for name in list_robots() if load_robot(name).description.thrusters]
+WRENCHES = np.random.default_rng(0).normal(size=(500, 6)) * np.geomspace(0.01, 3.0, 500)[:, None]
+
+
+@pytest.fixture(params=ROBOTS, scope="module")
+def allocation(request: pytest.FixtureRequest) -> Allocation:
+    return allocation_of(load_robot(request.param))
+
+
+@pytest.fixture(scope="module")
+def wrenches(allocation: Allocation) -> np.ndarray:
+    """From gentle to far beyond the limits, in the size of this robot."""
+    return WRENCHES * np.linalg.norm(allocation.matrix * allocation.upper, axis=1)
+
+
+def test_thrust_stays_inside_the_limits(allocation: Allocation, wrenches: np.ndarray) -> None:
+    for wrench in wrenches:
+        thrust = allocation.allocate(wrench).thrust
+        assert (thrust >= allocation.lower).all()
+        assert (thrust <= allocation.upper).all()
+
+
+def test_reached_and_unreachable_add_up_to_the_wrench(allocation: Allocation, wrenches: np.ndarray) -> None:
+    for wrench in wrenches:
+        result = allocation.allocate(wrench)
+        np.testing.assert_allclose(result.reached, allocation.matrix @ result.thrust, atol=1e-9)
+        np.testing.assert_allclose(result.reached + result.unreachable, wrench, rtol=1e-12, atol=1e-12)
+
+
+def test_what_thrust_inside_the_limits_can_give_is_given_exactly(allocation: Allocation) -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(500):
+        wrench = allocation.matrix @ rng.uniform(allocation.lower, allocation.upper)
+        result = allocation.allocate(wrench)
+        np.testing.assert_allclose(result.reached, wrench, atol=1e-6)
+        assert not result.saturated
+
+
+def test_no_thrust_inside_the_limits_comes_closer(allocation: Allocation, wrenches: np.ndarray) -> None:
+    for wrench in wrenches:
+        cost = 0.5 * np.sum(allocation.allocate(wrench).unreachable ** 2)
+        oracle = lsq_linear(allocation.matrix, wrench, (allocation.lower, allocation.upper), method="bvls", tol=1e-15)
+        assert cost <= oracle.cost + 1e-9 * (1.0 + wrench @ wrench)
+
+
+def test_optimality_conditions_hold(allocation: Allocation, wrenches: np.ndarray) -> None:
+    for wrench in wrenches:
+        result = allocation.allocate(wrench)
+        push = allocation.matrix.T @ result.unreachable  # where more thrust would help
+        tolerance = 1e-6 * (1.0 + np.linalg.norm(wrench))
+        assert (push[result.thrust < allocation.upper - 1e-6] <= tolerance).all()
+        assert (push[result.thrust > allocation.lower + 1e-6] >= -tolerance).all()
+
+
+def test_saturated_says_that_limits_cost_wrench(allocation: Allocation, wrenches: np.ndarray) -> None:
+    B = allocation.matrix
+    for wrench in wrenches:
+        result = allocation.allocate(wrench)
+        without_limits = wrench - B @ np.linalg.lstsq(B, wrench, rcond=None)[0]
+        lost = np.linalg.norm(result.unreachable) - np.linalg.norm(without_limits)
+        assert result.saturated == (lost > 1e-9 * np.linalg.norm(wrench))
+
+
+def test_an_underactuated_vehicle_reports_roll_as_unreachable() -> None:
+    result = allocation_of(load_robot("girona_maris7")).allocate([0.0, 0.0, 0.0, 10.0, 0.0, 0.0])
+    assert result.unreachable[3] == pytest.approx(10.0, rel=1e-2)
+    assert not result.saturated
+
+
+def test_weights_decide_what_is_given_up_first() -> None:
+    robot = load_robot("girona_maris7_full")
+    wrench = np.array([0.0, 0.0, 900.0, 0.0, 200.0, 0.0])
+    moment_first = allocation_of(robot, moment_weight=100.0).allocate(wrench).unreachable
+    force_first = allocation_of(robot, force_weight=100.0).allocate(wrench).unreachable
+    assert abs(moment_first[4]) < 1.0 < abs(force_first[4])
+    assert abs(force_first[2]) < abs(moment_first[2])
+
+
+@pytest.mark.parametrize("bad", [[1.0] * 5, [np.nan] * 6, [np.inf, 0, 0, 0, 0, 0], np.zeros((6, 1))])
+def test_a_bad_wrench_is_refused(allocation: Allocation, bad: object) -> None:
+    with pytest.raises(InvalidInput, match="wrench"):
+        allocation.allocate(bad)
+
+
+def two_thrusters(**changes: object) -> Allocation:
+    matrix = np.zeros((6, 2))
+    matrix[0] = 1.0
+    values = {
+        "lower": -np.ones(2),
+        "upper": np.ones(2),
+        "power_factor": np.ones(2),
+        "power_exponent": np.full(2, 1.5),
+        "dead_zone": np.zeros(2),
+    }
+    return Allocation(**{"matrix": matrix, **values, **changes})
+
+
+def test_bad_data_is_refused() -> None:
+    for change in (
+        {"lower": np.ones(2)},
+        {"power_factor": np.zeros(2)},
+        {"power_exponent": [0.5, 2.0]},
+        {"dead_zone": [-1.0, 0.0]},
+        {"upper": [1.0]},
+    ):
+        with pytest.raises(InvalidInput, match=next(iter(change)).replace("lower", "limits")):
+            two_thrusters(**change)
+
+
+def test_no_command_lies_inside_the_dead_zone(allocation: Allocation, wrenches: np.ndarray) -> None:
+    dead = with_dead_zone(allocation, 0.05)
+    for wrench in wrenches:
+        thrust = dead.allocate(wrench).thrust
+        assert ((thrust == 0.0) | (np.abs(thrust) >= dead.dead_zone)).all()
+        assert (thrust >= dead.lower).all()
+        assert (thrust <= dead.upper).all()
+
+
+def test_a_dead_zone_costs_little_wrench(allocation: Allocation, wrenches: np.ndarray) -> None:
+    dead = with_dead_zone(allocation, 0.02)
+    budget = np.linalg.norm(np.abs(dead.matrix) @ dead.dead_zone)
+    for wrench in wrenches:
+        best = np.linalg.norm(allocation.allocate(wrench).unreachable)
+        assert np.linalg.norm(dead.allocate(wrench).unreachable) <= best + budget
+
+
+def with_dead_zone(allocation: Allocation, share: float) -> Allocation:
+    names = ("matrix", "lower", "upper", "power_factor", "power_exponent", "wrench_weight")
+    return Allocation(**{name: getattr(allocation, name) for name in names}, dead_zone=share * allocation.upper)
+
+
+def power(allocation: Allocation, thrust: np.ndarray) -> float:
+    return float(allocation.power_factor @ np.abs(thrust) ** allocation.power_exponent)
+
+
+def test_no_other_thrust_gives_the_same_wrench_for_less_power(allocation: Allocation) -> None:
+    free = null_space(allocation.matrix)
+    rng = np.random.default_rng(2)
+    for size in np.linspace(0.1, 1.0, 20):
+        wrench = allocation.matrix @ (size * rng.uniform(allocation.lower, allocation.upper))
+        thrust = allocation.allocate(wrench).thrust
+        assert power(allocation, thrust) <= 1.005 * least_power(allocation, thrust, free)
+
+
+def test_gentle_thrust_is_within_a_ten_thousandth_of_the_least_power(allocation: Allocation) -> None:
+    free = null_space(allocation.matrix)
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        wrench = allocation.matrix @ (0.2 * rng.uniform(allocation.lower, allocation.upper))
+        thrust = allocation.allocate(wrench).thrust
+        assert power(allocation, thrust) <= (1.0 + 1e-4) * least_power(allocation, thrust, free)
+
+
+def least_power(allocation: Allocation, thrust: np.ndarray, free: np.ndarray) -> float:
+    """Found by SciPy among all thrust inside the limits with the same wrench."""
+    if not free.size:
+        return power(allocation, thrust)
+    scale = power(allocation, allocation.upper)
+    inside = LinearConstraint(free, allocation.lower - thrust, allocation.upper - thrust)
+    oracle = minimize(
+        lambda z: power(allocation, thrust + free @ z) / scale,
+        np.zeros(free.shape[1]),
+        method="SLSQP",
+        constraints=inside,
+        options={"ftol": 1e-14, "maxiter": 200},
+    )
+    return float(oracle.fun) * scale
+
+
+def test_without_thrusters_nothing_is_reached() -> None:
+    result = allocation_of(load_robot("planar5")).allocate(np.ones(6))
+    assert result.thrust.shape == (0,)
+    np.testing.assert_array_equal(result.unreachable, np.ones(6))

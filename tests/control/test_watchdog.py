@@ -1,0 +1,66 @@
+"""Measurements that stop coming: hold, then stop, and say so."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from uvms_ocp.control import DynamicController
+from uvms_ocp.control.watchdog import Freshness, Watchdog
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.dynamics import robot_dynamics
+from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpec
+from uvms_ocp.model.state import Command, Measurement
+from uvms_ocp.scenarios import case1
+
+
+def test_the_verdict_follows_the_age() -> None:
+    watchdog = Watchdog(hold_after=0.5, stop_after=2.0)
+    verdicts = [watchdog.judge(age, t) for t, age in enumerate((0.0, 0.6, 2.1, 0.1))]
+    assert verdicts == [Freshness.FRESH, Freshness.STALE, Freshness.LOST, Freshness.FRESH]
+    assert [t for t, _ in watchdog.alarms] == [1, 2, 3]
+    assert "0.60 s old: holding" in watchdog.alarms[0][1]
+
+
+def test_an_age_that_is_no_number_counts_as_lost() -> None:
+    assert Watchdog().judge(math.nan, 0.0) is Freshness.LOST
+
+
+def test_impossible_times_are_refused() -> None:
+    with pytest.raises(InvalidInput, match="give 0 < hold_after < stop_after"):
+        Watchdog(hold_after=2.0, stop_after=1.0)
+
+
+def test_a_controller_brakes_then_cuts_the_thrust_when_sensors_go_silent() -> None:
+    scenario = case1()
+    kinematic = scenario.controller()
+    layer = DynamicController(robot=scenario.robot, dynamics=robot_dynamics(scenario.robot), kinematic=kinematic)
+    measured = Measurement(q=scenario.start, v=np.zeros(13), altimeter_range=3.0)
+    commands: list[Command] = []
+    for k in range(1200):
+        t = 0.005 * k
+        age = max(0.0, t - 1.0)
+        commands.append(layer(dataclasses.replace(measured, age=age), t))
+    moving, held, stopped = commands[199], commands[500], commands[-1]
+    assert np.abs(moving.v).max() > 0.1
+    assert not held.v.any()
+    assert not held.stop
+    assert stopped.stop
+    assert stopped.thrust is not None
+    assert np.abs(stopped.thrust).max() < 1e-9
+    assert [text.split(": ")[1] for _, text in kinematic.watchdog.alarms] == ["holding", "stopped"]
+    steps = np.diff([command.v for command in commands], axis=0)
+    assert (np.abs(steps) <= scenario.robot.limits.acceleration * 0.005 + 1e-12).all()
+
+
+def test_a_silent_sensor_is_reported_and_the_mission_does_not_go_on() -> None:
+    dead = dataclasses.replace(IDEAL_SENSORS, linear_velocity=SensorSpec(rate=0.2))
+    scenario = dataclasses.replace(case1(duration=6.0), sensors=dead)
+    record = scenario.run()
+    texts = [alarm["text"] for alarm in record.meta["alarms"]]
+    assert any("holding" in text for text in texts)
+    assert any("going on" in text for text in texts)
+    assert record["freshness"].max() >= 1

@@ -1,0 +1,118 @@
+"""An independent, slow reference: Fossen's matrices link by link, carried to the joints by Pinocchio's
+Jacobians.
+
+Nothing here is shared with the package but the coefficients: rigid bodies come from Pinocchio, nu and nu_dot
+of a link from its Jacobian and the Jacobian's rate, Coriolis terms from the skew-symmetric matrices of the
+textbook.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.model.symbolic_dynamics import SymbolicDynamics
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkMotion:
+    """A link's Jacobian J (6, n_v) and its rate in the coefficient frame L, and the rotation R_WL."""
+
+    J: np.ndarray
+    J_dot: np.ndarray
+    R: np.ndarray
+    p: np.ndarray
+
+
+def link_motions(dynamics: SymbolicDynamics, q: np.ndarray, v: np.ndarray) -> list[LinkMotion]:
+    model = dynamics.model.copy()
+    indices = [_add_frame(model, link.frame, link.X_FL) for link in dynamics.links]
+    data = model.createData()
+    pin.computeJointJacobiansTimeVariation(model, data, q, v)
+    pin.framesForwardKinematics(model, data, q)
+    shape = (6, model.nv)
+    return [
+        LinkMotion(
+            J=pin.getFrameJacobian(model, data, i, pin.LOCAL).reshape(shape),
+            J_dot=pin.getFrameJacobianTimeVariation(model, data, i, pin.LOCAL).reshape(shape),
+            R=data.oMf[i].rotation,
+            p=data.oMf[i].translation,
+        )
+        for i in indices
+    ]
+
+
+def inverse_dynamics(
+    dynamics: SymbolicDynamics,
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    u: np.ndarray,
+    u_dot: np.ndarray,
+) -> np.ndarray:
+    """Generalized force for the acceleration a in water of velocity u and acceleration u_dot (n_links, 3)."""
+    model, rho, gravity = dynamics.model, dynamics.density, dynamics.model.gravity.linear
+    tau = pin.rnea(model, model.createData(), q, v, a)
+    motions = link_motions(dynamics, q, v)
+    for link, motion, u_W, u_dot_W in zip(dynamics.links, motions, u, u_dot, strict=True):
+        nu, nu_dot, u_L = motion.J @ v, motion.J @ a + motion.J_dot @ v, motion.R.T @ u_W
+        omega = nu[3:]
+        nu_r = nu - np.r_[u_L, 0, 0, 0]
+        nu_r_dot = nu_dot + np.r_[np.cross(omega, u_L) - motion.R.T @ u_dot_W, 0, 0, 0]
+        wrench = link.added_mass @ nu_r_dot + coriolis(link.added_mass, nu_r) @ nu_r + drag(link, nu_r)
+        pressure = rho * link.volume * motion.R.T @ (u_dot_W - gravity)
+        centre = link.X_FL.inverse().act(link.centre_of_buoyancy)
+        wrench -= np.r_[pressure, np.cross(centre, pressure)]
+        tau += motion.J.T @ wrench
+    return tau if dynamics.damping is None else tau + dynamics.damping * v
+
+
+def mass_matrix(dynamics: SymbolicDynamics, q: np.ndarray) -> np.ndarray:
+    model = dynamics.model
+    upper = np.triu(pin.crba(model, model.createData(), q))
+    M = upper + np.triu(upper, 1).T
+    for link, motion in zip(dynamics.links, link_motions(dynamics, q, np.zeros(model.nv)), strict=True):
+        M += motion.J.T @ link.added_mass @ motion.J
+    return M
+
+
+def damping_matrix(dynamics: SymbolicDynamics, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> np.ndarray:
+    D = np.zeros((v.size, v.size)) if dynamics.damping is None else np.diag(dynamics.damping)
+    for link, motion, u_W in zip(dynamics.links, link_motions(dynamics, q, v), u, strict=True):
+        nu_r = motion.J @ v - np.r_[motion.R.T @ u_W, 0, 0, 0]
+        D += motion.J.T @ (link.linear_drag + link.quadratic_drag @ np.diag(np.abs(nu_r))) @ motion.J
+    return (D + D.T) / 2
+
+
+def dissipated_power(dynamics: SymbolicDynamics, q: np.ndarray, v: np.ndarray, u: np.ndarray) -> float:
+    """Power [W] that drag and joint friction take out of the motion relative to a uniform current u (3,)."""
+    power = 0.0 if dynamics.damping is None else float(dynamics.damping @ v**2)
+    for link, motion in zip(dynamics.links, link_motions(dynamics, q, v), strict=True):
+        nu_r = motion.J @ v - np.r_[motion.R.T @ u, 0, 0, 0]
+        power += float(nu_r @ drag(link, nu_r))
+    return power
+
+
+def coriolis(M: np.ndarray, nu: np.ndarray) -> np.ndarray:
+    """C_A(nu) of a full added-mass matrix, [Fossen2021] eq. (3.61)."""
+    linear, angular = M[:3] @ nu, M[3:] @ nu
+    return np.block([[np.zeros((3, 3)), -pin.skew(linear)], [-pin.skew(linear), -pin.skew(angular)]])
+
+
+def drag(link: object, nu_r: np.ndarray) -> np.ndarray:
+    return link.linear_drag @ nu_r + link.quadratic_drag @ (np.abs(nu_r) * nu_r)
+
+
+def _add_frame(model: pin.Model, name: str, X_FL: pin.SE3) -> int:
+    carrier = model.frames[model.getFrameId(name)]
+    return model.addFrame(
+        pin.Frame(
+            f"L {model.nframes}",
+            carrier.parentJoint,
+            0,
+            carrier.placement * X_FL,
+            pin.FrameType.OP_FRAME,
+        )
+    )

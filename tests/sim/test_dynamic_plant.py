@@ -1,0 +1,190 @@
+"""Laws of the physical plant: energy, stability at coarse steps, rest, contact, joint stops."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.description import TrimBody
+from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.model.robot import Robot, list_robots, load_robot
+from uvms_ocp.model.spatial import quaternion_to_matrix
+from uvms_ocp.model.state import Command
+from uvms_ocp.model.trim import with_trim
+from uvms_ocp.sim import DynamicPlant, Environment, FlatSeafloor, UniformCurrent
+
+DEEP = Environment(seafloor=FlatSeafloor(z=-1000.0))
+
+
+@pytest.fixture(scope="module", params=list_robots())
+def robot(request: pytest.FixtureRequest) -> Robot:
+    return load_robot(request.param)
+
+
+@pytest.fixture(scope="module")
+def girona() -> Robot:
+    return load_robot("girona_maris7_full")
+
+
+def idle(robot: Robot, torque: np.ndarray | None = None) -> Command:
+    return Command(
+        v=np.zeros(robot.n_v),
+        thrust=np.zeros(len(robot.description.thrusters)),
+        torque=np.zeros(robot.n_joints) if torque is None else torque,
+    )
+
+
+def plant_of(
+    robot: Robot, q: np.ndarray | None = None, max_step: float = 1e-3, env: Environment = DEEP
+) -> DynamicPlant:
+    start = robot.configuration() if q is None else q
+    return DynamicPlant(robot, start, dynamics=robot_dynamics(robot), environment=env, max_step=max_step)
+
+
+def plant_with_held_joints(robot: Robot, q: np.ndarray | None = None, env: Environment = DEEP) -> DynamicPlant:
+    """Brakes on the joints: friction so large that they creep by less than a microradian per second."""
+    symbolic = robot_dynamics(robot).symbolic
+    braked = Dynamics(dataclasses.replace(symbolic, damping=np.repeat([0.0, 1e9], [6, robot.n_joints])))
+    start = robot.configuration() if q is None else q
+    return DynamicPlant(robot, start, dynamics=braked, environment=env)
+
+
+def let_go(plant: DynamicPlant, robot: Robot, duration: float) -> None:
+    for _ in range(round(duration / 0.005)):
+        plant.step(idle(robot), 0.005)
+
+
+def with_velocity(plant: DynamicPlant, v: np.ndarray) -> DynamicPlant:
+    plant.state = dataclasses.replace(plant.state, v=v)
+    return plant
+
+
+def energy(dynamics: Dynamics, plant: DynamicPlant) -> float:
+    state = plant.state
+    return dynamics.kinetic_energy(state.q, state.v) + dynamics.potential_energy(state.q)
+
+
+def mid_range(robot: Robot) -> np.ndarray:
+    lower = np.maximum(robot.limits.position_lower, -1.0)
+    return (lower + np.minimum(robot.limits.position_upper, 1.0)) / 2
+
+
+def rise_of_energy(robot: Robot, max_step: float, duration: float) -> float:
+    """Largest rise of the energy of the unforced robot above any earlier value, without stops or floor [J]."""
+    free = dataclasses.replace(
+        robot,
+        limits=dataclasses.replace(
+            robot.limits,
+            position_lower=np.full(robot.n_joints, -np.inf),
+            position_upper=np.full(robot.n_joints, np.inf),
+        ),
+    )
+    rng = np.random.default_rng(5)
+    q = free.configuration(joints=mid_range(robot))
+    plant = with_velocity(plant_of(free, q, max_step), 0.3 * rng.normal(size=robot.n_v))
+    dynamics, command = robot_dynamics(free), idle(free)
+    lowest, rise = energy(dynamics, plant), 0.0
+    for _ in range(round(duration / 0.02)):
+        plant.step(command, 0.02)
+        now = energy(dynamics, plant)
+        rise, lowest = max(rise, now - lowest), min(lowest, now)
+    return rise
+
+
+def test_unforced_energy_rises_by_the_error_of_the_step_alone(robot: Robot) -> None:
+    coarse, fine = (rise_of_energy(robot, step, 60.0) for step in (4e-3, 1e-3))
+    assert fine <= max(0.5 * coarse, 1e-6)
+    assert fine < 0.05
+
+
+@pytest.mark.parametrize("step", [0.02, 0.2])
+def test_a_coarse_step_cannot_explode(step: float, robot: Robot) -> None:
+    rng = np.random.default_rng(0)
+    plant = with_velocity(plant_of(robot, max_step=step), 2.0 * rng.normal(size=robot.n_v))
+    dynamics = robot_dynamics(robot)
+    before = energy(dynamics, plant)
+    for _ in range(round(10 / step)):
+        plant.step(idle(robot), step)
+        assert np.isfinite(plant.state.q).all()
+    if robot.n_vehicle:  # planar5 is dry and frictionless: nothing takes energy out
+        assert energy(dynamics, plant) < before
+
+
+@pytest.mark.parametrize("name", [name for name in list_robots() if load_robot(name).n_vehicle])
+def test_a_trimmed_robot_with_held_joints_stays(name: str) -> None:
+    robot = load_robot(name)
+    dynamics = robot_dynamics(robot)
+    q = robot.configuration()
+    residual = dynamics.bias_force(q, np.zeros(robot.n_v))[:6]
+    assert np.abs(residual[:3]).max() < 0.5
+    assert np.abs(residual[3:]).max() < 0.5
+    plant = plant_with_held_joints(robot)
+    let_go(plant, robot, 10.0)
+    assert np.linalg.norm(plant.state.q[:3]) < 0.1
+    assert np.abs(plant.state.q[3:6]).max() < 0.02
+
+
+def test_a_robot_adrift_takes_the_velocity_of_the_current(girona: Robot) -> None:
+    environment = Environment(seafloor=FlatSeafloor(z=-1000.0), current=UniformCurrent([0.3, -0.2, 0.0]))
+    plant = plant_with_held_joints(girona, env=environment)
+    let_go(plant, girona, 60.0)
+    R = girona_rotation(plant)
+    np.testing.assert_allclose(R @ plant.state.v[:3], [0.3, -0.2, 0.0], atol=0.02)
+
+
+def girona_rotation(plant: DynamicPlant) -> np.ndarray:
+    return np.asarray(quaternion_to_matrix(plant.state.q[3:7]))
+
+
+def test_a_heavy_robot_lands_on_its_skid_and_rests(girona: Robot) -> None:
+    ballast = TrimBody(name="ballast", position=(0.0, 0.0, -0.3), mass=10.0, volume=0.0)
+    heavy = with_trim(girona, [ballast])
+    floor = Environment(seafloor=FlatSeafloor(z=-10.0))
+    plant = plant_with_held_joints(heavy, heavy.configuration(position=[0, 0, -9.0]), floor)
+    let_go(plant, heavy, 20.0)
+    depth = -10.0 + 0.5 - plant.state.q[2]
+    contact = plant.telemetry()["contact"]
+    assert 0 < depth < 0.01
+    assert np.abs(plant.state.v).max() < 1e-3
+    assert contact.sum() == pytest.approx(10.0 * 9.81, rel=0.02)
+
+
+def test_friction_holds_a_landed_robot_in_a_current(girona: Robot) -> None:
+    heavy = with_trim(girona, [TrimBody(name="ballast", position=(0.0, 0.0, -0.3), mass=10.0, volume=0.0)])
+    environment = Environment(seafloor=FlatSeafloor(z=-10.0), current=UniformCurrent([0.2, 0.0, 0.0]))
+    plant = plant_with_held_joints(heavy, heavy.configuration(position=[0, 0, -9.503]), environment)
+    let_go(plant, heavy, 10.0)
+    assert np.abs(plant.state.v[:3]).max() < 0.005
+
+
+def test_a_joint_driven_into_its_stop_stays_there(girona: Robot) -> None:
+    plant = plant_of(girona)
+    torque = np.zeros(7)
+    torque[3] = 60.0
+    deepest = 0.0
+    for _ in range(1000):
+        plant.step(idle(girona, torque), 0.005)
+        deepest = max(deepest, plant.state.q[10] - girona.limits.position_upper[3])
+    assert 0 < deepest < 0.1
+    assert plant.state.q[10] - girona.limits.position_upper[3] == pytest.approx(60.0 / 1e4, rel=0.5)
+    assert abs(plant.state.v[9]) < 0.05
+
+
+def test_motors_give_no_more_than_their_limit(girona: Robot) -> None:
+    plant = plant_of(girona)
+    plant.step(idle(girona, np.full(7, 1e6)), 0.005)
+    np.testing.assert_array_equal(plant.telemetry()["torque"], girona.limits.effort)
+
+
+def test_a_command_without_thrust_is_refused(girona: Robot) -> None:
+    with pytest.raises(InvalidInput, match="needs thrust and torque; wrap the controller in a DynamicController"):
+        plant_of(girona).step(Command(v=np.zeros(13)), 0.005)
+
+
+@pytest.mark.parametrize("max_step", [0.0, -1.0, float("nan")])
+def test_an_impossible_step_is_refused(max_step: float, girona: Robot) -> None:
+    with pytest.raises(InvalidInput, match="max_step"):
+        plant_of(girona, max_step=max_step)

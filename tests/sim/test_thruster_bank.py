@@ -1,0 +1,119 @@
+"""Laws of the simulated thrusters."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.description import Thruster
+from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.model.thrusters import signals_of_thrust, thrust_of_signals, unactuated_axes, unreachable_axes
+from uvms_ocp.sim.thrusters import ThrusterBank, joint_power
+
+
+def robot_with(**changes: object) -> Robot:
+    """girona_maris7 with every thruster changed."""
+    robot = load_robot("girona_maris7")
+    thrusters = tuple(
+        Thruster.model_validate({**dict(thruster), **changes}) for thruster in robot.description.thrusters
+    )
+    return replace(robot, description=robot.description.model_copy(update={"thrusters": thrusters}))
+
+
+@pytest.mark.parametrize("dt", [1e-3, 0.02, 0.5])
+def test_lag_is_the_exact_exponential(dt: float) -> None:
+    bank = ThrusterBank(robot_with(time_constant=0.2))
+    command = np.array([100.0, -50.0, 10.0, 1.0, 0.0])
+    for step in range(1, 6):
+        thrust = bank.step(command, dt)
+        np.testing.assert_allclose(thrust, command * (1.0 - np.exp(-step * dt / 0.2)), rtol=1e-12)
+
+
+def test_without_lag_thrust_is_the_command() -> None:
+    bank = ThrusterBank(robot_with(time_constant=0.0))
+    np.testing.assert_array_equal(bank.step([100.0, -50.0, 10.0, 1.0, 0.0], 1e-3), [100.0, -50.0, 10.0, 1.0, 0.0])
+
+
+def test_thrust_never_leaves_the_limits() -> None:
+    bank = ThrusterBank(robot_with(minimum=-20.0, maximum=30.0))
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        thrust = bank.step(rng.normal(scale=100.0, size=5), 0.05)
+        assert (thrust >= -20.0).all()
+        assert (thrust <= 30.0).all()
+
+
+def test_saturation_is_counted_per_thruster() -> None:
+    bank = ThrusterBank(robot_with(minimum=0.0, maximum=30.0))
+    for _ in range(10):
+        bank.step([30.0, 29.0, 0.0, -5.0, 100.0], 0.1)
+    np.testing.assert_allclose(bank.saturation_time, [1.0, 0.0, 0.0, 1.0, 1.0])
+
+
+def test_a_command_inside_the_dead_zone_gives_no_thrust() -> None:
+    bank = ThrusterBank(robot_with(dead_zone=5.0, time_constant=0.0))
+    np.testing.assert_array_equal(bank.step([4.9, -4.9, 5.0, -5.0, 0.0], 1e-3), [0.0, 0.0, 5.0, -5.0, 0.0])
+
+
+def test_energy_is_the_integral_of_the_power() -> None:
+    bank = ThrusterBank(robot_with(time_constant=0.2))
+    bank.step(np.full(5, 100.0), 0.1)
+    start, spent = bank.thrust[0], bank.energy[0]
+    for _ in range(50):
+        bank.step(np.full(5, 20.0), 0.01)
+
+    def power(t: float) -> float:
+        return 800.0 * (abs(20.0 + (start - 20.0) * np.exp(-t / 0.2)) / 150.0) ** 1.5
+
+    assert bank.energy[0] - spent == pytest.approx(quad(power, 0.0, 0.5, epsabs=1e-12)[0], rel=1e-10)
+    assert bank.power[0] == pytest.approx(power(0.5))
+
+
+def test_full_thrust_takes_the_reference_power() -> None:
+    bank = ThrusterBank(robot_with(time_constant=0.0))
+    bank.step(np.full(5, -150.0), 2.0)
+    np.testing.assert_allclose(bank.power, 800.0)
+    np.testing.assert_allclose(bank.energy, 1600.0)
+
+
+def test_signals_go_through_the_curve() -> None:
+    robot = robot_with(curve=((-1.0, -40.0), (0.0, 0.0), (0.5, 20.0), (1.0, 90.0)), time_constant=0.0)
+    bank = ThrusterBank(robot)
+    np.testing.assert_allclose(bank.step_signals([-1.0, -0.5, 0.25, 0.75, 2.0], 1e-3), [-40.0, -20.0, 10.0, 55.0, 90.0])
+
+
+@pytest.mark.parametrize("minimum", [-40.0, 0.0])
+def test_signals_and_thrust_are_inverse(minimum: float) -> None:
+    robot = robot_with(minimum=minimum, maximum=80.0)
+    thrust = np.linspace(minimum, 80.0, 5)
+    np.testing.assert_allclose(thrust_of_signals(robot, signals_of_thrust(robot, thrust)), thrust, atol=1e-12)
+
+
+def test_bad_commands_are_refused() -> None:
+    bank = ThrusterBank(load_robot("girona_maris7"))
+    for command, dt in (([1.0], 0.1), ([np.nan] * 5, 0.1), (np.zeros(5), 0.0), (np.zeros(5), np.nan)):
+        with pytest.raises(InvalidInput):
+            bank.step(command, dt)
+
+
+def test_five_thrusters_of_the_girona_leave_roll() -> None:
+    assert unactuated_axes(load_robot("girona_maris7")) == (3,)
+    assert unactuated_axes(load_robot("girona_maris7_full")) == ()
+
+
+def test_axes_out_of_reach_follow_from_the_layout() -> None:
+    surge_only = np.eye(6)[:, :1]
+    assert unreachable_axes(surge_only) == (1, 2, 3, 4, 5)
+    assert unreachable_axes(np.zeros((6, 0))) == (0, 1, 2, 3, 4, 5)
+    assert unreachable_axes(np.eye(6)) == ()
+
+
+def test_a_fixed_base_has_no_vehicle_axes() -> None:
+    assert unactuated_axes(load_robot("planar5")) == ()
+
+
+def test_joint_power_counts_braking_and_losses() -> None:
+    power = joint_power(np.array([3.0, -3.0, 5.0]), np.array([2.0, 2.0, 0.0]), 0.6)
+    np.testing.assert_allclose(power, [10.0, 10.0, 0.0])

@@ -1,0 +1,44 @@
+"""Bounded least squares: optimality on random problems, against SciPy and by its own conditions."""
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear, minimize
+
+from uvms_ocp.solvers.bounded_least_squares import bounded_least_squares
+
+
+def random_problem(seed: int) -> tuple[np.ndarray, ...]:
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 11))
+    rank = int(rng.integers(1, 7))
+    A = rng.normal(size=(6, rank)) @ rng.normal(size=(rank, n))
+    b = 10.0 ** rng.uniform(-2, 2) * rng.normal(size=6)
+    return A, b, -rng.uniform(0.0, 2.0, n), rng.uniform(0.0, 2.0, n), rng.uniform(0.1, 10.0, n)
+
+
+@pytest.mark.parametrize("seed", range(100))
+def test_no_point_inside_the_bounds_has_a_smaller_residual(seed: int) -> None:
+    A, b, lower, upper, weight = random_problem(seed)
+    x = bounded_least_squares(A, b, lower, upper, weight)
+    assert (x >= lower).all()
+    assert (x <= upper).all()
+    oracle = lsq_linear(A, b, (lower, upper + 1e-300), method="bvls", tol=1e-15)
+    assert 0.5 * np.sum((A @ x - b) ** 2) <= oracle.cost + 1e-10 * (1.0 + b @ b)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_among_equal_residuals_the_weighted_norm_is_the_smallest(seed: int) -> None:
+    A, b, lower, upper, weight = random_problem(seed)
+    x = bounded_least_squares(A, b, lower, upper, weight)
+    same = {"type": "eq", "fun": lambda y: A @ (y - x), "jac": lambda y: A}
+    bounds = list(zip(lower, upper, strict=True))
+    options = {"ftol": 1e-14, "maxiter": 500}
+    oracle = minimize(
+        lambda y: y @ (weight * y), x, jac=lambda y: 2 * weight * y, bounds=bounds, constraints=same, options=options
+    )
+    assert x @ (weight * x) <= oracle.fun + 1e-6 * (1.0 + oracle.fun)
+
+
+def test_equal_bounds_fix_a_variable() -> None:
+    x = bounded_least_squares(np.eye(2), np.array([3.0, 3.0]), np.array([1.0, -9.0]), np.array([1.0, 9.0]), np.ones(2))
+    np.testing.assert_allclose(x, [1.0, 3.0], atol=1e-12)

@@ -1,0 +1,38 @@
+"""Disturbance observer: the generalized force that the model does not know, such as a current or a payload."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.dynamics import Dynamics
+
+
+class DisturbanceObserver:
+    """Luenberger observer of ``M a + h = tau + d`` with d constant, driven by the measured velocity.
+
+    v_hat follows the model, the innovation ``v - v_hat`` corrects it with 2 w and d with w^2 M: both poles at -w.
+    """
+
+    def __init__(self, dynamics: Dynamics, *, bandwidth: np.ndarray, limit: np.ndarray, dt: float) -> None:
+        """bandwidth w (n_v,) [rad/s] below 1 / dt; limit (n_v,) of \\|d\\| [N, N m]; dt [s]. Raises `InvalidInput`."""
+        if not (np.isfinite(bandwidth).all() and (bandwidth > 0).all() and (bandwidth * dt < 1).all()):
+            raise InvalidInput(f"observer bandwidth {bandwidth} rad/s; give values between 0 and 1 / dt = {1 / dt:g}")
+        self._dynamics, self._bandwidth, self._limit, self._dt = dynamics, bandwidth, limit, dt
+        self._v_hat: np.ndarray | None = None
+        self.estimate = np.zeros(len(bandwidth))  # d (n_v,) [N, N m]
+
+    def update(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        """The estimate (n_v,) after a tick with measured q, v, while tau (n_v,) acted since the last one.
+
+        Drag is that of the measured velocity: what it damps is no disturbance, and must not be compensated.
+        """
+        if self._v_hat is None:
+            self._v_hat = v.copy()
+        innovation = v - self._v_hat
+        correction = self._bandwidth**2 * innovation
+        self.estimate += self._dt * (self._dynamics.mass_matrix(q) @ correction)
+        np.clip(self.estimate, -self._limit, self._limit, out=self.estimate)
+        acceleration = self._dynamics.forward_dynamics(q, v, tau + self.estimate)
+        self._v_hat = self._v_hat + self._dt * (acceleration + 2 * self._bandwidth * innovation)
+        return self.estimate

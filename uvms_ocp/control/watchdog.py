@@ -1,0 +1,54 @@
+"""What to do about measurements that stop coming."""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass, field
+
+from uvms_ocp.exceptions import InvalidInput
+
+
+class Freshness(enum.IntEnum):
+    """How far a measurement can be trusted."""
+
+    FRESH = 0
+    STALE = 1  # hold: brake to a stop and keep still
+    LOST = 2  # stop: no thrust, no torque
+
+
+@dataclass(slots=True)
+class Watchdog:
+    """Judges the age of measurements and logs every change of its verdict in `alarms`, as (t [s], text)."""
+
+    hold_after: float = 0.6  # [s] three periods of the slowest sensor that an estimate needs, a 5 Hz DVL
+    stop_after: float = 3.0  # [s]
+    alarms: list[tuple[float, str]] = field(default_factory=list)
+    _verdict: Freshness = Freshness.FRESH
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.stop_after) and 0 < self.hold_after < self.stop_after):
+            raise InvalidInput(
+                f"watchdog: hold_after = {self.hold_after} s, stop_after = {self.stop_after} s; "
+                "give 0 < hold_after < stop_after"
+            )
+
+    def judge(self, age: float, t: float) -> Freshness:
+        """The verdict on a measurement of `age` [s] at time t [s]; nan counts as lost."""
+        verdict = self._verdict_on(age)
+        if verdict is not self._verdict:
+            self.alarms.append((t, _TEXTS[verdict].format(age=age)))
+            self._verdict = verdict
+        return verdict
+
+    def _verdict_on(self, age: float) -> Freshness:
+        if age <= self.hold_after:
+            return Freshness.FRESH
+        return Freshness.STALE if age <= self.stop_after else Freshness.LOST
+
+
+_TEXTS = {
+    Freshness.FRESH: "measurements are back: going on",
+    Freshness.STALE: "measurements are {age:.2f} s old: holding",
+    Freshness.LOST: "measurements are {age:.2f} s old: stopped",
+}

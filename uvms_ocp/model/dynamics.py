@@ -1,0 +1,97 @@
+"""Numeric dynamics of a robot in water, fast enough for a simulation step in Python."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uvms_ocp.model.buffered import BufferedFunction
+from uvms_ocp.model.coefficients import links_in_water
+from uvms_ocp.model.hydrodynamics import STILL_WATER, Water
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.symbolic_dynamics import SymbolicDynamics
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dynamics:
+    """Equations of motion ``M a + C v + D v + g = tau``; see `SymbolicDynamics` for the terms.
+
+    q (n_q,), v, a, tau (n_v,). Water moves as one, or link by link in the order of ``symbolic.links``.
+    Arguments of the wrong shape raise InvalidInput. Not for use from two threads at once.
+    """
+
+    symbolic: SymbolicDynamics
+    """The same equations as expressions and ``ca.Function``s."""
+    _inverse: BufferedFunction = field(init=False, repr=False)
+    _bias: BufferedFunction = field(init=False, repr=False)
+    _mass: BufferedFunction = field(init=False, repr=False)
+    _damping: BufferedFunction = field(init=False, repr=False)
+    _forward: BufferedFunction = field(init=False, repr=False)
+    _kinetic: BufferedFunction = field(init=False, repr=False)
+    _potential: BufferedFunction = field(init=False, repr=False)
+    _positions: BufferedFunction = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        functions = {
+            "_inverse": self.symbolic.inverse_dynamics_function(),
+            "_bias": self.symbolic.bias_force_function(),
+            "_mass": self.symbolic.mass_matrix_function(),
+            "_damping": self.symbolic.damping_matrix_function(),
+            "_forward": self.symbolic.forward_dynamics_function(),
+            "_kinetic": self.symbolic.kinetic_energy_function(),
+            "_potential": self.symbolic.potential_energy_function(),
+            "_positions": self.symbolic.link_positions_function(),
+        }
+        for name, function in functions.items():
+            object.__setattr__(self, name, BufferedFunction(function))
+
+    def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
+        """Generalized force tau (n_v,) [N, N m] for the acceleration a."""
+        return self._inverse(q, v, a, water.velocity, water.acceleration)[0]
+
+    def forward_dynamics(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
+        """Acceleration a (n_v,) [m/s2, rad/s2] under the generalized force tau."""
+        return self._forward(q, v, tau, water.velocity, water.acceleration)[0]
+
+    def bias_force(self, q: ArrayLike, v: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
+        """Generalized force (n_v,) for zero acceleration: ``C v + D v + g``."""
+        return self._bias(q, v, water.velocity, water.acceleration)[0]
+
+    def mass_matrix(self, q: ArrayLike) -> np.ndarray:
+        """Rigid-body plus added mass M (n_v, n_v), symmetric."""
+        n_v = self.symbolic.model.nv
+        return self._mass(q)[0].reshape(n_v, n_v)
+
+    def damping_matrix(self, q: ArrayLike, v: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
+        """Symmetric part of D(q, v_r) (n_v, n_v): drag of all links and joint friction."""
+        n_v = self.symbolic.model.nv
+        return self._damping(q, v, water.velocity)[0].reshape(n_v, n_v)
+
+    def kinetic_energy(self, q: ArrayLike, v: ArrayLike) -> float:
+        """``1/2 v.T M v`` [J]; of v relative to a uniform current it is the energy in the drifting frame."""
+        return float(self._kinetic(q, v)[0][0])
+
+    def potential_energy(self, q: ArrayLike) -> float:
+        """Of weight and buoyancy [J], zero at the origin of W."""
+        return float(self._potential(q)[0][0])
+
+    def link_positions(self, q: ArrayLike) -> np.ndarray:
+        """Positions in W (n_links, 3) [m] at which a sheared current acts on the links."""
+        return self._positions(q)[0].reshape(3, -1).T
+
+
+def robot_dynamics(robot: Robot, density: float | None = None) -> Dynamics:
+    """Dynamics of a robot with the water of its description and the joint friction of its URDF.
+
+    density: of the water [kg/m3]; default the description's.
+    """
+    description = robot.description
+    symbolic = SymbolicDynamics(
+        model=robot.model,
+        links=links_in_water(description, density),
+        density=description.water_density if density is None else density,
+        damping=np.asarray(robot.model.damping, dtype=float),
+    )
+    return Dynamics(symbolic)

@@ -1,0 +1,159 @@
+"""Fossen's terms of one link in water, written once for NumPy arrays and CasADi expressions.
+
+All vectors of a link are in its coefficient frame L and wrenches are about L's origin, linear rows first.
+With the velocity nu of the link and u_L of the water, both relative to W and expressed in L [Fossen2021, ch.
+6-10]:
+
+    nu_r = nu - [u_L; 0]
+    M_A nu_r_dot + C_A(nu_r) nu_r + D(nu_r) nu_r  =  wrench of the link on the water
+
+Accelerations are *relative to free fall*: ``a`` of the link and ``w_L = R_WL.T (u_dot - gravity)`` of the
+water. Gravity cancels in the relative acceleration ``a + omega x u_L - w_L``, and ``rho V w_L`` at the centre
+of buoyancy is buoyancy and Froude-Krylov force in one: the pressure gradient of the undisturbed water on the
+displaced volume.
+
+[Fossen2021] T. I. Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed., Wiley, 2021.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.spatial import Array, column, cross, diagonal
+
+_TOLERANCE = 1e-9  # of symmetry and of signs, relative to the largest entry
+
+
+def _zero6() -> np.ndarray:
+    return np.zeros((6, 6))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LinkHydrodynamics:
+    """What the water does to one link. Arrays are read-only; a diagonal (6,) is accepted for every matrix.
+
+    Raises InvalidInput for a wrong shape, NaN, an asymmetric or indefinite added mass, drag that generates
+    energy and a negative volume.
+    """
+
+    frame: str
+    """Frame F of the model that carries the link; it may be fixed to a joint body at any placement."""
+    X_FL: pin.SE3 = field(default_factory=pin.SE3.Identity)
+    """Pose of the coefficient frame L in F, forward-left-up axes."""
+    added_mass: np.ndarray = field(default_factory=_zero6)
+    """M_A (6, 6) [kg, kg m, kg m2] in L."""
+    linear_drag: np.ndarray = field(default_factory=_zero6)
+    """Wrench per velocity (6, 6) [N/(m/s), N m/(rad/s)] in L."""
+    quadratic_drag: np.ndarray = field(default_factory=_zero6)
+    """Wrench per ``|nu_i| nu_i`` (6, 6) [N/(m/s)^2, N m/(rad/s)^2] in L."""
+    volume: float = 0.0
+    """Displaced volume [m3]."""
+    centre_of_buoyancy: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """Position (3,) [m] in F."""
+
+    def __post_init__(self) -> None:
+        for name in ("added_mass", "linear_drag", "quadratic_drag"):
+            self._set(name, _matrix6(self.frame, name, getattr(self, name)))
+        self._set("centre_of_buoyancy", _checked(self.frame, "centre_of_buoyancy", self.centre_of_buoyancy, (3,)))
+        if not (np.isfinite(self.volume) and self.volume >= 0.0):
+            raise InvalidInput(f"{self.frame}: volume {self.volume} m3 given; allowed: 0 or more")
+        _check_inertia(self.frame, self.added_mass)
+        _check_dissipates(self.frame, self.linear_drag, self.quadratic_drag)
+
+    @property
+    def p_LB(self) -> np.ndarray:
+        """Centre of buoyancy (3,) [m] in L."""
+        return self.X_FL.actInv(self.centre_of_buoyancy)
+
+    def _set(self, name: str, value: np.ndarray) -> None:
+        object.__setattr__(self, name, value)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Water:
+    """Motion of the undisturbed water in W: one row for all links (3,), or one per link (n_links, 3).
+
+    velocity: u [m/s]; acceleration: u_dot [m/s2], its rate as felt at the link.
+    """
+
+    velocity: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    acceleration: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+
+STILL_WATER = Water()
+"""Water at rest."""
+
+
+def relative_velocity(nu: Array, u_L: Array) -> Array:
+    """``nu_r`` (6,): velocity of the link relative to the water."""
+    return column(nu[:3] - u_L, nu[3:])
+
+
+def relative_acceleration(a: Array, nu: Array, u_L: Array, w_L: Array) -> Array:
+    """``nu_r_dot`` (6,): rate of `relative_velocity`, from accelerations relative to free fall.
+
+    ``d/dt (R_WL.T u) = R_WL.T u_dot - omega x u_L``: taking nu_dot for nu_r_dot is right in still water only.
+    """
+    return column(a[:3] + cross(nu[3:], u_L) - w_L, a[3:])
+
+
+def added_mass_wrench(M_A: Array, nu_r: Array, nu_r_dot: Array) -> Array:
+    """``M_A nu_r_dot + C_A(nu_r) nu_r`` (6,), Kirchhoff's equations [Fossen2021, sec. 6.2]."""
+    momentum, rate = M_A @ nu_r, M_A @ nu_r_dot
+    linear, angular = nu_r[:3], nu_r[3:]
+    force = rate[:3] + cross(angular, momentum[:3])
+    return column(force, rate[3:] + cross(angular, momentum[3:]) + cross(linear, momentum[:3]))
+
+
+def damping_matrix(linear_drag: Array, quadratic_drag: Array, nu_r: Array) -> Array:
+    """``D(nu_r)`` (6, 6), linear and quadratic."""
+    return linear_drag + quadratic_drag @ diagonal(abs(nu_r))
+
+
+def drag_wrench(linear_drag: Array, quadratic_drag: Array, nu_r: Array) -> Array:
+    """``D(nu_r) nu_r`` (6,), linear and quadratic."""
+    return linear_drag @ nu_r + quadratic_drag @ (abs(nu_r) * nu_r)
+
+
+def pressure_wrench(displaced_mass: Array, p_LB: Array, w_L: Array) -> Array:
+    """Wrench (6,) of the undisturbed water on the link: buoyancy and Froude-Krylov force at B.
+
+    displaced_mass: density times volume [kg]; w_L: water acceleration relative to free fall (3,) [m/s2].
+    """
+    force = displaced_mass * w_L
+    return column(force, cross(p_LB, force))
+
+
+def _matrix6(frame: str, name: str, value: ArrayLike) -> np.ndarray:
+    array = np.array(value, dtype=float)
+    return _checked(frame, name, np.diag(array) if array.shape == (6,) else array, (6, 6))
+
+
+def _checked(frame: str, name: str, value: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
+    array = np.array(value, dtype=float)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise InvalidInput(f"{frame}: {name} of shape {array.shape} given; allowed: {shape}, finite numbers")
+    array.flags.writeable = False
+    return array
+
+
+def _check_inertia(frame: str, matrix: np.ndarray) -> None:
+    scale = max(1.0, float(np.abs(matrix).max()))
+    if np.abs(matrix - matrix.T).max() > _TOLERANCE * scale:
+        raise InvalidInput(f"{frame}: added_mass is not symmetric; give a symmetric matrix")
+    smallest = float(np.linalg.eigvalsh(matrix).min())
+    if smallest < -_TOLERANCE * scale:
+        raise InvalidInput(f"{frame}: added_mass has the eigenvalue {smallest:.6g}; allowed: 0 or more")
+
+
+def _check_dissipates(frame: str, linear: np.ndarray, quadratic: np.ndarray) -> None:
+    smallest = float(np.linalg.eigvalsh((linear + linear.T) / 2).min())
+    if smallest < -_TOLERANCE * max(1.0, float(np.abs(linear).max())):
+        raise InvalidInput(f"{frame}: linear_drag generates energy (eigenvalue {smallest:.6g}); allowed: 0 or more")
+    if np.diag(quadratic).min() < 0.0:
+        raise InvalidInput(f"{frame}: quadratic_drag has a negative diagonal; allowed: 0 or more")

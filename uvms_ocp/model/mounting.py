@@ -1,0 +1,134 @@
+"""Vehicles and arms as parts: join an arm to a vehicle, or take it off."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import pinocchio as pin
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.bounding import cylinders_around_links
+from uvms_ocp.model.description import LinkDescription, RobotDescription, checked_copy
+from uvms_ocp.model.robot import Robot, robot_of
+from uvms_ocp.model.urdf import UrdfModels
+
+
+def mount(
+    vehicle: Robot,
+    arm: Robot,
+    X_BA: pin.SE3,
+    *,
+    prefix: str | None = None,
+    flange: str | None = None,
+    links: Mapping[str, LinkDescription] | None = None,
+) -> Robot:
+    """Return the vehicle with the arm's base at ``X_BA`` in B.
+
+    Frames and joints of the arm get ``prefix`` (default: the arm's name and an underscore), so that a second arm
+    can be mounted too. ``flange`` is an arm frame, named without prefix, at which the frames ``flange`` and
+    ``tool`` are added. The water on the arm is ``links`` by the arm's frame names, or that of its description,
+    or else the cylinder rule on the boxes around its shapes. The trim stays as it is, see ``trimmed``.
+
+    Raises ``InvalidInput`` for parts that do not fit and ``FrameNotFound``.
+    """
+    _check_parts(vehicle, arm)
+    prefix = f"{arm.name}_" if prefix is None else prefix
+    renamed = _prefixed(arm, prefix)
+    joined = _joined(vehicle, renamed, X_BA)
+    if flange is not None:
+        _add_tool(vehicle, joined.model, prefix + arm.model.frames[arm.frame_id(flange)].name)
+    description = _joined_description(vehicle.description, arm, links, prefix)
+    return robot_of(joined, description, f"{vehicle.name}+{arm.name}")
+
+
+def without_arm(robot: Robot) -> Robot:
+    """Return the vehicle alone: everything fixed to the base of a free-flyer, its trim included."""
+    if not robot.n_vehicle:
+        raise InvalidInput(f"robot {robot.name!r} has a fixed base; only a free-flyer has a vehicle")
+    kept = {frame.name for frame in robot.model.frames if frame.parentJoint <= 1}
+    before = robot.description
+    links = {name: link for name, link in before.links.items() if name in kept}
+    trim = tuple(body for body in before.trim if body.link in kept)
+    return robot_of(_base_only(robot), checked_copy(before, joints={}, links=links, trim=trim), robot.name)
+
+
+def _check_parts(vehicle: Robot, arm: Robot) -> None:
+    if not vehicle.n_vehicle:
+        raise InvalidInput(f"vehicle {vehicle.name!r} has a fixed base; load it with base='free_flyer'")
+    if arm.n_vehicle:
+        raise InvalidInput(f"arm {arm.name!r} has a free-flying base; load it with base='fixed'")
+
+
+def _prefixed(arm: Robot, prefix: str) -> UrdfModels:
+    model, visual, collision = arm.model.copy(), arm.visual_model.copy(), arm.collision_model.copy()
+    for i in range(1, model.nframes):
+        model.frames[i].name = prefix + model.frames[i].name
+    for i in range(1, model.njoints):
+        model.names[i] = prefix + model.names[i]
+    for shape in (*visual.geometryObjects, *collision.geometryObjects):
+        shape.name = prefix + shape.name
+    return UrdfModels(name=arm.name, model=model, visual=visual, collision=collision)
+
+
+def _joined(vehicle: Robot, arm: UrdfModels, X_BA: pin.SE3) -> UrdfModels:
+    _check_names(vehicle, arm.model)
+    base = vehicle.frame_id("base_link")
+    model, visual = pin.appendModel(vehicle.model, arm.model, vehicle.visual_model, arm.visual, base, X_BA)
+    _, collision = pin.appendModel(vehicle.model, arm.model, vehicle.collision_model, arm.collision, base, X_BA)
+    return UrdfModels(name=vehicle.name, model=model, visual=visual, collision=collision)
+
+
+def _check_names(vehicle: Robot, arm: pin.Model) -> None:
+    clashes = sorted(set(vehicle.frame_names) & {frame.name for frame in arm.frames[1:]})
+    if clashes:
+        raise InvalidInput(f"vehicle and arm both have {', '.join(clashes[:5])}; give another prefix")
+
+
+def _add_tool(vehicle: Robot, model: pin.Model, at: str) -> None:
+    taken = [name for name in ("flange", "tool") if vehicle.has_frame(name)]
+    if taken:
+        raise InvalidInput(f"vehicle {vehicle.name!r} already has {', '.join(taken)}; use the arm's frames by name")
+    for name in ("flange", "tool"):
+        parent = model.getFrameId(at)
+        carrier = model.frames[parent]
+        frame = pin.Frame(name, carrier.parentJoint, parent, carrier.placement, pin.FrameType.BODY)
+        model.addFrame(frame)
+
+
+def _joined_description(
+    vehicle: RobotDescription, arm: Robot, links: Mapping[str, LinkDescription] | None, prefix: str
+) -> RobotDescription:
+    before = arm.description
+    water = links or before.links or cylinders_around_links(arm)
+    trim = (body.model_copy(update={"name": prefix + body.name, "link": prefix + body.link}) for body in before.trim)
+    return checked_copy(
+        vehicle,
+        joints={**vehicle.joints, **{prefix + name: joint for name, joint in before.joints.items()}},
+        links={**vehicle.links, **{prefix + name: link for name, link in water.items()}},
+        trim=(*vehicle.trim, *trim),
+    )
+
+
+def _base_only(robot: Robot) -> UrdfModels:
+    model = pin.Model()
+    model.name = robot.model.name
+    model.addJoint(0, pin.JointModelFreeFlyer(), robot.model.jointPlacements[1], robot.model.names[1])
+    model.appendBodyToJoint(1, robot.model.inertias[1], pin.SE3.Identity())
+    old_to_new = {0: 0}
+    for i, frame in enumerate(robot.model.frames):
+        if i > 0 and frame.parentJoint <= 1:
+            parent = old_to_new[frame.parentFrame]
+            copy = pin.Frame(frame.name, frame.parentJoint, parent, frame.placement, frame.type)
+            old_to_new[i] = model.addFrame(copy, False)
+    visual, collision = (_shapes_on(shapes, old_to_new) for shapes in (robot.visual_model, robot.collision_model))
+    return UrdfModels(name=robot.name, model=model, visual=visual, collision=collision)
+
+
+def _shapes_on(shapes: pin.GeometryModel, old_to_new: Mapping[int, int]) -> pin.GeometryModel:
+    kept = pin.GeometryModel()
+    for shape in shapes.geometryObjects:
+        if shape.parentFrame in old_to_new:
+            copy = shape.copy()
+            copy.parentFrame = old_to_new[shape.parentFrame]
+            kept.addGeometryObject(copy)
+    return kept

@@ -1,0 +1,163 @@
+"""Water currents: velocity of the water over ground, in W."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uvms_ocp.exceptions import InvalidInput
+
+_BLOCK = 256  # nodes of a gust that are drawn at a time
+
+
+class Current(Protocol):
+    """A field of water velocity."""
+
+    def velocity(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        """Velocity (n, 3) [m/s] in W at points p_W (n, 3) [m] and time t [s]."""
+
+    def acceleration(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        """Its derivative with respect to time (n, 3) [m/s2] at fixed points."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class StillWater:
+    """No current."""
+
+    def velocity(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        return np.zeros((len(p_W), 3))
+
+    def acceleration(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        return np.zeros((len(p_W), 3))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UniformCurrent:
+    """The same velocity (3,) [m/s] everywhere and always."""
+
+    value: np.ndarray
+
+    def __init__(self, velocity: ArrayLike) -> None:
+        object.__setattr__(self, "value", _finite("velocity of the current", velocity, (3,)))
+
+    def velocity(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        return np.tile(self.value, (len(p_W), 1))
+
+    def acceleration(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        return np.zeros((len(p_W), 3))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ShearedCurrent:
+    """A steady current that varies with depth: linear between the given heights, constant beyond them."""
+
+    z: np.ndarray  # (k,) [m] heights in W, increasing
+    velocities: np.ndarray  # (k, 3) [m/s] in W at these heights
+
+    def __post_init__(self) -> None:
+        n_heights = max(np.size(self.z), 1)
+        object.__setattr__(self, "z", _finite("z of a sheared current", self.z, (n_heights,)))
+        shape = (len(self.z), 3)
+        object.__setattr__(self, "velocities", _finite("velocities of a sheared current", self.velocities, shape))
+        if (np.diff(self.z) <= 0).any():
+            raise InvalidInput(f"z of a sheared current = {self.z.tolist()} m; give increasing heights")
+
+    @staticmethod
+    def over_floor(velocity: ArrayLike, *, floor_z: float, thickness: float) -> ShearedCurrent:
+        """Power law ``velocity (height / thickness)^(1/7)`` of a turbulent boundary layer, `velocity` (3,) above it.
+
+        floor_z [m] in W, thickness [m] of the layer.
+        """
+        if not (math.isfinite(thickness) and thickness > 0):
+            raise InvalidInput(f"thickness of a boundary layer = {thickness} m; give a finite length > 0")
+        share = np.linspace(0.0, 1.0, 33) ** 3  # dense at the floor, where the profile is steep
+        velocity = _finite("velocity of the current", velocity, (3,))
+        return ShearedCurrent(z=floor_z + thickness * share, velocities=np.outer(share ** (1 / 7), velocity))
+
+    def velocity(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        return np.stack([np.interp(p_W[:, 2], self.z, column) for column in self.velocities.T], axis=1)
+
+    def acceleration(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        return np.zeros((len(p_W), 3))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class GustyCurrent:
+    """A first-order Gauss-Markov process on top of another current, the same everywhere.
+
+    The process is drawn at nodes `step` apart and joined by cubics, so that velocity and acceleration are continuous.
+    A pure function of t >= 0: nodes are drawn in their order whatever the order of the questions, then kept.
+    """
+
+    base: Current = field(default_factory=StillWater)
+    sigma: float | tuple[float, float, float] = 0.05  # [m/s] standard deviation, per axis of W if three are given
+    correlation_time: float = 10.0  # [s]
+    step: float = 0.5  # [s]
+    seed: int = 0
+    _path: _Path = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        sigma = np.array(self.sigma, dtype=float)
+        if sigma.shape not in ((), (3,)) or not (np.isfinite(sigma).all() and (sigma >= 0).all()):
+            raise InvalidInput(f"sigma of a gust = {self.sigma} m/s; give one or three finite numbers >= 0")
+        for name in ("correlation_time", "step"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise InvalidInput(f"{name} of a gust = {value} s; give a finite time > 0")
+        decay = math.exp(-self.step / self.correlation_time)
+        object.__setattr__(self, "_path", _Path(np.broadcast_to(sigma, (3,)), decay, self.seed))
+
+    def velocity(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        s, nodes = self._around(t)
+        weights = np.array([-s + 2 * s**2 - s**3, 2 - 5 * s**2 + 3 * s**3, s + 4 * s**2 - 3 * s**3, s**3 - s**2]) / 2
+        return self.base.velocity(p_W, t) + weights @ nodes
+
+    def acceleration(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        s, nodes = self._around(t)
+        weights = np.array([-1 + 4 * s - 3 * s**2, -10 * s + 9 * s**2, 1 + 8 * s - 9 * s**2, 3 * s**2 - 2 * s]) / 2
+        return self.base.acceleration(p_W, t) + weights @ nodes / self.step
+
+    def _around(self, t: float) -> tuple[float, np.ndarray]:
+        """Where t is between two nodes, from 0 to 1, and the two nodes (4, 3) [m/s] on either side (Catmull-Rom)."""
+        if not (math.isfinite(t) and t >= 0):
+            raise InvalidInput(f"gust at t = {t} s; give a finite time >= 0")
+        k = int(t / self.step)
+        return t / self.step - k, self._path.nodes(k, k + 4)
+
+
+class _Path:
+    """Nodes of a stationary Gauss-Markov process, drawn in blocks when first asked for."""
+
+    def __init__(self, sigma: np.ndarray, decay: float, seed: int) -> None:
+        self._rng = np.random.default_rng(seed)
+        self._decay, self._kick = decay, sigma * math.sqrt(1 - decay**2)
+        self._nodes = (sigma * self._rng.standard_normal(3))[None, :]
+
+    def nodes(self, start: int, end: int) -> np.ndarray:
+        """Nodes (end - start, 3) [m/s]."""
+        while end > len(self._nodes):
+            self._nodes = np.vstack([self._nodes, self._next_block()])
+        return self._nodes[start:end]
+
+    def _next_block(self) -> np.ndarray:
+        block = self._kick * self._rng.standard_normal((_BLOCK, 3))
+        previous = self._nodes[-1]
+        for row in block:
+            row += self._decay * previous
+            previous = row
+        return block
+
+
+def _finite(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InvalidInput(f"{what} = {values!r}; give finite numbers of shape {shape}") from None
+    if array.shape != shape or not np.isfinite(array).all():
+        raise InvalidInput(f"{what} = {array.tolist()}; give finite numbers of shape {shape}")
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,104 @@
+"""The physical plant: thrusters and motors push a robot through moving water, above a floor that pushes back."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.buffered import BufferedFunction
+from uvms_ocp.model.dynamics import Dynamics
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.spatial import quaternion_to_matrix
+from uvms_ocp.model.state import Command, State
+from uvms_ocp.model.thrusters import thruster_matrix
+from uvms_ocp.sim.contact import ContactModel, skid_points
+from uvms_ocp.sim.dynamic_step import JointStops, StepModel, step_function
+from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.thrusters import ThrusterBank, joint_power
+
+
+class DynamicPlant:
+    """Robot, thrusters, water and floor at `max_step` or finer; see `uvms_ocp.sim.dynamic_step` for the equations."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        q0: np.ndarray,
+        *,
+        dynamics: Dynamics,
+        environment: Environment,
+        max_step: float = 1e-3,
+        contact: ContactModel | None = None,
+        stops: JointStops | None = None,
+    ) -> None:
+        """q0 (n_q,) is the start, at rest. max_step [s]. Raises what `Robot.check_configuration` raises."""
+        if not (math.isfinite(max_step) and max_step > 0):
+            raise InvalidInput(f"max_step = {max_step} s; give a finite time > 0")
+        self._robot, self._dynamics, self._environment, self._max_step = robot, dynamics, environment, max_step
+        self._points = skid_points(robot)
+        model = StepModel(
+            robot=robot,
+            dynamics=dynamics.symbolic,
+            points=self._points,
+            contact=contact or ContactModel(),
+            stops=stops or JointStops(),
+        )
+        self._step = BufferedFunction(step_function(model))
+        self._matrix = thruster_matrix(robot)
+        self._bank = ThrusterBank(robot)
+        self._efficiency = robot.description.joint_efficiency
+        self._t = 0.0
+        self._contact = np.zeros(len(self._points))
+        self._torque = np.zeros(robot.n_joints)
+        self._joint_energy = 0.0
+        self.state = State(q=robot.check_configuration(q0), v=np.zeros(robot.n_v))
+
+    def step(self, command: Command, dt: float) -> None:
+        """Advance by dt [s]. Water and floor are sampled once, thrust and motion in steps of at most `max_step`."""
+        thrust, self._torque = self._efforts(command)
+        water, floor = self._water(), self._floor()
+        n_steps = math.ceil(dt / self._max_step - 1e-9)
+        h = np.array([dt / n_steps])
+        q, v = self.state.q, self.state.v
+        for _ in range(n_steps):
+            wrench = self._matrix @ self._bank.step(thrust, h[0])
+            tau = np.concatenate([wrench[: self._robot.n_vehicle], self._torque])
+            q, v, self._contact = self._step(q, v, tau, *water, *floor, h)
+            self._joint_energy += h[0] * float(
+                joint_power(self._torque, v[self._robot.joint_v], self._efficiency).sum()
+            )
+        self._t += dt
+        self.state = State(q=q, v=v)
+
+    def telemetry(self) -> dict[str, Any]:
+        """What the plant knows beside its state, for the record."""
+        return {
+            "thrust": self._bank.thrust.copy(),
+            "torque": self._torque,
+            "contact": self._contact,
+            "thruster_energy": self._bank.energy.copy(),
+            "joint_energy": self._joint_energy,
+        }
+
+    def _efforts(self, command: Command) -> tuple[np.ndarray, np.ndarray]:
+        if command.thrust is None or command.torque is None:
+            raise InvalidInput("the dynamic plant needs thrust and torque; wrap the controller in a DynamicController")
+        effort = self._robot.limits.effort
+        return command.thrust, np.clip(command.torque, -effort, effort)
+
+    def _water(self) -> tuple[np.ndarray, np.ndarray]:
+        positions = self._dynamics.link_positions(self.state.q)
+        current = self._environment.current
+        return current.velocity(positions, self._t), current.acceleration(positions, self._t)
+
+    def _floor(self) -> tuple[np.ndarray, np.ndarray]:
+        """Height (n_points,) and normal (n_points, 3) of the floor below the contact points."""
+        q = self.state.q
+        corners = self._points @ quaternion_to_matrix(q[3:7]).T + q[:3] if len(self._points) else self._points
+        floor = self._environment.seafloor
+        heights = [floor.height(x, y) for x, y, _ in corners]
+        normals = [floor.normal(x, y) for x, y, _ in corners]
+        return np.array(heights), np.array(normals).reshape(-1, 3)

@@ -1,0 +1,106 @@
+"""One time step of a robot in water as a CasADi Function.
+
+The step is implicit in everything stiff and dissipative: with h the bias force and G the slope of drag, joint friction
+and joint stops with respect to velocity,
+
+    (M + dt G) (v_next - v) = dt (tau + contact + stops - h(q, v)),    q_next = q (+) v_next dt.
+
+Added mass is part of M, so the step stays stable where it exceeds the dry mass; G keeps a coarse step from overshooting
+the drag. First order in dt.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.model.limits import bounded_joints
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.symbolic_dynamics import SymbolicDynamics
+from uvms_ocp.sim.contact import ContactModel
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class JointStops:
+    """Spring and damper behind every joint limit (assumed)."""
+
+    stiffness: float = 1e4  # [N m/rad]
+    damping: float = 1e2  # [N m s/rad]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class StepModel:
+    """What the step function is built from."""
+
+    robot: Robot
+    dynamics: SymbolicDynamics
+    points: np.ndarray  # (n_points, 3) [m] contact points in B
+    contact: ContactModel
+    stops: JointStops
+
+
+def step_function(model: StepModel) -> ca.Function:
+    """Function ``q, v, tau, u, u_dot, floor_z, floor_normal, dt -> q_next, v_next, contact``.
+
+    tau (n_v,): generalized force of thrusters and motors. u, u_dot (3, n_links): water at the links. floor_z
+    (n_points,) and floor_normal (3, n_points): height and normal of the floor below the contact points. contact (n_points,) [N]:
+    the vertical force of the floor on each point.
+    """
+    robot, n_links, n_points = model.robot, len(model.dynamics.links), len(model.points)
+    q, v, tau = (ca.SX.sym(name, n) for name, n in (("q", robot.n_q), ("v", robot.n_v), ("tau", robot.n_v)))
+    u, u_dot = ca.SX.sym("u", 3, n_links), ca.SX.sym("u_dot", 3, n_links)
+    floor_z, normal = ca.SX.sym("floor_z", n_points), ca.SX.sym("floor_normal", 3, n_points)
+    dt = ca.SX.sym("dt")
+
+    force, slope_stops = _stops(model, q, v, dt)
+    pushes, contact = _contact(model, q, v, floor_z, normal)
+    G = model.dynamics.drag_slope(q, v, u) + ca.diag(slope_stops)
+    h = model.dynamics.bias_force(q, v, u, u_dot)
+    D, L_transposed, order = ca.ldl(model.dynamics.mass_matrix(q) + dt * G, False)
+    v_next = v + ca.ldl_solve(dt * (tau + force + contact - h), D, L_transposed, order)
+    q_next = model.dynamics.symbolic.integrate(q, v_next * dt)
+
+    inputs = {"q": q, "v": v, "tau": tau, "u": u, "u_dot": u_dot}
+    inputs |= {"floor_z": floor_z, "floor_normal": normal, "dt": dt}
+    outputs = {"q_next": _unit_quaternion(robot, q_next), "v_next": v_next, "contact": pushes}
+    dense = [ca.densify(value) for value in outputs.values()]
+    return ca.Function("plant_step", [*inputs.values()], dense, [*inputs], [*outputs], {"cse": True})
+
+
+def _stops(model: StepModel, q: ca.SX, v: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Generalized force (n_v,) of joints beyond their limits, and what it adds to G (n_v,)."""
+    force, slope = ca.SX.zeros(model.robot.n_v), ca.SX.zeros(model.robot.n_v)
+    k, d = model.stops.stiffness, model.stops.damping
+    for joint, lower, upper in bounded_joints(model.robot.joints, model.robot.limits):
+        beyond = ca.fmin(q[joint.idx_q] - lower, 0) + ca.fmax(q[joint.idx_q] - upper, 0)
+        touching = beyond != 0
+        force[joint.idx_v] = ca.if_else(touching, -k * beyond - (d + dt * k) * v[joint.idx_v], 0)
+        slope[joint.idx_v] = ca.if_else(touching, d + dt * k, 0)
+    return force, slope
+
+
+def _contact(model: StepModel, q: ca.SX, v: ca.SX, floor_z: ca.SX, normal: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Vertical force [N] per point, and the generalized force (n_v,) of all."""
+    total = ca.SX.zeros(model.robot.n_v)
+    if not len(model.points):
+        return ca.SX(0, 1), total
+    pose = model.dynamics.symbolic.joint_poses(model.dynamics.symbolic.local_poses(q))[1]
+    vertical = []
+    for index, point in enumerate(model.points):
+        p_B = ca.DM(point)
+        velocity = pose.R @ (v[:3] + ca.cross(v[3:6], p_B))
+        depth = (floor_z[index] - (pose.p + pose.R @ p_B)[2]) * normal[2, index]
+        force_W = model.contact.force(depth, velocity, normal[:, index])
+        force_B = pose.R.T @ force_W
+        total[:6] += ca.vertcat(force_B, ca.cross(p_B, force_B))
+        vertical.append(force_W[2])
+    return ca.vertcat(*vertical), total
+
+
+def _unit_quaternion(robot: Robot, q: ca.SX) -> ca.SX:
+    """q with the vehicle's quaternion scaled to norm 1, so that rounding does not add up over a run."""
+    if not robot.n_vehicle:
+        return q
+    return ca.vertcat(q[:3], q[3:7] / ca.norm_2(q[3:7]), q[7:])

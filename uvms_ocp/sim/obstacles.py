@@ -1,0 +1,43 @@
+"""Obstacles: solid shapes that stand in the water."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.exceptions import InvalidInput
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Obstacle:
+    """A coal shape at a fixed pose in W. Raises `InvalidInput` for an empty name or a pose that is not finite."""
+
+    name: str
+    shape: coal.CollisionGeometry
+    X_WO: pin.SE3  # pose [m] of the shape's own frame
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            raise InvalidInput("an obstacle needs a name; give one that is not empty")
+        if not np.isfinite(self.X_WO.homogeneous).all():
+            raise InvalidInput(f"pose of obstacle {self.name!r} has NaN or infinite entries; give finite numbers")
+
+
+def mesh_shape(vertices: np.ndarray, triangles: np.ndarray) -> coal.BVHModelOBBRSS:
+    """coal shape of a surface, such as `uvms_ocp.sim.floor_mesh` gives, for clearances and drawings.
+
+    vertices (n, 3) [m]; triangles (m, 3) indices of vertices. Raises `InvalidInput` for indices of no vertex.
+    """
+    vertices, triangles = np.asarray(vertices, dtype=float), np.asarray(triangles, dtype=np.int64)
+    if not (triangles.size and triangles.min() >= 0 and triangles.max() < len(vertices)):
+        raise InvalidInput(f"a mesh of {len(vertices)} vertices needs triangles with indices from 0 below that number")
+    shape = coal.BVHModelOBBRSS()
+    shape.beginModel(len(triangles), len(vertices))
+    shape.addVertices(vertices)
+    shape.addTriangles(triangles)
+    shape.endModel()
+    shape.computeLocalAABB()
+    return shape

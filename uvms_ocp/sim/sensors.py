@@ -1,0 +1,150 @@
+"""Simulated sensors: what a robot measures of its true state, with rate, noise, bias, delay and drop-outs."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.sensing import CHANNELS, SensorSpec, SensorSpecs
+from uvms_ocp.model.state import Reading, Readings, State
+from uvms_ocp.sim.seafloor import Seafloor
+
+_EARLY = 1e-9  # of a period or a second: a tick that rounding puts just before a sampling time counts
+
+Truth = Callable[[State], Any]
+Disturb = Callable[[Any, np.ndarray], Any]
+
+
+class Altimeter:
+    """Range along -z of a frame of the robot to the seafloor, without noise."""
+
+    def __init__(self, robot: Robot, seafloor: Seafloor, frame: str = "altimeter") -> None:
+        self._model, self._data = robot.model, robot.model.createData()
+        self._frame = robot.frame_id(frame)
+        self._seafloor = seafloor
+
+    def measure(self, q: np.ndarray) -> float:
+        """Range [m] at configuration q (n_q,); nan without an echo."""
+        pin.forwardKinematics(self._model, self._data, q)
+        X_WS = pin.updateFramePlacement(self._model, self._data, self._frame)
+        return self._seafloor.range_along(X_WS.translation, -X_WS.rotation[:, 2])
+
+
+class SensorSuite:
+    """All sensors of a robot. Holds their last readings: build one per run and read it at increasing times.
+
+    Every channel has its own random stream, so that changing one leaves the noise of the others as it was.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        seafloor: Seafloor,
+        specs: SensorSpecs | None = None,
+        seed: int = 0,
+        altimeter_frame: str | None = None,
+    ) -> None:
+        """altimeter_frame: the one of the robot's description unless given; without any there is no altimeter.
+
+        Raises `InvalidInput` for a bias of the wrong length and `FrameNotFound` for an unknown altimeter frame.
+        """
+        specs = specs or SensorSpecs()
+        sources = _sources(robot, seafloor, specs, altimeter_frame)
+        streams = np.random.SeedSequence(seed).spawn(len(CHANNELS))
+        self._channels = [
+            (name, _Channel(name, spec, *sources[name], stream))
+            for name, stream in zip(CHANNELS, streams, strict=True)
+            if (spec := getattr(specs, name)) is not None and name in sources
+        ]
+
+    def read(self, state: State, t: float) -> Readings:
+        """The last reading of every channel at time t [s], the time of the true `state`."""
+        return Readings(**{name: channel.read(state, t) for name, channel in self._channels})
+
+
+def _sources(
+    robot: Robot, seafloor: Seafloor, specs: SensorSpecs, altimeter_frame: str | None
+) -> dict[str, tuple[Truth, Disturb, int]]:
+    """Per channel: the true value, how an error acts on it and the number of its components."""
+    joint_q, joint_v, n = robot.joint_q, robot.joint_v, robot.n_joints
+    sources: dict[str, tuple[Truth, Disturb, int]] = {
+        "joint_positions": (lambda state: state.q[joint_q].copy(), _joint_disturbance(robot), n),
+        "joint_velocities": (lambda state: state.v[joint_v].copy(), _add, n),
+    }
+    if robot.n_vehicle:
+        sources |= {
+            "position": (lambda state: state.q[:3].copy(), _add, 3),
+            "depth": (lambda state: float(state.q[2]), _add_scalar, 1),
+            "attitude": (lambda state: state.q[3:7].copy(), _turn, 3),
+            "angular_velocity": (lambda state: state.v[3:6].copy(), _add, 3),
+            "linear_velocity": (lambda state: state.v[:3].copy(), _add, 3),
+        }
+    frame = altimeter_frame or robot.description.altimeter
+    if specs.altimeter_range is not None and frame is not None:
+        altimeter = Altimeter(robot, seafloor, frame)
+        sources["altimeter_range"] = (lambda state: altimeter.measure(state.q), _add_scalar, 1)
+    return sources
+
+
+def _add(value: np.ndarray, error: np.ndarray) -> np.ndarray:
+    return value + error
+
+
+def _add_scalar(value: float, error: np.ndarray) -> float:
+    return value + float(error[0])
+
+
+def _turn(quaternion: np.ndarray, error: np.ndarray) -> np.ndarray:
+    return (pin.Quaternion(quaternion) * pin.Quaternion(pin.exp3(error))).coeffs()
+
+
+def _joint_disturbance(robot: Robot) -> Disturb:
+    """Joints whose configuration is not a vector space (cos, sin) move along their manifold."""
+    if all(joint.n_q == joint.n_v for joint in robot.joints):
+        return _add
+    model, q, v = robot.model, pin.neutral(robot.model), np.zeros(robot.n_v)
+
+    def disturb(joints: np.ndarray, error: np.ndarray) -> np.ndarray:
+        q[robot.joint_q], v[robot.joint_v] = joints, error
+        return pin.integrate(model, q, v)[robot.joint_q]
+
+    return disturb
+
+
+class _Channel:
+    """One sensor: takes a reading at the first tick of each of its periods, delivers it after its delay."""
+
+    def __init__(
+        self, name: str, spec: SensorSpec, truth: Truth, disturb: Disturb, n: int, stream: np.random.SeedSequence
+    ) -> None:
+        if len(spec.biases) not in (1, n):
+            raise InvalidInput(f"bias of {name} has {len(spec.biases)} entries; give a number or {n} numbers")
+        self._spec, self._truth, self._disturb = spec, truth, disturb
+        # Two streams, so that drop-outs leave the noise of the other readings as it was.
+        self._noise, self._losses = (np.random.default_rng(child) for child in stream.spawn(2))
+        self._bias = np.broadcast_to(np.array(spec.biases), (n,))
+        self._due = -np.inf  # [s] time of the next reading
+        self._last: Reading[Any] | None = None
+        self._under_way: deque[Reading[Any]] = deque()
+
+    def read(self, state: State, t: float) -> Reading[Any] | None:
+        if t >= self._due:
+            self._sample(state, t)
+        while self._under_way and t >= self._under_way[0].t + self._spec.delay - _EARLY:
+            self._last = self._under_way.popleft()
+        return self._last
+
+    def _sample(self, state: State, t: float) -> None:
+        spec = self._spec
+        self._due = t if spec.rate == np.inf else (np.floor(t * spec.rate + _EARLY) + 1 - _EARLY) / spec.rate
+        value = self._truth(state)
+        if not spec.exact:
+            value = self._disturb(value, self._bias + spec.sigma * self._noise.standard_normal(len(self._bias)))
+        if not (spec.dropout and self._losses.random() < spec.dropout):
+            self._under_way.append(Reading(value=value, t=t))
