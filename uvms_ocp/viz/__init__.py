@@ -2,6 +2,10 @@
 
 from uvms_ocp.viz.efforts import figure_efforts as figure_efforts
 from uvms_ocp.viz.efforts import figure_tracking as figure_tracking
+from uvms_ocp.viz.plan_figures import figure_clearance as figure_clearance
+from uvms_ocp.viz.plan_figures import figure_joint_motion as figure_joint_motion
+from uvms_ocp.viz.plan_figures import figure_vehicle_motion as figure_vehicle_motion
+from uvms_ocp.viz.plan_figures import write_plan_figures as write_plan_figures
 from uvms_ocp.viz.plots import figure_activations as figure_activations
 from uvms_ocp.viz.plots import figure_altitude as figure_altitude
 from uvms_ocp.viz.plots import figure_errors as figure_errors
