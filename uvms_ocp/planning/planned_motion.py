@@ -23,6 +23,7 @@ _PERIOD = 0.02  # [s] of the record, longer where it would have more rows than t
 _MAX_ROWS = 5000
 _UNREACHED = "no posture reaches the goal"
 _UNREACHED_ADVICE = "move the goal or the obstacles, leave its orientation free, or plan more axes."
+_LINKS = "its own links"
 _RATES = ("velocity", "acceleration")
 
 
@@ -90,10 +91,10 @@ def _tool_error(result: PlanResult, x: Array) -> dict[str, float] | None:
 
 
 def motion_record(result: PlanResult, plan: CollisionPlan) -> Record:
-    """The planned motion: series t (n,) [s], q (n, n_q), v (n, n_v), x, its rates up to the snap, and clearance (n,).
+    """The planned motion: series t (n,) [s], q (n, n_q), v (n, n_v), x, its rates up to the snap, and clearance.
 
-    ``x``, ``x_rate``, ``x_acceleration``, ``x_jerk`` and ``x_snap`` are (n, n_axes); ``clearance`` is the smallest
-    distance of any pair, ``pair`` which one.
+    ``x``, ``x_rate``, ``x_acceleration``, ``x_jerk`` and ``x_snap`` are (n, n_axes); ``clearance`` (n, n_groups) is the
+    smallest distance to each obstacle and between links, as ``meta["clearance_groups"]`` names them.
     """
     curve, planned = plan.trajectory, result.scene.coordinates
     t, d = _clearances(result, curve)
@@ -105,9 +106,21 @@ def motion_record(result: PlanResult, plan: CollisionPlan) -> Record:
         "v": (planned.velocity_map(x[0]) @ x[1][..., None])[..., 0],
         **dict(zip(names, x, strict=True)),
     }
-    if d.shape[1]:
-        series |= {"clearance": d.min(axis=1), "pair": d.argmin(axis=1), "quantities": d.min(axis=1)[:, None]}
-    return Record(series=series, meta=_meta(result, plan))
+    groups = _groups(result)
+    if groups:
+        series["clearance"] = np.stack([d[:, pairs].min(axis=1) for pairs in groups.values()], axis=1)
+        series["quantities"] = d.min(axis=1)[:, None]
+    return Record(series=series, meta=_meta(result, plan) | {"clearance_groups": list(groups)})
+
+
+def _groups(result: PlanResult) -> dict[str, list[int]]:
+    """Pairs by the obstacle they are with, and those of two links."""
+    obstacles = {item.name for item in result.request.obstacles}
+    groups: dict[str, list[int]] = {}
+    for index, pair in enumerate(result.scene.pairs):
+        name = result.scene.geometry.geometryObjects[pair.first].name
+        groups.setdefault(name if name in obstacles else _LINKS, []).append(index)
+    return groups
 
 
 def _clearances(result: PlanResult, curve: PiecewisePolynomial) -> tuple[Array, Array]:
@@ -142,7 +155,7 @@ def _meta(result: PlanResult, plan: CollisionPlan) -> dict[str, Any]:
             "x_acceleration": limits.acceleration[chosen].tolist(),
         },
         "breaks": plan.trajectory.breaks.tolist(),
-        "pairs": [pair.name for pair in result.scene.pairs],
+        "phases": [{"name": "plan", "title": ""}],
         "clearance_wanted": request.clearance,
         "min_clearance": list(_smallest(result, plan)),
         "quantities": ["plan.clearance"] if result.scene.n_pairs else [],

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from uvms_ocp.exceptions import OutputError
 from uvms_ocp.record import Record
-from uvms_ocp.viz.style import BLACK, DASHES, DPI, FADED, LINES, THRESHOLD, VERMILLION, stacked, styled, threshold
+from uvms_ocp.viz.style import BLACK, DASHES, DPI, LINES, THRESHOLD, VERMILLION, stacked, styled, threshold
 
 _ROWS: Mapping[str, str] = MappingProxyType(
     {
@@ -23,6 +23,7 @@ _ROWS: Mapping[str, str] = MappingProxyType(
         "x_snap": "snap\n[m/s⁴, rad/s⁴]",
     }
 )
+_FAR = 0.5  # [m] farther than this needs no look
 _VEHICLE = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
@@ -42,24 +43,38 @@ def figure_joint_motion(record: Record) -> Figure | None:
 
 @styled
 def figure_clearance(record: Record) -> Figure | None:
-    """Smallest distance along the path, which pair it is between, and the clearance that was wanted."""
+    """Distance from each obstacle and between links along the path, and the clearance that was wanted."""
     if "clearance" not in record.series:
         return None
-    t, d = record["t"], record["clearance"]
+    d, wanted = record["clearance"], record.meta["clearance_wanted"]
     figure, (axis,) = stacked(1, 2.8, "Clearance along the path")
-    axis.plot(t, d, color=FADED, lw=0.8)
-    for color, pair in zip(LINES, _most_common(record["pair"], len(LINES)), strict=False):
-        axis.plot(t, np.where(record["pair"] == pair, d, np.nan), color=color, label=record.meta["pairs"][pair])
-    threshold(axis, record.meta["clearance_wanted"], f"wanted {record.meta['clearance_wanted']:g} m")
-    axis.axhspan(min(d.min() * 1.1, 0.0) - 0.01, 0.0, color=VERMILLION, alpha=0.15, lw=0)
-    when, least, _ = record.meta["min_clearance"]
-    axis.plot(when, least, "o", color=BLACK, ms=4)
-    axis.annotate(f"{least:.3g} m", (when, least), xytext=(5, 5), textcoords="offset points", fontsize=7)
+    for k, name in enumerate(record.meta["clearance_groups"]):
+        style = DASHES[k // len(LINES) % len(DASHES)]
+        axis.plot(record["t"], d[:, k], color=LINES[k % len(LINES)], ls=style, label=name)
+    threshold(axis, wanted, f"wanted {wanted:g} m")
+    _mark_least(axis, *record.meta["min_clearance"])
+    top, bottom = min(float(d.max()), max(_FAR, 5.0 * wanted)), min(float(d.min()), 0.0)
+    axis.set_ylim(1.1 * bottom - 0.03 * top, 1.05 * top)
+    axis.axhspan(axis.get_ylim()[0], 0.0, color=VERMILLION, alpha=0.15, lw=0)
     axis.set_ylabel("distance [m]")
-    axis.set_ylim(top=float(d.max()) * 1.1 + 0.01)
-    axis.legend(loc="upper center", ncols=2)
+    figure.legend(loc="outside upper right", ncols=4)
     _mark_breaks([axis], record)
     return figure
+
+
+def _mark_least(axis: Axes, when: float, least: float, pair: str) -> None:
+    """A dot at the smallest distance, with the two shapes, written towards the middle of the panel."""
+    left = when < axis.get_xlim()[1] / 2.0
+    axis.plot(when, least, "o", color=BLACK, ms=4, clip_on=False, zorder=3)
+    axis.annotate(
+        f"{least:.3g} m, {pair}",
+        (when, least),
+        xytext=(5 if left else -5, -4),
+        textcoords="offset points",
+        ha="left" if left else "right",
+        va="top",
+        fontsize=7,
+    )
 
 
 def write_plan_figures(record: Record, folder: Path | str) -> tuple[Path, ...]:
@@ -104,11 +119,6 @@ def _draw_limits(row: Axes, record: Record, series: str, wanted: list[int]) -> N
         for side in (limit, -limit):
             if low * 1.4 <= side <= high * 1.4:
                 row.axhline(side, color=THRESHOLD, lw=0.8, ls=(0, (5, 3)))
-
-
-def _most_common(pairs: np.ndarray, n: int) -> list[int]:
-    values, counts = np.unique(pairs, return_counts=True)
-    return [int(i) for i in values[np.argsort(-counts, kind="stable")][:n]]
 
 
 def _mark_breaks(axes: list[Axes], record: Record) -> None:
