@@ -35,14 +35,16 @@ class Watchdog:
 
     def judge(self, age: float, t: float) -> Freshness:
         """The verdict on a measurement of `age` [s] at time t [s]; nan counts as lost."""
-        if age <= self.hold_after:
-            verdict = Freshness.FRESH
-        else:
-            verdict = Freshness.STALE if age <= self.stop_after else Freshness.LOST
+        verdict = self._verdict_on(age)
         if verdict is not self._verdict:
             self.alarms.append((t, _TEXTS[verdict].format(age=age)))
             self._verdict = verdict
         return verdict
+
+    def _verdict_on(self, age: float) -> Freshness:
+        if age <= self.hold_after:
+            return Freshness.FRESH
+        return Freshness.STALE if age <= self.stop_after else Freshness.LOST
 
 
 _TEXTS = {

@@ -24,6 +24,16 @@ Vector3 = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
 NonNegative6 = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
 Positive6 = tuple[Positive, Positive, Positive, Positive, Positive, Positive]
+Channel = Literal[
+    "position",
+    "depth",
+    "attitude",
+    "angular_velocity",
+    "linear_velocity",
+    "joint_positions",
+    "joint_velocities",
+    "altimeter_range",
+]
 Matrix6 = tuple[Vector6, Vector6, Vector6, Vector6, Vector6, Vector6]
 
 
@@ -202,6 +212,18 @@ class JointDescription(_Section):
     acceleration: Positive | None = Field(default=None, description="limit [rad/s2 or m/s2]; none is unlimited")
 
 
+class SensorDescription(_Section):
+    """One channel of the sensors; what is left out is as in `uvms_ocp.model.sensing.SensorSpecs`."""
+
+    rate: Positive | None = Field(default=None, description="[Hz]")
+    sigma: NonNegative | None = Field(
+        default=None, description="standard deviation of the noise, in the channel's unit"
+    )
+    bias: float | tuple[float, ...] | None = Field(default=None, description="constant error, in the channel's unit")
+    delay: NonNegative | None = Field(default=None, description="[s]")
+    dropout: float | None = Field(default=None, ge=0.0, le=1.0, description="probability that a reading is lost [-]")
+
+
 class RobotDescription(_Section):
     """The whole file."""
 
@@ -215,6 +237,9 @@ class RobotDescription(_Section):
     links: dict[str, LinkDescription] = Field(default={}, description="by link name; links left out are dry")
     trim: tuple[TrimBody, ...] = Field(default=(), description="floats and ballast")
     thrusters: tuple[Thruster, ...] = ()
+    sensors: dict[Channel, SensorDescription | None] = Field(
+        default={}, description="by channel; null is a robot without this sensor"
+    )
 
     @field_validator("trim", "thrusters")
     @classmethod

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.description import RobotDescription, SensorDescription
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -60,3 +61,15 @@ CHANNELS = tuple(field.name for field in fields(SensorSpecs))
 
 IDEAL_SENSORS = SensorSpecs(**dict.fromkeys(CHANNELS, SensorSpec()))
 """Every channel, once per tick, without error or delay."""
+
+
+def sensors_of(description: RobotDescription) -> SensorSpecs:
+    """The channels of a robot: the defaults of `SensorSpecs`, with what its file says of them."""
+    channels = {name: _channel(getattr(SensorSpecs(), name), given) for name, given in description.sensors.items()}
+    return replace(SensorSpecs(), **channels)
+
+
+def _channel(default: SensorSpec | None, given: SensorDescription | None) -> SensorSpec | None:
+    if given is None:
+        return None
+    return replace(default or SensorSpec(), **given.model_dump(exclude_none=True))

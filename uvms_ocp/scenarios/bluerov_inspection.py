@@ -13,7 +13,7 @@ from uvms_ocp.control.kinematic import HierarchySolver
 from uvms_ocp.mission import DONE, Below, Mission, Phase, Transition
 from uvms_ocp.model.kinematics import Kinematics
 from uvms_ocp.model.robot import Robot, load_robot
-from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
+from uvms_ocp.model.sensing import IDEAL_SENSORS, sensors_of
 from uvms_ocp.scenario import Scenario, pose_at
 from uvms_ocp.scenarios.parts import always_underactuated, current_field, on, underactuation
 from uvms_ocp.scenarios.reach import facing
@@ -101,7 +101,7 @@ def bluerov_inspection(
         start=q0,
         solver=solver or LexicographicQp(),
         plant=plant,
-        sensors=SensorSpecs() if noise else IDEAL_SENSORS,
+        sensors=sensors_of(machine.description) if noise else IDEAL_SENSORS,
         seed=seed,
         dt=dt,
         duration=duration,

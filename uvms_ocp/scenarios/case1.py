@@ -14,7 +14,7 @@ from uvms_ocp.control.kinematic import HierarchySolver
 from uvms_ocp.mission import DONE, Below, Mission, Phase, Transition
 from uvms_ocp.model.description import TrimBody
 from uvms_ocp.model.robot import Robot, load_robot
-from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
+from uvms_ocp.model.sensing import IDEAL_SENSORS, sensors_of
 from uvms_ocp.model.trim import with_trim
 from uvms_ocp.scenario import Scenario, pose_at
 from uvms_ocp.scenarios.parts import always_underactuated, current_field, on, override, underactuation
@@ -113,7 +113,7 @@ def case1(
         ),
         solver=solver or LexicographicQp(),
         plant=plant,
-        sensors=SensorSpecs() if noise else IDEAL_SENSORS,
+        sensors=sensors_of(machine.description) if noise else IDEAL_SENSORS,
         gains=VelocityGains() if observer else VelocityGains(observer_vehicle=0.0),
         plant_robot=None if payload is None else with_trim(machine, [payload]),
         seed=seed,

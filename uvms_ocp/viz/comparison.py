@@ -33,7 +33,7 @@ def figure_row_activations(record: Record, task: str = "JL") -> Figure | None:
 
 
 @styled
-def figure_joint_motion(records: Mapping[str, Record], phase: str = "D") -> Figure:
+def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> Figure:
     """Positions of all joints during the last stay in a phase, for runs by name, over time since its start."""
     first = next(iter(records.values()))
     joints = first.meta["joints"]

@@ -16,6 +16,7 @@ from matplotlib.lines import Line2D
 
 from uvms_ocp.exceptions import OutputError
 from uvms_ocp.record import Record
+from uvms_ocp.viz.efforts import figure_efforts, figure_tracking
 from uvms_ocp.viz.series import (
     PhaseSpan,
     has_vehicle,
@@ -359,6 +360,8 @@ FIGURES: Mapping[str, Callable[[Record], Figure | None]] = MappingProxyType(
         "velocities": figure_velocities,
         "joints": figure_joints,
         "path": figure_path,
+        "efforts": figure_efforts,
+        "tracking": figure_tracking,
         "tick_time": figure_tick_time,
     }
 )

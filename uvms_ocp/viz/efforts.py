@@ -1,0 +1,62 @@
+"""What a mission on the physical plant cost: thrust, torque, power, tracking and disturbance."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from uvms_ocp.record import Record
+from uvms_ocp.viz.series import has_vehicle, phase_spans
+from uvms_ocp.viz.style import AXES_XYZ, BLUE, LINES, VERMILLION, shade_phases, stacked, styled
+
+
+@styled
+def figure_efforts(record: Record) -> Figure | None:
+    """Thrust of every thruster, torque of every joint, and the energy taken so far."""
+    if "thrust" not in record.series:
+        return None
+    t = record["t"]
+    figure, axes = stacked(3, 1.5, "Thrust, torque and energy")
+    for i, thrust in enumerate(record["thrust"].T):
+        axes[0].plot(t, thrust, color=LINES[i % len(LINES)], lw=0.8)
+    for i, torque in enumerate(record["torque"].T):
+        axes[1].plot(t, torque, color=LINES[i % len(LINES)], lw=0.8, label=record.meta["joints"][i])
+    axes[2].plot(t, record["thruster_energy"].sum(axis=1), color=BLUE, label="thrusters")
+    axes[2].plot(t, record["joint_energy"], color=VERMILLION, label="joints")
+    for axis, label in zip(axes, ("thrust [N]", "torque [N m]", "energy [J]"), strict=True):
+        axis.set_ylabel(label)
+    axes[1].legend(ncols=7, fontsize=6, loc="upper right")
+    axes[2].legend(loc="upper left")
+    axes[-1].set_xlabel("time [s]")
+    shade_phases(axes, phase_spans(record))
+    return figure
+
+
+@styled
+def figure_tracking(record: Record) -> Figure | None:
+    """How well the vehicle follows its reference velocity, and the force that the observer holds responsible."""
+    if "disturbance" not in record.series or not has_vehicle(record):
+        return None
+    t, error = record["t"], record["v"] - record["command"]
+    figure, axes = stacked(3, 1.5, "Velocity tracking and estimated disturbance")
+    for i, (color, names) in enumerate(zip(AXES_XYZ, ("surge, roll", "sway, pitch", "heave, yaw"), strict=True)):
+        linear, angular = names.split(", ")
+        axes[0].plot(t, 1e3 * error[:, i], color=color, lw=0.9, label=linear)
+        axes[1].plot(t, 1e3 * error[:, 3 + i], color=color, lw=0.9, label=angular)
+        axes[2].plot(t, record["disturbance"][:, i], color=color, lw=0.9, label=linear)
+    labels = ("velocity error [mm/s]", "rate error [mrad/s]", "disturbance [N]")
+    for axis, label in zip(axes, labels, strict=True):
+        axis.set_ylabel(label)
+        axis.legend(ncols=3, loc="upper right")
+        axis.set_ylim(*_robust_range(axis.lines))
+    axes[-1].set_xlabel("time [s]")
+    shade_phases(axes, phase_spans(record))
+    return figure
+
+
+def _robust_range(lines: object) -> tuple[float, float]:
+    """Limits that show all but the most extreme thousandth of all lines."""
+    values = np.concatenate([np.asarray(line.get_ydata()) for line in lines])  # type: ignore[attr-defined]
+    low, high = np.percentile(values, [0.05, 99.95])
+    margin = 0.1 * max(high - low, 1e-9)
+    return float(low - margin), float(high + margin)
