@@ -7,7 +7,18 @@ import pytest
 
 from uvms_ocp.record import Record
 from uvms_ocp.report import quantity, summarize
-from uvms_ocp.scenarios import SCENARIOS, current_drift, priority_swap, transit, two_targets
+from uvms_ocp.scenarios import (
+    SCENARIOS,
+    bluerov_inspection,
+    case2,
+    current_drift,
+    obstacle_field,
+    priority_swap,
+    transit,
+    two_targets,
+)
+from uvms_ocp.scenarios.case2 import ToolPath
+from uvms_ocp.sim import closest_approach
 
 
 def largest_tilt(record: Record) -> float:
@@ -71,3 +82,72 @@ def test_a_transit_ends_above_its_way_point(relief: str, threshold: float) -> No
     assert record.meta["completed"]
     assert altitude[len(altitude) // 2 :].min() > 0.7 * threshold
     assert np.isfinite(record["q"]).all()
+
+
+def in_phase(record: Record, name: str) -> np.ndarray:
+    """Mask (n,) of the ticks of a phase."""
+    names = [phase["name"] for phase in record.meta["phases"]]
+    return record["phase"] == names.index(name)
+
+
+def test_the_arm_follows_its_plan_past_the_rock() -> None:
+    scenario = case2(plant="kinematic")
+    assert scenario.check().accepted
+    record = scenario.run()
+    report = summarize(record)
+    assert report["completed"]
+    assert report["tool_position_error_m"] < 1e-3
+    gates = record["gates"][50:, scenario.mission.hierarchy.index("JL")]
+    assert (gates == 1.0).all()
+    assert closest_approach(scenario.robot, scenario.environment, record["q"][::10], floor=False).distance > 0.02
+    error = quantity(record, "T.position_error")
+    assert error is not None
+    assert error[in_phase(record, "D")][300:].max() < 0.05
+
+
+def test_the_preferred_motion_follows_its_plan_closer_than_the_arm_does_without_it() -> None:
+    """Deviation of the last four joints from their plan during D, with MP and without."""
+    scenario, deviations = case2(plant="kinematic", dt=0.02), []
+    plan = scenario.mission.phases[-1].goals["MP"]
+    for run in (scenario, case2(with_mp=False, plant="kinematic", dt=0.02)):
+        record = run.run()
+        rows = in_phase(record, "D")
+        t = record["t"][rows]
+        wanted = np.array([plan(time - t[0])[0] for time in t])
+        deviations.append(float(np.sqrt(np.mean((record["q"][rows, -4:] - wanted) ** 2))))
+    assert deviations[0] < 0.8 * deviations[1]
+
+
+def test_the_planned_tool_path_ends_at_the_goal() -> None:
+    scenario = case2(plant="kinematic")
+    path = scenario.mission.phases[-1].goals["T"]
+    assert isinstance(path, ToolPath)
+    pose, rate = path(1e3)
+    np.testing.assert_allclose(pose.translation, [12.2025, 37.3748, -39.886], atol=1e-5)
+    np.testing.assert_array_equal(rate, 0.0)
+    ahead, behind = (path(2.0 + step)[0].translation for step in (1e-5, -1e-5))
+    np.testing.assert_allclose(path(2.0)[1][:3], (ahead - behind) / 2e-5, atol=1e-6)
+
+
+def test_the_valve_is_turned_in_view_of_the_camera() -> None:
+    scenario = bluerov_inspection(plant="kinematic", dt=0.02)
+    assert scenario.check().accepted
+    record = scenario.run()
+    assert record.meta["completed"]
+    turning = in_phase(record, "C")
+    error, angle = quantity(record, "TP.position_error"), quantity(record, "FV.angle")
+    assert error is not None
+    assert angle is not None
+    assert error[turning].max() < 0.02
+    assert angle[turning].max() < 0.4
+
+
+def test_clearance_keeps_the_whole_robot_away_from_the_obstacles_that_it_would_hit() -> None:
+    scenario = obstacle_field(dt=0.02)
+    kept = scenario.run()
+    lost = obstacle_field(with_clearance=False, dt=0.02, duration=12.0).run()
+    assert kept.meta["completed"]
+    closest = closest_approach(scenario.robot, scenario.environment, kept["q"][::5], self_collision=True)
+    assert closest.distance > 0.02
+    assert closest_approach(scenario.robot, scenario.environment, kept["q"][::5]).distance > 0.1
+    assert closest_approach(scenario.robot, scenario.environment, lost["q"][::5]).distance < 0

@@ -22,10 +22,10 @@ class ToolGoalOptions:
     tolerance: float = 1e-6
     """[m and rad] error that counts as reached."""
     iterations: int = 100
-    attempts: int = 20
-    """The guess given, then random ones around it."""
+    attempts: int = 80
+    """The guess given, then random ones around it, farther and farther."""
     spread: float = 0.5
-    """[m or rad] of the random guesses."""
+    """[m or rad] of the first random guesses; the last are five times as far, to come from another side."""
     clearance: float = 0.005
     """[m] that the goal keeps from everything."""
     damping: float = 1e-3
@@ -33,49 +33,66 @@ class ToolGoalOptions:
 
 
 def tool_goal(
-    distances: PairDistances, frame: str, X_WF: pin.SE3, guess: ArrayLike, options: ToolGoalOptions | None = None
+    distances: PairDistances,
+    frame: str,
+    goal: pin.SE3 | ArrayLike,
+    guess: ArrayLike,
+    options: ToolGoalOptions | None = None,
 ) -> Array | None:
-    """Coordinates x (n_axes,) within limits and clear of collision with the frame at X_WF, or None if none was found.
+    """Coordinates x (n_axes,) within limits and clear of collision with the frame at its goal, or None if none found.
 
-    Plan without roll and pitch (``coordinates(robot, axes=...)``) to keep the vehicle level.
+    The goal is a pose X_WF, or a position p_WF (3,) [m] with any orientation. Plan without roll and pitch
+    (``coordinates(robot, axes=...)``) to keep the vehicle level.
 
     Raises:
         FrameNotFound: the robot has no such frame.
-        InvalidInput: a guess of the wrong shape or not finite.
+        InvalidInput: a guess or goal of the wrong shape or not finite.
     """
     settings, planned = options or ToolGoalOptions(), distances.scene.coordinates
     frame_id, first = planned.robot.frame_id(frame), np.array(guess, dtype=float)
     if first.shape != (planned.n_axes,) or not np.isfinite(first).all():
         raise InvalidInput(f"guess has shape {first.shape}; allowed is ({planned.n_axes},), finite.")
+    target = goal if isinstance(goal, pin.SE3) else _checked_position(goal)
     rng = np.random.default_rng(settings.seed)
     for attempt in range(settings.attempts):
-        start = first + (settings.spread * rng.normal(size=first.size) if attempt else 0.0)
-        x = _reached(planned, frame_id, X_WF, start, settings)
+        spread = settings.spread * (1.0 + 4.0 * attempt / settings.attempts) if attempt else 0.0
+        start = first + spread * rng.normal(size=first.size)
+        x = _reached(planned, frame_id, target, start, settings)
         if x is not None and distances.distances(x[None]).min(initial=np.inf) > settings.clearance:
             return x
     return None
 
 
+def _checked_position(goal: ArrayLike) -> Array:
+    position = np.array(goal, dtype=float)
+    if position.shape != (3,) or not np.isfinite(position).all():
+        raise InvalidInput(f"goal is {position}; allowed is a pose (pin.SE3) or a finite position (3,) [m].")
+    return position
+
+
 def _reached(
-    planned: Coordinates, frame_id: int, X_WF: pin.SE3, start: Array, options: ToolGoalOptions
+    planned: Coordinates, frame_id: int, goal: pin.SE3 | Array, start: Array, options: ToolGoalOptions
 ) -> Array | None:
-    """Damped Gauss-Newton on the logarithm of the pose error, clipped to the limits at every step."""
+    """Damped Gauss-Newton on the logarithm of the error, clipped to the limits at every step."""
     (lower, upper), x = planned.limits(), start
     for _ in range(options.iterations):
         x = np.clip(x, lower, upper)
-        error, jacobian = _error(planned, frame_id, X_WF, x)
+        error, jacobian = _error(planned, frame_id, goal, x)
         if np.abs(error).max() <= options.tolerance:
             return x
-        normal = jacobian @ jacobian.T + options.damping * min(1.0, float(error @ error)) * np.eye(6)
-        x = x + jacobian.T @ np.linalg.solve(normal + 1e-12 * np.eye(6), error)
+        normal = jacobian @ jacobian.T + options.damping * min(1.0, float(error @ error)) * np.eye(error.size)
+        x = x + jacobian.T @ np.linalg.solve(normal + 1e-12 * np.eye(error.size), error)
     return None
 
 
-def _error(planned: Coordinates, frame_id: int, X_WF: pin.SE3, x: Array) -> tuple[Array, Array]:
-    """Twist (6,) that takes the frame to the goal in one second, and the frame's Jacobian (6, n_axes), in the frame."""
+def _error(planned: Coordinates, frame_id: int, goal: pin.SE3 | Array, x: Array) -> tuple[Array, Array]:
+    """Twist (6,), or velocity (3,), that takes the frame to the goal in one second, and its Jacobian, in the frame."""
     model, data = planned.robot.model, planned.robot.model.createData()
     q = planned.configurations(x[None])[0]
     pin.framesForwardKinematics(model, data, q)
-    jacobian = pin.computeFrameJacobian(model, data, q, frame_id, pin.ReferenceFrame.LOCAL)
-    error: Array = pin.log6(data.oMf[frame_id].actInv(X_WF)).vector
-    return error, jacobian @ planned.velocity_map(x[None])[0]
+    frame_jacobian = pin.computeFrameJacobian(model, data, q, frame_id, pin.ReferenceFrame.LOCAL)
+    jacobian: Array = frame_jacobian @ planned.velocity_map(x[None])[0]
+    X_WF = data.oMf[frame_id]
+    if isinstance(goal, pin.SE3):
+        return pin.log6(X_WF.actInv(goal)).vector, jacobian
+    return X_WF.actInv(goal), jacobian[:3]

@@ -132,21 +132,29 @@ class PiecewisePolynomial:
         """The curve of the chosen axes only."""
         return PiecewisePolynomial(breaks=self.breaks, coefficients=self.coefficients[:, :, list(indices)])
 
-    def table(self, period: float, derivatives: int = 4) -> tuple[tuple[str, ...], Array]:
-        """Column names and rows ``t, d0_axis0, d0_axis1, ..., d1_axis0, ...`` every ``period`` [s]."""
-        times, values = self.sample(period, derivatives)
-        names = [f"d{d}_axis{axis}" for d in range(derivatives + 1) for axis in range(self.n_axes)]
-        return ("t", *names), np.column_stack([times, values.reshape(times.size, -1)])
+    def table(
+        self, period: float, derivatives: int = 4, names: Sequence[str] | None = None
+    ) -> tuple[tuple[str, ...], Array]:
+        """Column names and rows ``t, d0_axis0, d0_axis1, ..., d1_axis0, ...`` every ``period`` [s].
 
-    def to_csv(self, path: Path | str, period: float, derivatives: int = 4) -> None:
+        ``names`` (n_axes,) take the place of ``axis0, axis1, ...``.
+        """
+        times, values = self.sample(period, derivatives)
+        axes = [f"axis{axis}" for axis in range(self.n_axes)] if names is None else names
+        if len(axes) != self.n_axes:
+            raise InvalidInput(f"{len(axes)} names given for {self.n_axes} axes; give one for each.")
+        columns = [f"d{d}_{axis}" for d in range(derivatives + 1) for axis in axes]
+        return ("t", *columns), np.column_stack([times, values.reshape(times.size, -1)])
+
+    def to_csv(self, path: Path | str, period: float, derivatives: int = 4, names: Sequence[str] | None = None) -> None:
         """Write ``table`` as comma-separated text.
 
         Raises:
             OutputError: the file cannot be written.
         """
-        names, rows = self.table(period, derivatives)
+        columns, rows = self.table(period, derivatives, names)
         try:
-            np.savetxt(path, rows, delimiter=",", header=",".join(names), comments="", fmt="%.17g")
+            np.savetxt(path, rows, delimiter=",", header=",".join(columns), comments="", fmt="%.17g")
         except OSError as error:
             raise OutputError(f"{path}: cannot write the trajectory ({error.strerror}).") from error
 

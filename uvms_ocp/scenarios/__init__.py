@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from uvms_ocp.scenario import Scenario
+from uvms_ocp.scenarios.bluerov_inspection import bluerov_inspection as bluerov_inspection
 from uvms_ocp.scenarios.case1 import Thresholds as Thresholds
 from uvms_ocp.scenarios.case1 import case1 as case1
 from uvms_ocp.scenarios.case1 import case1_unreachable as case1_unreachable
+from uvms_ocp.scenarios.case2 import case2 as case2
 from uvms_ocp.scenarios.current_drift import current_drift as current_drift
+from uvms_ocp.scenarios.obstacle_field import obstacle_field as obstacle_field
 from uvms_ocp.scenarios.priority_swap import priority_swap as priority_swap
 from uvms_ocp.scenarios.reach import reach as reach
 from uvms_ocp.scenarios.transit import transit as transit
@@ -17,9 +20,12 @@ from uvms_ocp.scenarios.two_targets import two_targets as two_targets
 SCENARIOS: dict[str, Callable[..., Scenario]] = {
     "case1": case1,
     "case1_unreachable": case1_unreachable,
+    "case2": case2,
     "priority_swap": priority_swap,
     "two_targets": two_targets,
     "current_drift": current_drift,
+    "bluerov_inspection": bluerov_inspection,
+    "obstacle_field": obstacle_field,
     "reach": reach,
     "transit": transit,
 }

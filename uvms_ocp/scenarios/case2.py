@@ -52,9 +52,7 @@ def case2(
     collision.
     """
     scenario = case1(**options)
-    scenario = replace(
-        scenario, name="case2", environment=replace(scenario.environment, obstacles=tuple(obstacles))
-    )
+    scenario = replace(scenario, name="case2", environment=replace(scenario.environment, obstacles=tuple(obstacles)))
     plan = plan_arm(scenario, clearance)
     if not plan.collision_free:
         raise InvalidInput(f"the plan of the arm is {plan.status.value}; {plan.status.advice}")
@@ -74,7 +72,9 @@ def plan_arm(scenario: Scenario, clearance: float = 0.05) -> CollisionPlan:
     start = planned.x(base)
     end = tool_goal(distances, goal.frame, goal.goal, start)
     if end is None:
-        raise InvalidInput(f"no posture clear of collision reaches the goal of {goal.name} from where the vehicle lands")
+        raise InvalidInput(
+            f"no posture clear of collision reaches the goal of {goal.name} from where the vehicle lands"
+        )
     limits = MotionLimits(
         velocity=_SHARE * robot.limits.velocity[robot.joint_v],
         acceleration=_SHARE * robot.limits.acceleration[robot.joint_v],

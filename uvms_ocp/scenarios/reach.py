@@ -58,7 +58,7 @@ def reach(
     origin = start or pose_at((0.0, 0.0, -5.0))
     point = _random_target(origin, seed) if target is None else np.asarray(target, dtype=float)
     q0 = machine.configuration(position=origin.translation, quaternion=pin.Quaternion(origin.rotation).coeffs())
-    way_point = _facing(origin, point, Kinematics(machine, q0))
+    way_point = facing(origin, point, Kinematics(machine, q0))
     return Scenario(
         name="reach",
         robot=machine,
@@ -96,7 +96,7 @@ def _random_target(origin: pin.SE3, seed: int) -> np.ndarray:
     return origin.translation + distance * np.array([np.cos(azimuth), np.sin(azimuth), 0.0]) - [0.0, 0.0, drop]
 
 
-def _facing(origin: pin.SE3, target: np.ndarray, start: Kinematics) -> pin.SE3:
+def facing(origin: pin.SE3, target: np.ndarray, start: Kinematics) -> pin.SE3:
     """Vehicle pose, level and facing the target, from which the tool at its present posture is just there."""
     p_BT = start.pose("base_link").actInv(start.pose("tool").translation)
     d = target - origin.translation

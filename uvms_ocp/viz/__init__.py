@@ -1,7 +1,14 @@
 """Figures and 3-D scenes of a `Record`; the only package that imports Matplotlib and meshcat."""
 
+from uvms_ocp.viz.comparison import figure_joint_comparison as figure_joint_comparison
+from uvms_ocp.viz.comparison import figure_paths as figure_paths
+from uvms_ocp.viz.comparison import figure_row_activations as figure_row_activations
 from uvms_ocp.viz.efforts import figure_efforts as figure_efforts
 from uvms_ocp.viz.efforts import figure_tracking as figure_tracking
+from uvms_ocp.viz.plan_figures import figure_clearance as figure_clearance
+from uvms_ocp.viz.plan_figures import figure_joint_motion as figure_joint_motion
+from uvms_ocp.viz.plan_figures import figure_vehicle_motion as figure_vehicle_motion
+from uvms_ocp.viz.plan_figures import write_plan_figures as write_plan_figures
 from uvms_ocp.viz.plots import figure_activations as figure_activations
 from uvms_ocp.viz.plots import figure_altitude as figure_altitude
 from uvms_ocp.viz.plots import figure_errors as figure_errors

@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.planning import Obstacle, ObstacleData
 from uvms_ocp.record import Record
 from uvms_ocp.viz.meshcat_parts import AnimationClip, AnimationTrack, Visualizer
 from uvms_ocp.viz.meshcat_parts import geometry as mg
@@ -27,12 +28,14 @@ _SPEEDS = (1, 2, 5, 10, 20, 50, 100)
 _TRAIL_STEP = 0.01  # [m] between points of a trail
 _VEHICLE_TRAIL, _TOOL_TRAIL = (1.0, 0.82, 0.2), (0.95, 0.25, 0.55)
 _MARKERS = ((0.95, 0.3, 0.1), (0.2, 0.85, 0.45), (0.95, 0.85, 0.2), (0.6, 0.4, 0.9))
+_OBSTACLE = np.array([0.85, 0.45, 0.2, 0.55])
 _BEAM = (0.5, 1.0, 0.9)
 _READOUTS = (
     ("LA.altitude", "altitude", "m"),
     ("PC.position_error", "to way point", "m"),
     ("AT.misalignment", "misalignment", "rad"),
     ("T.position_error", "tool error", "m"),
+    ("plan.clearance", "clearance", "m"),
 )
 
 
@@ -66,6 +69,9 @@ def show(record: Record, robot: Robot, *, fps: float = 25, height: int = 520) ->
     _draw_robot(root["robot"], robot)
     trails = _draw_trails(root["trails"], robot, frames)
     _draw_goals(root["goals"], record)
+    for i, item in enumerate(_obstacles(record)):
+        draw_shape(root["obstacles"][f"{i:03d}"]["shape"], item.shape, _OBSTACLE)
+        root["obstacles"][f"{i:03d}"].set_transform(item.X_WO.homogeneous)
     clips = {root["robot"][_joint_node(robot.model, j)].path: clip for j, clip in _joint_clips(robot, frames, fps)}
     if frames.altimeter is not None and "altimeter_range" in record.series:
         _draw_beam(root["beam"])
@@ -119,7 +125,8 @@ def _centre(record: Record, frames: Frames) -> np.ndarray:
 def _extent(record: Record, frames: Frames) -> np.ndarray:
     """Points (n, 3) [m] that the camera must see."""
     markers = np.array([*record.meta.get("markers", {}).values()]).reshape(-1, 3)
-    return np.vstack([frames.placements[:, 1:, :3].reshape(-1, 3), markers])
+    obstacles = np.array([item.X_WO.translation for item in _obstacles(record)]).reshape(-1, 3)
+    return np.vstack([frames.placements[:, 1:, :3].reshape(-1, 3), obstacles, markers])
 
 
 def _title(record: Record) -> str:
@@ -215,6 +222,10 @@ def _draw_goals(node: Visualizer, record: Record) -> None:
     for name, pose in record.meta.get("frames", {}).items():
         draw_triad(node[f"frame {name}"], 0.35)
         node[f"frame {name}"].set_transform(pin.XYZQUATToSE3(np.asarray(pose, dtype=float)).homogeneous)
+
+
+def _obstacles(record: Record) -> Iterator[Obstacle]:
+    return (ObstacleData.model_validate(values).build() for values in record.meta.get("obstacles", ()))
 
 
 def _draw_plumb(node: Visualizer, height: float, rgb: tuple[float, ...]) -> None:

@@ -2,7 +2,8 @@
 
 Entries of `Record.meta` that add to a figure or scene where they exist:
 ``thresholds`` list of {quantity, limit}; ``limits`` {position_lower, position_upper, velocity} as lists, joints last;
-``frames`` {name: [p_WF (3), quaternion xyzw (4)]} drawn as triads; ``markers`` {name: point (3)}; ``floor_z``; ``dt``.
+``frames`` {name: [p_WF (3), quaternion xyzw (4)]} drawn as triads; ``markers`` {name: point (3)}; ``floor_z``; ``dt``;
+``obstacles`` list of `uvms_ocp.planning.ObstacleData` as JSON.
 """
 
 from __future__ import annotations

@@ -1,0 +1,167 @@
+"""The planning command: what it writes, its exit codes, its one-line errors."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uvms_ocp.cli import main
+from uvms_ocp.model.kinematics import Kinematics
+from uvms_ocp.model.robot import load_robot
+from uvms_ocp.planning import PiecewisePolynomial
+from uvms_ocp.record import Record
+
+OBSTACLES = """
+obstacles:
+  - {name: pile, shape: cylinder, size: [0.2, 2.0], position: [1.2, 1.3, 0.0]}
+  - {name: crate, shape: box, size: [0.4, 0.4, 0.4], position: [4.5, 0.0, 0.0], rpy: [0.0, 0.0, 0.3]}
+  - {name: pipe, shape: capsule, size: [0.1, 1.0], position: [0.0, 3.0, 0.0]}
+"""
+TOOL = (3.0, 0.8, -0.6)
+
+Run = tuple[subprocess.CompletedProcess[str], Path]
+
+
+def plan(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "uvms_ocp", "plan", *arguments]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120, check=False)
+
+
+@pytest.fixture(scope="module")
+def around(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    folder = tmp_path_factory.mktemp("plan")
+    (folder / "obstacles.yaml").write_text(OBSTACLES)
+    goal = ("--tool", *map(str, TOOL), "--sphere", "1.7,0.3,-0.4,0.35", "--obstacles", "obstacles.yaml")
+    return plan(*goal, "--out", "out", "--json", cwd=folder), folder / "out"
+
+
+def test_a_goal_behind_an_obstacle_is_reached_free_of_collision(around: Run) -> None:
+    process, _ = around
+    report = json.loads(process.stdout)
+    assert process.returncode == 0, process.stderr
+    assert report["collision_free"] is True
+    assert report["min_clearance_m"] > 0.0
+    assert 0.0 <= report["min_clearance_at_s"] <= report["duration_s"]
+    assert report["tool_error"]["position_m"] < 1e-5
+
+
+def test_every_output_is_written(around: Run) -> None:
+    _, folder = around
+    files = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    figures = {f"figures/{name}.png" for name in ("vehicle_motion", "joint_motion", "clearance")}
+    assert files == figures | {"plan.npz", "plan.csv", "record.npz", "report.json", "scene.html"}
+
+
+def test_json_is_all_that_stdout_holds(around: Run) -> None:
+    process, folder = around
+    assert json.loads(process.stdout) == json.loads((folder / "report.json").read_text())
+    assert "free of collision" in process.stderr
+
+
+def test_the_plan_ends_with_the_tool_at_its_goal_and_keeps_the_limits(around: Run) -> None:
+    process, folder = around
+    report, curve = json.loads(process.stdout), PiecewisePolynomial.from_numpy(folder / "plan.npz")
+    record, robot = Record.load(folder / "record.npz"), load_robot("girona_maris7_full")
+    np.testing.assert_allclose(Kinematics(robot, record["q"][-1]).pose("tool").translation, TOOL, atol=1e-5)
+    np.testing.assert_allclose(curve.evaluate(curve.end), report["goal"], atol=1e-9)
+    ratios = [ratio for axes in report["limit_ratios"].values() for ratio in axes.values()]
+    assert max(ratios) == pytest.approx(1.0, abs=0.01)
+
+
+def test_the_table_names_its_axes(around: Run) -> None:
+    with (around[1] / "plan.csv").open() as file:
+        rows = list(csv.reader(file))
+    assert rows[0][:2] == ["t", "d0_x"]
+    assert rows[0][-1] == "d4_joint7"
+    assert len(rows) > 100
+
+
+def test_the_recorded_velocity_is_the_derivative_of_the_configuration(around: Run) -> None:
+    record = Record.load(around[1] / "record.npz")
+    q, v, t = record["q"], record["v"], record["t"]
+    np.testing.assert_allclose(np.gradient(q[:, 7:], t, axis=0)[1:-1], v[1:-1, 6:], atol=1e-3)
+
+
+def test_the_scene_holds_the_obstacles(around: Run) -> None:
+    record = Record.load(around[1] / "record.npz")
+    assert [item["name"] for item in record.meta["obstacles"]] == ["pile", "crate", "pipe", "sphere1"]
+    assert "<html" in (around[1] / "scene.html").read_text()[:2000].lower()
+
+
+def test_a_fixed_robot_moves_its_joints_alone(tmp_path: Path) -> None:
+    goal = ("--joint", "theta1=1.2", "--joint", "x0=0.5", "--robot", "planar5")
+    process = plan(*goal, "--out", "out", "--json", cwd=tmp_path)
+    assert process.returncode == 0, process.stderr
+    assert json.loads(process.stdout)["goal"] == pytest.approx([0.5, 0.0, 0.0, 1.2, -1.0])
+
+
+def test_a_goal_that_no_posture_reaches_exits_with_3_and_advice(tmp_path: Path) -> None:
+    process = plan("--tool", "9", "0", "0", "--axes", "joints", "--out", "out", "--json", cwd=tmp_path)
+    assert process.returncode == 3
+    report = json.loads(process.stdout)
+    assert report["collision_free"] is False
+    assert "move the goal" in report["advice"]
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["report.json"]
+
+
+def test_a_robot_shut_in_exits_with_3_and_shows_the_collision(tmp_path: Path) -> None:
+    wall = ("--robot", "planar5", "--box", "2,0,0,0.1,30,30")
+    process = plan("--joint", "x0=4", *wall, "--out", "out", "--json", cwd=tmp_path)
+    assert process.returncode == 3
+    report = json.loads(process.stdout)
+    assert report["min_clearance_m"] <= 0.0
+    assert "box1" in report["min_clearance_between"]
+    assert "way points" in report["advice"]
+    assert (tmp_path / "out" / "scene.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "give one goal"),
+        (["--tool", "1", "0", "0", "--joint", "joint1=0"], "give one goal"),
+        (["--tool-rpy", "1", "0", "0"], "give one goal"),
+        (["--tool", "nan", "0", "0"], "give finite numbers"),
+        (["--joint", "joint1"], "give NAME=VALUE"),
+        (["--joint", "joint9=0.1"], "unknown axis 'joint9'"),
+        (["--joint", "joint1=9"], "the goal) has joint1 = 9"),
+        (["--to", "1", "0", "0", "--axes", "joints"], "the goal moves x"),
+        (["--to-rpy", "0.5", "0", "0"], "the goal moves roll"),
+        (["--to", "0", "0", "0"], "way point"),
+        (["--to", "3", "0", "0", "--axes", "arm"], "unknown axes 'arm'"),
+        (["--to", "3", "0", "0", "--sphere", "3,0,0,0.3"], "(the goal) is in collision: sphere1"),
+        (["--to", "3", "0", "0", "--sphere", "0,0,0,0.3"], "(the start) is in collision: sphere1"),
+        (["--to", "3", "0", "0", "--sphere", "1,0,0"], "give 4 numbers"),
+        (["--to", "3", "0", "0", "--sphere", "1,0,0,-1"], "greater than 0"),
+        (["--to", "3", "0", "0", "--box", "1,0,0,a,1,1"], "give 6 numbers"),
+        (["--to", "3", "0", "0", "--clearance", "0"], "clearance is 0.0"),
+        (["--to", "3", "0", "0", "--obstacles", "none.yaml"], "cannot be read"),
+        (["--to", "3", "0", "0", "--obstacles", "bad.yaml"], "obstacles.0: a box has 3 sizes, not 2"),
+        (["--to", "3", "0", "0", "--robot", "girona"], "unknown robot 'girona'"),
+        (["--to", "3", "0", "0", "--out", "bad.yaml/out"], "cannot write there"),
+    ],
+)
+def test_mistakes_get_one_line_and_exit_code_2(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (tmp_path / "bad.yaml").write_text("obstacles: [{name: a, shape: box, size: [1, 1], position: [0, 0, 0]}]")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["uvms-ocp", "plan", *arguments])
+    with pytest.raises(SystemExit) as exit_:
+        main()
+    shown = capsys.readouterr()
+    assert exit_.value.code == 2
+    assert message in shown.err
+    assert len(shown.err.strip().splitlines()) == 1
+    assert shown.out == ""
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.yaml"]

@@ -1,0 +1,98 @@
+"""A way through obstacles by clearance alone, without a plan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.control.kinematic import HierarchySolver
+from uvms_ocp.mission import DONE, Below, Mission, Phase, Transition
+from uvms_ocp.model.collision import CollisionModel
+from uvms_ocp.model.obstacles import Obstacle
+from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.model.sensing import IDEAL_SENSORS, sensors_of
+from uvms_ocp.scenario import Scenario, pose_at
+from uvms_ocp.scenarios.parts import always_underactuated, current_field, on, underactuation
+from uvms_ocp.sim import Current, Environment, FlatSeafloor
+from uvms_ocp.solvers import LexicographicQp
+from uvms_ocp.tasks import (
+    Clearance,
+    Hierarchy,
+    HorizontalAttitude,
+    JointLimits,
+    JointTracking,
+    MinimumAltitude,
+    VehiclePose,
+)
+
+_SELF = 0.03  # [m] between links, some of which are stowed 0.05 m apart
+
+
+def _at(name: str, shape: coal.CollisionGeometry, x: float, y: float, z: float) -> Obstacle:
+    return Obstacle(name=name, shape=shape, X_WO=pin.SE3(np.eye(3), np.array([x, y, z])))
+
+
+FIELD = (
+    _at("boulder", coal.Sphere(0.6), 3.0, 0.8, -37.0),
+    _at("pillar", coal.Capsule(0.25, 3.0), 5.5, -0.7, -37.5),
+    _at("wreck", coal.Box(0.8, 0.8, 0.8), 8.0, 0.9, -37.2),
+)
+"""None of them straight ahead, all of them in the way of the hull."""
+
+
+def obstacle_field(
+    *,
+    robot: Robot | str = "girona_maris7_full",
+    obstacles: Sequence[Obstacle] = FIELD,
+    with_clearance: bool = True,
+    threshold: float = 0.15,
+    solver: HierarchySolver | None = None,
+    plant: str = "kinematic",
+    current: Current | Sequence[float] | None = None,
+    noise: bool = False,
+    seed: int = 0,
+    dt: float = 1 / 100,
+    duration: float = 150.0,
+) -> Scenario:
+    """A transit of 11 m past a boulder, a pillar and a wreck, kept clear of the whole robot by the clearance task.
+
+    Every shape of the robot stays 0.1 m and more away from every obstacle, and links stay apart; the way point is
+    reached. with_clearance: False shows the collision. threshold [m] is what the task asks for: where flat sides pass each
+    other their nearest points jump, and the distance dips below it. Reactive: an obstacle straight ahead would stop it,
+    as it is no plan.
+    """
+    machine = load_robot(robot) if isinstance(robot, str) else robot
+    q0 = machine.configuration(position=(0.0, 0.0, -37.0))
+    goal = pose_at((11.0, 0.0, -37.0))
+    tasks = [
+        *underactuation(machine),
+        JointLimits(),
+        MinimumAltitude(),
+        HorizontalAttitude(),
+        Clearance(model=CollisionModel(machine, obstacles, self_collision=False), threshold=threshold, n_nearest=6),
+        Clearance(name="SC", model=CollisionModel(machine), threshold=_SELF, margin=_SELF, n_nearest=6),
+        VehiclePose(goal=goal),
+        JointTracking(joints=machine.joint_names, goal=machine.home),
+    ]
+    gates = on("JL", "MAC", "HA", "PC", "MP", "SC", *(("CL",) if with_clearance else ()))
+    arrived = Below(quantity="PC.position_error", limit=0.1)
+    phase = Phase(name="A", title="transit", gates=gates, transitions=(Transition(to=DONE, when=(arrived,)),))
+    return Scenario(
+        name="obstacle_field",
+        robot=machine,
+        mission=Mission(hierarchy=Hierarchy(tasks), phases=always_underactuated(machine, (phase,))),
+        environment=Environment(
+            seafloor=FlatSeafloor(z=-40.0), current=current_field(current), obstacles=tuple(obstacles)
+        ),
+        start=q0,
+        solver=solver or LexicographicQp(),
+        plant=plant,
+        sensors=sensors_of(machine.description) if noise else IDEAL_SENSORS,
+        seed=seed,
+        dt=dt,
+        duration=duration,
+        markers={"way point": tuple(goal.translation.tolist())},
+    )

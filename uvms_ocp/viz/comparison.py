@@ -1,0 +1,65 @@
+"""Figures of joints one by one, and of two runs or two paths together ([Gao2022] figures 10-12)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from uvms_ocp.record import Record
+from uvms_ocp.viz.series import n_joints, phase_spans, task_activity
+from uvms_ocp.viz.style import BLUE, GREEN, ORANGE, VERMILLION, heading_legend, shade_phases, stacked, styled
+
+_COLORS = (BLUE, VERMILLION, GREEN, ORANGE)
+
+
+@styled
+def figure_row_activations(record: Record, task: str = "JL") -> Figure | None:
+    """Activation of every row of a task, such as each joint of JL; `None` where the task has no level."""
+    rows = task_activity(record, task)
+    if rows is None or not rows.shape[1]:
+        return None
+    figure, axes = stacked(rows.shape[1], 0.5, f"Activation of the rows of {task}")
+    names = record.meta["joints"] if rows.shape[1] == len(record.meta["joints"]) else range(rows.shape[1])
+    for axis, name, row in zip(axes, names, rows.T, strict=True):
+        axis.fill_between(record["t"], row, color=BLUE, alpha=0.25, lw=0)
+        axis.plot(record["t"], row, color=BLUE, lw=0.8)
+        axis.set(ylim=(-0.08, 1.12), yticks=(0, 1))
+        axis.set_ylabel(str(name), rotation=0, ha="right", va="center")
+    shade_phases(axes, phase_spans(record))
+    return figure
+
+
+@styled
+def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> Figure:
+    """Positions of all joints during the last stay in a phase, for runs by name, over time since its start."""
+    first = next(iter(records.values()))
+    joints = first.meta["joints"]
+    figure, axes = stacked(len(joints), 0.6, f"Joint positions in phase {phase} [rad]")
+    for (_, record), color in zip(records.items(), _COLORS, strict=False):
+        span = [span for span in phase_spans(record) if span.name == phase][-1]
+        rows = (record["t"] >= span.start) & (record["t"] <= span.end)
+        values = record["q"][rows, -n_joints(record) :]
+        for axis, column in zip(axes, values.T, strict=True):
+            axis.plot(record["t"][rows] - span.start, column, color=color, lw=1.0)
+    for axis, name in zip(axes, joints, strict=True):
+        axis.set_ylabel(name, rotation=0, ha="right", va="center")
+    heading_legend(
+        figure, [Line2D([], [], color=color, label=name) for name, color in zip(records, _COLORS, strict=False)]
+    )
+    return figure
+
+
+@styled
+def figure_paths(paths: Mapping[str, np.ndarray]) -> Figure:
+    """Paths (n, 3) [m] in W by name, seen from above and from the side, such as a tool's planned and tracked one."""
+    figure = Figure(figsize=(7.0, 3.2), layout="constrained")
+    views = figure.subplots(1, 2)
+    for axis, (i, j), labels in zip(views, ((0, 1), (0, 2)), (("x [m]", "y [m]"), ("x [m]", "z [m]")), strict=True):
+        for k, (name, path) in enumerate(paths.items()):
+            axis.plot(path[:, i], path[:, j], color=_COLORS[k % len(_COLORS)], ls="-" if k else "--", label=name)
+        axis.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
+    views[0].legend()
+    return figure

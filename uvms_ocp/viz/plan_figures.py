@@ -1,0 +1,129 @@
+"""Figures of a planned motion, read from the `Record` that `uvms_ocp.planning.planned_motion` makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from uvms_ocp.exceptions import OutputError
+from uvms_ocp.record import Record
+from uvms_ocp.viz.style import BLACK, DASHES, DPI, LINES, THRESHOLD, VERMILLION, stacked, styled, threshold
+
+_ROWS: Mapping[str, str] = MappingProxyType(
+    {
+        "x": "position\n[m, rad]",
+        "x_rate": "velocity\n[m/s, rad/s]",
+        "x_acceleration": "acceleration\n[m/s², rad/s²]",
+        "x_jerk": "jerk\n[m/s³, rad/s³]",
+        "x_snap": "snap\n[m/s⁴, rad/s⁴]",
+    }
+)
+_FAR = 0.5  # [m] farther than this needs no look
+_VEHICLE = ("x", "y", "z", "roll", "pitch", "yaw")
+
+
+@styled
+def figure_vehicle_motion(record: Record) -> Figure | None:
+    """Planned vehicle axes from position to snap; `None` where none is planned."""
+    wanted = [i for i, name in enumerate(record.meta["axes"]) if name in _VEHICLE]
+    return _motion(record, wanted, "Planned motion of the vehicle") if wanted else None
+
+
+@styled
+def figure_joint_motion(record: Record) -> Figure | None:
+    """Planned joints from position to snap."""
+    wanted = [i for i, name in enumerate(record.meta["axes"]) if name in record.meta["joints"]]
+    return _motion(record, wanted, "Planned motion of the joints") if wanted else None
+
+
+@styled
+def figure_clearance(record: Record) -> Figure | None:
+    """Distance from each obstacle and between links along the path, and the clearance that was wanted."""
+    if "clearance" not in record.series:
+        return None
+    d, wanted = record["clearance"], record.meta["clearance_wanted"]
+    figure, (axis,) = stacked(1, 2.8, "Clearance along the path")
+    for k, name in enumerate(record.meta["clearance_groups"]):
+        style = DASHES[k // len(LINES) % len(DASHES)]
+        axis.plot(record["t"], d[:, k], color=LINES[k % len(LINES)], ls=style, label=name)
+    threshold(axis, wanted, f"wanted {wanted:g} m")
+    _mark_least(axis, *record.meta["min_clearance"])
+    top, bottom = min(float(d.max()), max(_FAR, 5.0 * wanted)), min(float(d.min()), 0.0)
+    axis.set_ylim(1.1 * bottom - 0.03 * top, 1.05 * top)
+    axis.axhspan(axis.get_ylim()[0], 0.0, color=VERMILLION, alpha=0.15, lw=0)
+    axis.set_ylabel("distance [m]")
+    figure.legend(loc="outside upper right", ncols=4)
+    _mark_breaks([axis], record)
+    return figure
+
+
+def _mark_least(axis: Axes, when: float, least: float, pair: str) -> None:
+    """A dot at the smallest distance, with the two shapes, written towards the middle of the panel."""
+    left = when < axis.get_xlim()[1] / 2.0
+    axis.plot(when, least, "o", color=BLACK, ms=4, clip_on=False, zorder=3)
+    axis.annotate(
+        f"{least:.3g} m, {pair}",
+        (when, least),
+        xytext=(5 if left else -5, -4),
+        textcoords="offset points",
+        ha="left" if left else "right",
+        va="top",
+        fontsize=7,
+    )
+
+
+def write_plan_figures(record: Record, folder: Path | str) -> tuple[Path, ...]:
+    """Write every figure that the plan can fill as PNG; returns the paths. Raises `OutputError`."""
+    figures = {
+        "vehicle_motion": figure_vehicle_motion(record),
+        "joint_motion": figure_joint_motion(record),
+        "clearance": figure_clearance(record),
+    }
+    return tuple(_save(figure, Path(folder) / f"{name}.png") for name, figure in figures.items() if figure is not None)
+
+
+def _save(figure: Figure, path: Path) -> Path:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, dpi=DPI)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error}); choose another folder") from error
+    return path
+
+
+def _motion(record: Record, wanted: list[int], title: str) -> Figure:
+    """One row per derivative, one line per axis; each with its limit where it has one and comes near it."""
+    figure, axes = stacked(len(_ROWS), 1.25, title)
+    for row, (series, label) in zip(axes, _ROWS.items(), strict=True):
+        for k, i in enumerate(wanted):
+            name, style = record.meta["axes"][i], DASHES[k // len(LINES) % len(DASHES)]
+            row.plot(record["t"], record[series][:, i], color=LINES[k % len(LINES)], ls=style, label=name)
+        row.set_ylabel(label)
+        _draw_limits(row, record, series, wanted)
+    axes[0].legend(ncols=len(wanted), loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=7)
+    _mark_breaks(axes, record)
+    return figure
+
+
+def _draw_limits(row: Axes, record: Record, series: str, wanted: list[int]) -> None:
+    values = record.meta["axis_limits"].get(series)
+    if values is None:
+        return
+    low, high = row.get_ylim()
+    for limit in sorted({values[i] for i in wanted if np.isfinite(values[i])}):
+        for side in (limit, -limit):
+            if low * 1.4 <= side <= high * 1.4:
+                row.axhline(side, color=THRESHOLD, lw=0.8, ls=(0, (5, 3)))
+
+
+def _mark_breaks(axes: list[Axes], record: Record) -> None:
+    """Thin lines where the pieces of the trajectory meet."""
+    for axis in axes:
+        for t in record.meta["breaks"][1:-1]:
+            axis.axvline(t, color="#D5DADF", lw=0.5, zorder=-1)
+        axis.set_xlim(record["t"][0], record["t"][-1])
