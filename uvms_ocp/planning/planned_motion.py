@@ -10,6 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from uvms_ocp.record import Record
+from uvms_ocp.version import __version__
 
 from .certificate import clearance_along
 from .clearance import CoalDistances
@@ -40,7 +41,7 @@ def plan_report(result: PlanResult) -> dict[str, Any]:
         "n_pairs": scene.n_pairs,
         "clearance_wanted_m": request.clearance,
         "seed": request.seed,
-        "versions": {name: version(name) for name in ("uvms-ocp", "pin", "coal", "casadi", "numpy")},
+        "versions": {"uvms_ocp": __version__} | {name: version(name) for name in ("pin", "coal", "casadi", "numpy")},
     }
     return report if result.plan is None else report | _of_plan(result, result.plan)
 

@@ -1,0 +1,98 @@
+"""Laws of plan requests and of obstacles as data."""
+
+from pathlib import Path
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.model.kinematics import Kinematics
+from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.planning import (
+    ObstacleData,
+    PlanRequest,
+    PostureGoal,
+    ToolGoal,
+    motion_record,
+    obstacle_from_words,
+    plan_report,
+    read_obstacles,
+    solve,
+)
+
+BALL = ObstacleData(name="ball", shape="sphere", size=(0.3,), position=(1.6, 0.3, -0.4))
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot("girona_maris7")
+
+
+def test_a_tool_pose_is_reached_in_position_and_orientation(robot: Robot) -> None:
+    X_WT = Kinematics(robot, robot.configuration(position=(1.5, 1.0, 0.2), rpy=(0.0, 0.0, 0.4))).pose("tool")
+    goal = ToolGoal(position=tuple(X_WT.translation), rpy=tuple(pin.rpy.matrixToRpy(X_WT.rotation)))
+    result = solve(PlanRequest(robot=robot, start=robot.configuration(), goal=goal, obstacles=(BALL,)))
+    report = plan_report(result)
+    assert report["collision_free"]
+    assert report["tool_error"]["position_m"] < 1e-5
+    assert report["tool_error"]["orientation_rad"] < 1e-5
+
+
+def test_axes_that_are_not_named_in_the_goal_stay(robot: Robot) -> None:
+    start = robot.configuration(position=(0.5, 0.0, -1.0), rpy=(0.05, 0.0, 0.3))
+    result = solve(PlanRequest(robot=robot, start=start, goal=PostureGoal(joints={"joint1": 0.4}), axes="all"))
+    assert result.plan is not None
+    q = motion_record(result, result.plan)["q"]
+    np.testing.assert_allclose(q[-1, :7], start[:7], atol=1e-9)
+    np.testing.assert_allclose(q[-1, 7:], [0.4, *start[8:]], atol=1e-9)
+
+
+def test_the_clearance_of_each_obstacle_is_recorded(robot: Robot) -> None:
+    goal = PostureGoal(position=(0.0, 0.5, 0.0))
+    result = solve(PlanRequest(robot=robot, start=robot.configuration(), goal=goal, obstacles=(BALL,)))
+    assert result.plan is not None
+    record = motion_record(result, result.plan)
+    assert record.meta["clearance_groups"] == ["ball", "its own links"]
+    assert record["clearance"].min() == pytest.approx(plan_report(result)["min_clearance_m"], abs=1e-3)
+
+
+def test_unknown_axes_and_obstacles_of_one_name_are_refused(robot: Robot) -> None:
+    goal = PostureGoal(joints={"joint1": 0.4})
+    with pytest.raises(InvalidInput, match="two obstacles are called 'ball'"):
+        solve(PlanRequest(robot=robot, start=robot.configuration(), goal=goal, obstacles=(BALL, BALL)))
+    with pytest.raises(NameNotFound, match="Did you mean 'joints'"):
+        solve(PlanRequest(robot=robot, start=robot.configuration(), goal=goal, axes="joint"))
+
+
+@pytest.mark.parametrize(
+    ("shape", "size", "kind"),
+    [("sphere", 1, coal.Sphere), ("capsule", 2, coal.Capsule), ("cylinder", 2, coal.Cylinder), ("box", 3, coal.Box)],
+)
+def test_words_and_files_build_the_same_obstacle(shape: str, size: int, kind: type, tmp_path: Path) -> None:
+    sizes = [0.2, 0.4, 0.6][:size]
+    words = obstacle_from_words(shape, ",".join(map(str, [1.0, -2.0, 0.5, *sizes])), "a")
+    path = tmp_path / "a.yaml"
+    path.write_text(f"obstacles: [{{name: a, shape: {shape}, size: {sizes}, position: [1.0, -2.0, 0.5]}}]")
+    assert read_obstacles(path) == (words,)
+    assert isinstance(words.build().shape, kind)
+    assert ObstacleData.model_validate(words.model_dump(mode="json")) == words
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("obstacles: [{name: a, shape: cone, size: [1], position: [0, 0, 0]}]", "obstacles.0.shape"),
+        ("obstacles: [{name: a, shape: sphere, size: [.nan], position: [0, 0, 0]}]", "obstacles.0.size.0"),
+        ("obstacles: [{name: a, shape: sphere, size: [1], position: [0, 0]}]", "obstacles.0.position"),
+        ("obstacles: [{name: a, shape: sphere, size: [1], position: [0, 0, 0], colour: red}]", "obstacles.0.colour"),
+        ("", "valid dictionary"),
+        ("obstacles: [", "cannot be read as YAML"),
+    ],
+)
+def test_broken_files_are_refused_by_entry(text: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text(text)
+    with pytest.raises(InvalidInput, match=message) as caught:
+        read_obstacles(tmp_path / "a.yaml")
+    assert "\n" not in str(caught.value)
