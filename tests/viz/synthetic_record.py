@@ -30,8 +30,21 @@ def synthetic_record(robot: Robot, *, duration: float = 6.0, dt: float = 0.02, *
         "quantities": np.exp(-np.outer(t, np.arange(1, 1 + len(QUANTITIES)))),
         "status": np.zeros(len(t), dtype=int),
         "tick_time": 1e-4 * (1.5 + np.sin(7 * t)),
+        **_efforts(robot, t),
     }
     return Record(series=series, meta={**_meta(robot), **meta})
+
+
+def _efforts(robot: Robot, t: np.ndarray) -> dict[str, np.ndarray]:
+    """What the physical plant and the dynamic layer add."""
+    wave = np.sin(np.outer(t, np.arange(1, robot.n_v + 1)))
+    return {
+        "thrust": 30.0 * wave,
+        "torque": 5.0 * wave[:, robot.joint_v],
+        "thruster_energy": np.cumsum(wave**2, axis=0),
+        "joint_energy": np.cumsum(wave[:, 0] ** 2),
+        "disturbance": wave,
+    }
 
 
 def _motion(robot: Robot, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
