@@ -89,6 +89,8 @@ class Transition:
     retries: int | None = None  # None: as often as it likes
 
     def __post_init__(self) -> None:
+        if not isinstance(self.when, tuple):
+            raise InvalidInput(f"transition to {self.to!r}: when = {self.when!r}; give a tuple of conditions")
         if not self.when:
             raise InvalidInput(f"transition to {self.to!r} has no conditions; give at least one")
         if not (math.isfinite(self.hold) and self.hold >= 0):
@@ -118,6 +120,8 @@ class Phase:
     goals: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.transitions, tuple):
+            raise InvalidInput(f"phase {self.name!r}: transitions = {self.transitions!r}; give a tuple of transitions")
         bad = {name: gate for name, gate in self.gates.items() if not 0 <= gate <= 1}
         if bad:
             raise InvalidInput(f"phase {self.name!r}: activations {bad}; give values from 0 to 1")

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from uvms_ocp.control.dynamic import DynamicController, VelocityGains
 from uvms_ocp.control.estimator import Estimator as NavigationEstimator
@@ -52,9 +53,7 @@ class Scenario:
     solver: HierarchySolver = field(default_factory=LexicographicActiveSet)
     plant: str = "dynamic"
     sensors: SensorSpecs = IDEAL_SENSORS
-    gains: VelocityGains = field(
-        default_factory=VelocityGains
-    )  # of the dynamic control layer; the kinematic plant has none
+    gains: VelocityGains = field(default_factory=VelocityGains)  # of the dynamic layer; the kinematic plant has none
     plant_robot: Robot | None = None  # what moves in the water, where it differs from what the controller knows
     seed: int = 0  # of the sensor noise
     altimeter_frame: str | None = None  # by default the one that the robot's file names, if any
@@ -68,6 +67,12 @@ class Scenario:
         for name, value in (("dt", self.dt), ("duration", self.duration)):
             if not (np.isfinite(value) and value > 0):
                 raise InvalidInput(f"{name} = {value} s; give a finite time > 0")
+        if self.duration < self.dt:
+            raise InvalidInput(f"duration = {self.duration} s; give at least one control period of {self.dt:g} s")
+        if self.seed < 0:
+            raise InvalidInput(f"seed = {self.seed}; give a whole number >= 0")
+        if isinstance(self.solver, type):
+            raise InvalidInput(f"solver = the class {self.solver.__name__}; give a value, {self.solver.__name__}()")
         self.robot.check_configuration(self.start)
         if self.altimeter_frame is not None:
             self.robot.frame_id(self.altimeter_frame)
@@ -213,6 +218,17 @@ def _versions() -> dict[str, str]:
     return own | {name: version(name) for name in _DEPENDENCIES}
 
 
-def pose_at(position: tuple[float, float, float], rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> pin.SE3:
-    """Pose from a position (3,) [m] and roll, pitch, yaw [rad] (R = Rz Ry Rx)."""
-    return pin.SE3(pin.rpy.rpyToMatrix(np.asarray(rpy, dtype=float)), np.asarray(position, dtype=float))
+def pose_at(position: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)) -> pin.SE3:
+    """Pose from a position (3,) [m] and roll, pitch, yaw [rad] (R = Rz Ry Rx). Raises `InvalidInput`."""
+    p, angles = _three("position", position), _three("rpy", rpy)
+    return pin.SE3(pin.rpy.rpyToMatrix(angles), p)
+
+
+def _three(what: str, values: ArrayLike) -> np.ndarray:
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InvalidInput(f"{what} = {values!r}; give three numbers") from None
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise InvalidInput(f"{what} = {array.tolist()}; give three finite numbers")
+    return array

@@ -26,7 +26,7 @@ from uvms_ocp.model.limits import home_of, joints_of, limits_of
 from uvms_ocp.model.urdf import UrdfModels, read_urdf
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
 class Robot:
     """A vehicle with an arm, or a fixed-base arm; see ``load_robot``.
 
@@ -43,6 +43,10 @@ class Robot:
     limits: Limits
     home: np.ndarray  # (n_q - 7,) or (n_q,) stowed posture, the joint part of q
     hydrodynamics: tuple[LinkHydrodynamics, ...]  # links in water; floats and ballast add their volume
+
+    def __repr__(self) -> str:
+        base = "free-flyer" if self.n_vehicle else "fixed base"
+        return f"Robot({self.name!r}, {base}, {self.n_joints} joints, {len(self.description.thrusters)} thrusters)"
 
     @property
     def n_q(self) -> int:

@@ -104,7 +104,9 @@ def case1(
         name="case1",
         robot=machine,
         mission=Mission(
-            hierarchy=Hierarchy(override(case1_tasks(machine, goal, point, tool), tasks or {}), full_order(machine, order)),
+            hierarchy=Hierarchy(
+                override(case1_tasks(machine, goal, point, tool), tasks or {}), full_order(machine, order)
+            ),
             phases=always_underactuated(machine, case1_phases(limits)),
         ),
         environment=Environment(seafloor=FlatSeafloor(z=seabed), current=current_field(current)),

@@ -18,6 +18,9 @@ class Hierarchy:
     __slots__ = ("tasks",)
 
     def __init__(self, tasks: Sequence[Task], order: Sequence[str] | None = None) -> None:
+        for task in tasks:
+            if not isinstance(task, Task):
+                raise InvalidInput(f"{task!r} is not a task; give values such as HorizontalAttitude()")
         names = [task.name for task in tasks]
         duplicates = sorted({name for name in names if names.count(name) > 1})
         if duplicates:
