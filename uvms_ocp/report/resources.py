@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.mission import ABORT, DONE
 from uvms_ocp.record import Record
 
 
@@ -14,7 +15,7 @@ def resources(record: Record) -> list[dict[str, Any]]:
     t = record["t"]
     ends = [*(event["t"] for event in record.meta["events"]), float(t[-1])]
     names = [record.meta["phases"][0]["name"], *(event["target"] for event in record.meta["events"])]
-    spans = [(name, start, end) for name, start, end in zip(names, [0.0, *ends], ends, strict=False) if start < end]
+    spans = [span for span in zip(names, [0.0, *ends], ends, strict=False) if span[0] not in (ABORT, DONE)]
     rows = [{"phase": name, **figures_between(record, start, end)} for name, start, end in spans]
     return [*rows, {"phase": "total", **figures_between(record, 0.0, float(t[-1]))}]
 
