@@ -53,6 +53,7 @@ class LexicographicActiveSet:
         return ActiveSetTick(
             ActiveSetFunctions(
                 tick=function,
+                core=None if function is None else _core(levels_function.size2_out(0), tuple(sizes)),
                 levels=_gated_levels(levels_function),
                 sizes=tuple(sizes),
                 cascade=self.cascade,
@@ -62,8 +63,8 @@ class LexicographicActiveSet:
     def function(self, levels_function: ca.Function, sizes: Sequence[int]) -> ca.Function | None:
         """(inputs, active_set) -> v, active_set, report, status, residual, *extras: pure, for ``map`` and export.
 
-        ``report`` is [outcome of the run, iterations]; status is 0 for valid input and 2 otherwise. None where the
-        core cannot be compiled.
+        ``report`` is [outcome of the run, iterations, 1 if it had to start anew cold]; status is 0 for valid input and
+        2 otherwise. None where the core cannot be compiled.
         """
         core = _core(levels_function.size2_out(0), tuple(sizes)) if self.compiled else None
         if core is None:
