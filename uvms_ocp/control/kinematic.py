@@ -100,7 +100,7 @@ class KinematicController:
             measurement.v,
             self._previous,
             np.array([echo if np.isfinite(echo) else NO_ECHO_RANGE]),
-            self.mission.reference(self.state, t),
+            np.concatenate([self.mission.reference(self.state, t), self.problem.measure(measurement.q)]),
         )
 
     def _named(self, quantities: np.ndarray) -> dict[str, float]:

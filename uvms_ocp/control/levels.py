@@ -13,7 +13,7 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.symbolic import SymbolicModel
 from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.limits import stopping_speed
-from uvms_ocp.tasks.task import Rows, TickSymbols, equality_rows
+from uvms_ocp.tasks.task import Rows, Sensor, Task, TickSymbols, equality_rows
 
 LIMITS, REST = "limits", "rest"
 """Names of the first and the last level, which every hierarchy has."""
@@ -25,13 +25,19 @@ class LevelsProblem:
     """The levels of a tick, ready for a solver's ``bind``.
 
     `function`: (q, velocity, previous, altimeter_range, parameters, gates) ->
-    (J, lower, upper, rate, activation, gate, quantities, activity), rows of all levels stacked.
+    (J, lower, upper, rate, activation, gate, quantities, activity), rows of all levels stacked. `parameters` are the
+    references of all tasks, then what `measure` returns.
     """
 
     function: ca.Function
     names: tuple[str, ...]  # of the levels
     sizes: tuple[int, ...]  # rows of each level
     quantity_names: tuple[str, ...]  # "task.quantity", the order of the output `quantities`
+    sensors: tuple[Sensor, ...] = ()
+
+    def measure(self, q: np.ndarray) -> np.ndarray:
+        """What the sensors of the tasks measure at q (n_q,)."""
+        return np.concatenate([np.zeros(0), *(sensor(q) for sensor in self.sensors)])
 
 
 def build_levels(robot: Robot, hierarchy: Hierarchy, dt: float) -> LevelsProblem:
@@ -41,7 +47,7 @@ def build_levels(robot: Robot, hierarchy: Hierarchy, dt: float) -> LevelsProblem
     """
     symbols = _symbols(robot, dt)
     previous = ca.SX.sym("previous", robot.n_v)
-    parameters = ca.SX.sym("parameters", sum(task.n_parameters(robot) for task in hierarchy.tasks))
+    parameters = ca.SX.sym("parameters", sum(_n_inputs(task, robot) for task in hierarchy.tasks))
     gates = ca.SX.sym("gates", len(hierarchy.tasks))
     tasks = _task_rows(robot, hierarchy, symbols, parameters)
     reachable = [
@@ -61,6 +67,7 @@ def build_levels(robot: Robot, hierarchy: Hierarchy, dt: float) -> LevelsProblem
         names=(LIMITS, *hierarchy.names, REST),
         sizes=tuple(rows.n_rows for rows in levels),
         quantity_names=tuple(quantities),
+        sensors=tuple(sensor for task in hierarchy.tasks if (sensor := task.sensor(robot)) is not None),
     )
 
 
@@ -94,11 +101,18 @@ def _symbols(robot: Robot, dt: float) -> TickSymbols:
 
 
 def _task_rows(robot: Robot, hierarchy: Hierarchy, symbols: TickSymbols, parameters: ca.SX) -> list[Rows]:
-    ends = np.cumsum([0, *(task.n_parameters(robot) for task in hierarchy.tasks)])
+    counts = [task.n_parameters(robot) for task in hierarchy.tasks]
+    counts += [task.n_measured(robot) for task in hierarchy.tasks]
+    parts = ca.vertsplit(parameters, [0, *np.cumsum(counts).tolist()])
+    references, measured = parts[: len(hierarchy.tasks)], parts[len(hierarchy.tasks) :]
     return [
-        task.rows(symbols, parameters[int(start) : int(end)])
-        for task, start, end in zip(hierarchy.tasks, ends, ends[1:], strict=False)
+        task.rows(symbols, ca.vertcat(*inputs))
+        for task, *inputs in zip(hierarchy.tasks, references, measured, strict=True)
     ]
+
+
+def _n_inputs(task: Task, robot: Robot) -> int:
+    return task.n_parameters(robot) + task.n_measured(robot)
 
 
 def _limit_rows(symbols: TickSymbols, previous: ca.SX) -> Rows:

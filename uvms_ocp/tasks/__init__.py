@@ -5,6 +5,7 @@ from uvms_ocp.tasks.altitude import LandingAltitude as LandingAltitude
 from uvms_ocp.tasks.altitude import MinimumAltitude as MinimumAltitude
 from uvms_ocp.tasks.attitude import Alignment as Alignment
 from uvms_ocp.tasks.attitude import HorizontalAttitude as HorizontalAttitude
+from uvms_ocp.tasks.clearance import Clearance as Clearance
 from uvms_ocp.tasks.hierarchy import Hierarchy as Hierarchy
 from uvms_ocp.tasks.joints import JointLimits as JointLimits
 from uvms_ocp.tasks.joints import JointTracking as JointTracking

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import enum
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar
 
@@ -19,6 +19,8 @@ import numpy as np
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.symbolic import SymbolicKinematics
+
+Sensor = Callable[[np.ndarray], np.ndarray]  # q (n_q,) -> (n_measured,)
 
 
 class TaskClass(enum.IntEnum):
@@ -82,7 +84,7 @@ class Task(ABC):
 
     @abstractmethod
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        """The rows of this task; `parameters` holds what `reference` returns at each tick."""
+        """The rows of this task; `parameters` holds what `reference` returns at each tick, then what `sensor` does."""
 
     def n_parameters(self, robot: Robot) -> int:
         """Length of the vector that `reference` returns."""
@@ -91,6 +93,14 @@ class Task(ABC):
     def reference(self, t: float) -> np.ndarray:
         """Goal at time t [s] as a parameter vector (n_parameters,)."""
         return np.zeros(0)
+
+    def n_measured(self, robot: Robot) -> int:
+        """Length of the vector that the function of `sensor` returns."""
+        return 0
+
+    def sensor(self, robot: Robot) -> Sensor | None:
+        """What this task measures at a configuration beyond what expressions can say, such as distances."""
+        return None
 
     def with_goal(self, goal: Any) -> Task:
         """This task with another goal; raises `InvalidInput` where the task has none."""
