@@ -298,7 +298,9 @@ def _wrong_row(work: _Work, equalities: _Equalities, level: int, rule: _Rule, de
         multipliers.append(multiplier)
         balance = balance + multiplier @ work.A[rows[-1]]
     work.unbalanced = max(work.unbalanced, float(np.sqrt(balance @ balance)) / (scale + 1.0))
-    return _worst(work, np.concatenate(rows), np.concatenate(multipliers), max(_MULTIPLIER * scale, _WRONG), rule, decided)
+    return _worst(
+        work, np.concatenate(rows), np.concatenate(multipliers), max(_MULTIPLIER * scale, _WRONG), rule, decided
+    )
 
 
 def _worst(work: _Work, rows: Array, multipliers: Array, tolerance: float, rule: _Rule, decided: Array) -> int:
