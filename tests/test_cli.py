@@ -105,3 +105,16 @@ def test_list_names_everything(tmp_path: Path) -> None:
     assert "case1" in known["scenarios"]
     assert "girona_maris7_full" in known["robots"]
     assert set(known["solvers"]) >= {"lexls", "lexqp", "icat"}
+
+
+def test_export_writes_the_tick_whole_or_not_at_all(tmp_path: Path) -> None:
+    process = cli("export", "tick", "--scenario", "case1", "c", cwd=tmp_path)
+    assert process.returncode == 0, process.stderr
+    assert {path.name for path in (tmp_path / "c").iterdir()} >= {
+        "tick.h",
+        "levels.c",
+        "active_set.c",
+        "CMakeLists.txt",
+    }
+    assert cli("export", "tick", "--scenario", "case9", "d", cwd=tmp_path).returncode == 2
+    assert not (tmp_path / "d").exists()

@@ -54,7 +54,7 @@ class LexicographicActiveSet:
             ActiveSetFunctions(
                 tick=function,
                 core=None if function is None else _core(levels_function.size2_out(0), tuple(sizes)),
-                levels=_gated_levels(levels_function),
+                levels=gated_levels(levels_function),
                 sizes=tuple(sizes),
                 cascade=self.cascade,
             )
@@ -84,7 +84,7 @@ def _extra_names(count: int) -> list[str]:
     return [f"extra_{i}" for i in range(count)]
 
 
-def _gated_levels(levels_function: ca.Function) -> ca.Function:
+def gated_levels(levels_function: ca.Function) -> ca.Function:
     """inputs -> valid, J, lower, upper (harmless where not valid, gated), lower, upper, gate, *extras."""
     inputs = dense_inputs(levels_function)
     J, lower, upper, _, _, gate, *extras = dense_outputs(levels_function, inputs)
