@@ -204,8 +204,9 @@ def write(rows: list[Row]) -> None:
 
 NOTES = """`python benchmarks/hierarchy.py --daqp PYTHON --pink PYTHON`, one thread, all rows from one run on one machine.
 
-- *whole tick*: all ticks of Case 1, kinematics included, called from Python, the shortest of three passes (pink: one). pink: pose of the vehicle, pose of the tool,
-  posture, limits of configuration and velocity, as one weighted program; it has no strict levels.
+- *whole tick*: all ticks of Case 1, kinematics included, called from Python, the shortest of three passes (pink:
+  one). pink: pose of the vehicle, pose of the tool, posture,
+  limits of configuration and velocity, as one weighted program; it has no strict levels.
 - Other problems: matrices given, from Python. *case1*: every fourth recorded tick, in sequence (warm). The rest is cold.
 - *load*: other programs' share of the machine, see the last line; where it is above 1, p99 and max are mostly theirs.
 - *not exact*: results that the solver itself does not call exact; daqp: exit flag below 1. iCAT is regularised by design.
