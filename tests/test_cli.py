@@ -137,3 +137,16 @@ def test_two_runs_compare_from_their_folders(complete: tuple[subprocess.Complete
 def test_a_mission_prints_as_a_table_or_a_diagram(tmp_path: Path) -> None:
     assert "MAC   [R,I,S]      1    1    .    ." in cli("mission", "case1", cwd=tmp_path).stdout
     assert cli("mission", "case1", "--mermaid", cwd=tmp_path).stdout.startswith("stateDiagram-v2")
+
+
+def test_export_writes_the_tick_whole_or_not_at_all(tmp_path: Path) -> None:
+    process = cli("export", "tick", "--scenario", "case1", "c", cwd=tmp_path)
+    assert process.returncode == 0, process.stderr
+    assert {path.name for path in (tmp_path / "c").iterdir()} >= {
+        "tick.h",
+        "levels.c",
+        "active_set.c",
+        "CMakeLists.txt",
+    }
+    assert cli("export", "tick", "--scenario", "case9", "d", cwd=tmp_path).returncode == 2
+    assert not (tmp_path / "d").exists()

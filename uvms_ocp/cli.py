@@ -10,6 +10,7 @@ import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,6 +21,7 @@ from rich.table import Table
 from rich.text import Text
 
 from uvms_ocp.campaign import STUDIES
+from uvms_ocp.control.export import RecordingSolver, write_tick
 from uvms_ocp.control.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.exceptions import InvalidInput, NameNotFound, UvmsError
 from uvms_ocp.model.check_robot import RobotReport, check_robot_files
@@ -64,6 +66,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+export_app = typer.Typer(help="Write what runs without Python.", no_args_is_help=True)
+app.add_typer(export_app, name="export")
 
 
 def main() -> None:
@@ -271,6 +276,25 @@ def check_robot(
         _print_robot(report)
     if not report.usable:
         raise typer.Exit(BAD_INPUT)
+
+
+@export_app.command(name="tick")
+def export_tick(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for the sources.")],
+    scenario: Annotated[str, typer.Option(help="Scenario, see `uvms-ocp list`.")] = "case1",
+    robot: Annotated[str | None, typer.Option(help="Robot; default: the scenario's.")] = None,
+) -> None:
+    """Write C source of one control tick, with recorded ticks to compare with; it needs libm only."""
+    options = {"plant": "kinematic"} | ({} if robot is None else {"robot": robot})
+    made = _build(scenario, "lexls", options)
+    recording = RecordingSolver(solver=made.solver)
+    with staged_folder(folder) as staging:
+        replace(made, solver=recording).run()
+        write_tick(made.controller().problem, recording.ticks, staging)
+        written = sorted(path.name for path in staging.iterdir())
+    console = Console()
+    for name in written:
+        console.print(str(folder / name), markup=False, highlight=False)
 
 
 @app.command()

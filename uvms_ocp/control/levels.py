@@ -25,7 +25,8 @@ class LevelsProblem:
     """The levels of a tick, ready for a solver's ``bind``.
 
     `function`: (q, velocity, previous, altimeter_range, parameters, gates) ->
-    (J, lower, upper, rate, activation, gate, quantities, activity), rows of all levels stacked.
+    (J, lower, upper, rate, activation, gate, quantities, activity), rows of all levels stacked. `parameters` are the
+    references of all tasks, then what `measure` returns.
     """
 
     function: ca.Function

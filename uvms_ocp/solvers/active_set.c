@@ -31,13 +31,22 @@
 #define VANISHED 1e-13
 #define FEASIBLE 1e-10
 #define CONSISTENT 1e-9
+#define BALANCED 5e-8
+/* Pivots below CLEAR and dependent rows above NOTHING leave open what depends on what. */
+#define CLEAR 1e-5
+#define NOTHING 1e-11
+/* Of a multiplier, relative to MULTIPLIER. */
+#define DECISIVE 1e4
 /* Far below FEASIBLE: else a row dropped for the sake of lower levels blocks at once for the sake of this slack. */
 #define SIGNIFICANT 1e-12
 #define MOVED 1e-9
 #define MULTIPLIER 1e-10
+/* Multipliers smaller than this are rounding, however small the slack they balance. */
+#define WRONG 1e-12
 
 enum { FREE = 0, LOWER = -1, UPPER = 1, EQUAL = 2 };
 enum { GREEDY = 0, BLAND = 1, TABU = 2 };
+enum { OPEN = 0, WEAKLY = 1, FIRMLY = 2 };
 enum { SOLVED = 0, STALLED = 1, LIMIT = 2, DOUBTFUL = 3 };
 
 static const int SIZES[L] = {LEX_SIZES};
@@ -47,9 +56,11 @@ typedef struct {
   int state[M];
   double t[M][N], reflector[N][N], beta[N], slack[M];
   int order[M], first[L + 1], column[L + 1];
-  double v[N], target[N], smallest;
+  /* Least independent part of a pivot and largest part of a row taken for dependent. */
+  double smallest, rejected;
+  double v[N], target[N], unbalanced;
   char decided[M], tabu[M];
-  int skipped;
+  int skipped, contradicted;
 } Work;
 
 static double dot(const double *x, const double *y, int n) {
@@ -82,20 +93,23 @@ static void pivot(Work *k, int c, int at, int end) {
 
 /* Row with the largest part in the free space, relative to its size; -1 where all depend on pivots. */
 static int best_pivot(Work *k, int c, int begin, int end) {
-  double floor = fmax(RANK_TOLERANCE, RANK_NOISE / k->smallest), best = floor * floor;
+  double floor = fmax(RANK_TOLERANCE, RANK_NOISE / k->smallest), best = floor * floor, largest = 0;
   int chosen = -1;
   for (int j = begin; j < end; ++j) {
     int row = k->order[j];
     double part = dot(k->t[row] + c, k->t[row] + c, N - c) / (k->norm[row] * k->norm[row]);
+    largest = fmax(largest, part);
     if (part > best) best = part, chosen = j;
   }
   if (chosen >= 0) k->smallest = fmin(k->smallest, sqrt(best));
+  else k->rejected = fmax(k->rejected, sqrt(largest));
   return chosen;
 }
 
 static void factorise(Work *k) {
   int count = 0, c = 0, row = 0;
   k->smallest = 1;
+  k->rejected = 0;
   for (int level = 0; level < L; ++level) {
     k->first[level] = count;
     k->column[level] = c;
@@ -235,9 +249,10 @@ static int step(Work *k, int *blocked) {
 typedef struct { int row; double value; } Worst;
 
 static void judge(Work *k, int row, double multiplier, double tolerance, int rule, Worst *worst) {
-  if (k->state[row] == EQUAL || k->decided[row]) return;
   double value = multiplier * k->state[row] * k->norm[row];
-  if (value > tolerance) k->decided[row] = 1;
+  if (k->decided[row] == WEAKLY && value < -tolerance) k->contradicted = 1;
+  if (k->state[row] == EQUAL || k->decided[row]) return;
+  if (value > tolerance) k->decided[row] = value > DECISIVE * tolerance ? FIRMLY : WEAKLY;
   if (value >= -tolerance) return;
   if (k->tabu[row]) {
     k->skipped = 1;
@@ -251,24 +266,30 @@ static int is_significant(const Work *k, int row) {
   return fabs(k->slack[row]) > SIGNIFICANT / FEASIBLE * k->tolerance[row];
 }
 
+static void add(double *sum, double factor, const double *x) {
+  for (int c = 0; c < N; ++c) sum[c] += factor * x[c];
+}
+
 /* Multipliers of level `level` on its own rows and on the pivots above; the worst row, -1 where all signs hold. */
 static int wrong_row(Work *k, int level, int rule) {
   Worst worst = {-1, 0};
-  double g[N], scale = 0, multiplier[N];
+  double g[N], balance[N], scale = 0, multiplier[N];
   int c0 = k->column[level], significant = 0;
   memset(g, 0, sizeof(g));
+  memset(balance, 0, sizeof(balance));
   for (int j = k->first[level]; j < k->first[level + 1]; ++j) {
     int row = k->order[j];
     scale += fabs(k->slack[row]) * k->norm[row];
     significant |= is_significant(k, row);
     const double *x = c0 == N ? k->a[row] : k->t[row];
     for (int c = 0; c < c0; ++c) g[c] += k->slack[row] * x[c];
+    add(balance, k->slack[row], k->a[row]);
   }
   /* A slack that an exact solution could not tell from zero decides nothing for the levels below. */
   if (!significant) return -1;
   if (c0 == N)
     for (int c = 0; c < N; ++c) reflect(k, c, g);
-  double tolerance = MULTIPLIER * scale;
+  double tolerance = fmax(MULTIPLIER * scale, WRONG);
   for (int j = k->first[level]; j < k->first[level + 1]; ++j)
     if (is_significant(k, k->order[j])) judge(k, k->order[j], k->slack[k->order[j]], tolerance, rule, &worst);
   for (int above = level - 1; above >= 0; --above) {
@@ -282,14 +303,18 @@ static int wrong_row(Work *k, int level, int rule) {
       int row = k->order[begin + j];
       for (int c = 0; c < c1; ++c) g[c] += multiplier[j] * k->t[row][c];
       judge(k, row, multiplier[j], tolerance, rule, &worst);
+      add(balance, multiplier[j], k->a[row]);
     }
   }
+  k->unbalanced = fmax(k->unbalanced, sqrt(dot(balance, balance, N)) / (scale + 1));
   return worst.row;
 }
 
 static int drop_row(Work *k, int rule) {
   memset(k->decided, 0, sizeof(k->decided));
   k->skipped = 0;
+  k->unbalanced = 0;
+  k->contradicted = 0;
   for (int level = 0; level < L; ++level) {
     int row = wrong_row(k, level, rule);
     if (row >= 0) {
@@ -300,7 +325,17 @@ static int drop_row(Work *k, int rule) {
   return -1;
 }
 
-static void load(Work *k, const double *J, const double *lower, const double *upper, const double *state) {
+static void start(Work *k, const double *state) {
+  for (int row = 0; row < M; ++row) {
+    int given = !state ? FREE : state[row] > 0 ? UPPER : state[row] < 0 ? LOWER : FREE;
+    if (given == UPPER && k->upper[row] == INFINITY) given = FREE;
+    if (given == LOWER && k->lower[row] == -INFINITY) given = FREE;
+    /* A flag of equality must never be inherited: the row may have become an inequality. */
+    k->state[row] = k->lower[row] >= k->upper[row] ? EQUAL : given;
+  }
+}
+
+static void load(Work *k, const double *J, const double *lower, const double *upper) {
   double largest = 0;
   for (int row = 0; row < M; ++row) {
     for (int c = 0; c < N; ++c) k->a[row][c] = J[c * M + row];
@@ -310,18 +345,15 @@ static void load(Work *k, const double *J, const double *lower, const double *up
     k->upper[row] = upper[row];
     double size = fmax(fabs(lower[row]) < 1e300 ? fabs(lower[row]) : 0, fabs(upper[row]) < 1e300 ? fabs(upper[row]) : 0);
     k->tolerance[row] = FEASIBLE * (k->norm[row] + size);
-    int given = state[row] > 0 ? UPPER : state[row] < 0 ? LOWER : FREE;
-    if (given == UPPER && upper[row] == INFINITY) given = FREE;
-    if (given == LOWER && lower[row] == -INFINITY) given = FREE;
-    /* A flag of equality must never be inherited: the row may have become an inequality. */
-    k->state[row] = lower[row] >= upper[row] ? EQUAL : given;
   }
   for (int row = 0; row < M; ++row)
     if (k->norm[row] <= VANISHED * largest) k->norm[row] = 0;
 }
 
-/* True if v does to the active rows what the factorisation promised: false where pivots were too small for that. */
+/* True if v does to the active rows what the factorisation promised, and the multipliers, applied to the rows as given,
+   balance every level. False where that cannot be known, because rows are nearly but not quite dependent. */
 static int is_consistent(const Work *k) {
+  if (!(k->unbalanced <= BALANCED) || k->contradicted || k->smallest < CLEAR || k->rejected > NOTHING) return 0;
   for (int j = 0; j < k->first[L]; ++j) {
     int row = k->order[j];
     double error = dot(k->a[row], k->v, N) - bound(k, row) - k->slack[row];
@@ -363,16 +395,28 @@ static int run(Work *k, int limit, int *iterations) {
   return LIMIT;
 }
 
-/* J (M, N) column-major, lower, upper, active set -> v, active set, [status, iterations] */
+static int is_warm(const double *state) {
+  for (int row = 0; row < M; ++row)
+    if (state && state[row] != 0) return 1;
+  return 0;
+}
+
+/* J (M, N) column-major, lower, upper, active set -> v, active set, [outcome, iterations, 1 if started anew cold] */
 EXPORT int lexls(const double **arg, double **res, casadi_int *iw, double *w, int mem) {
   static _Thread_local Work k;
-  int iterations = 0, row;
+  int iterations = 0, more = 0, row, cold = 0;
   (void)iw, (void)w, (void)mem;
-  load(&k, arg[0], arg[1], arg[2], arg[3]);
-  int status = run(&k, 20 + 10 * M, &iterations);
+  load(&k, arg[0], arg[1], arg[2]);
+  start(&k, arg[3]);
+  int outcome = run(&k, 20 + 10 * M, &iterations);
+  if (outcome != SOLVED && is_warm(arg[3])) {
+    cold = 1;
+    start(&k, 0);
+    outcome = run(&k, 20 + 10 * M, &more);
+  }
   if (res[0]) memcpy(res[0], k.v, sizeof(k.v));
   for (row = 0; res[1] && row < M; ++row) res[1][row] = k.state[row];
-  if (res[2]) res[2][0] = status, res[2][1] = iterations;
+  if (res[2]) res[2][0] = outcome, res[2][1] = iterations + more, res[2][2] = cold;
   return 0;
 }
 
@@ -385,7 +429,7 @@ EXPORT const casadi_int *lexls_sparsity_in(casadi_int i) {
 }
 
 EXPORT const casadi_int *lexls_sparsity_out(casadi_int i) {
-  static const casadi_int velocity[] = {N, 1, 1}, rows[] = {M, 1, 1}, report[] = {2, 1, 1};
+  static const casadi_int velocity[] = {N, 1, 1}, rows[] = {M, 1, 1}, report[] = {3, 1, 1};
   return i == 0 ? velocity : i == 1 ? rows : report;
 }
 

@@ -53,7 +53,8 @@ class LexicographicActiveSet:
         return ActiveSetTick(
             ActiveSetFunctions(
                 tick=function,
-                levels=_gated_levels(levels_function),
+                core=None if function is None else _core(levels_function.size2_out(0), tuple(sizes)),
+                levels=gated_levels(levels_function),
                 sizes=tuple(sizes),
                 cascade=self.cascade,
             )
@@ -62,8 +63,8 @@ class LexicographicActiveSet:
     def function(self, levels_function: ca.Function, sizes: Sequence[int]) -> ca.Function | None:
         """(inputs, active_set) -> v, active_set, report, status, residual, *extras: pure, for ``map`` and export.
 
-        ``report`` is [outcome of the run, iterations]; status is 0 for valid input and 2 otherwise. None where the
-        core cannot be compiled.
+        ``report`` is [outcome of the run, iterations, 1 if it had to start anew cold]; status is 0 for valid input and
+        2 otherwise. None where the core cannot be compiled.
         """
         core = _core(levels_function.size2_out(0), tuple(sizes)) if self.compiled else None
         if core is None:
@@ -83,7 +84,7 @@ def _extra_names(count: int) -> list[str]:
     return [f"extra_{i}" for i in range(count)]
 
 
-def _gated_levels(levels_function: ca.Function) -> ca.Function:
+def gated_levels(levels_function: ca.Function) -> ca.Function:
     """inputs -> valid, J, lower, upper (harmless where not valid, gated), lower, upper, gate, *extras."""
     inputs = dense_inputs(levels_function)
     J, lower, upper, _, _, gate, *extras = dense_outputs(levels_function, inputs)

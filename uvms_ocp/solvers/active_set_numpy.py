@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -17,10 +17,18 @@ _RANK_NOISE = 1e-14
 _VANISHED = 1e-13
 _FEASIBLE = 1e-10
 _CONSISTENT = 1e-9
+_BALANCED = 5e-8
+# Pivots below _CLEAR and dependent rows above _NOTHING leave open what depends on what.
+_CLEAR, _NOTHING = 1e-5, 1e-11
+# Of a multiplier, relative to _MULTIPLIER.
+_DECISIVE = 1e4
+_WEAKLY, _FIRMLY = 1, 2
 # Far below _FEASIBLE: else a row dropped for the sake of lower levels blocks at once for the sake of this slack.
 _SIGNIFICANT = 1e-12
 _MOVED = 1e-9
 _MULTIPLIER = 1e-10
+# Multipliers smaller than this are rounding, however small the slack they balance.
+_WRONG = 1e-12
 _FREE, _LOWER, _UPPER, _EQUAL = 0, -1, 1, 2
 
 
@@ -51,6 +59,8 @@ class _Work:
     v: Array
     tabu: Array
     skipped: bool = False
+    unbalanced: float = 0.0
+    contradicted: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,6 +73,7 @@ class _Block:
     rank: int
     smallest: float
     """Least independent part of any pivot so far, relative to its row."""
+    rejected: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +81,8 @@ class _Equalities:
     blocks: list[_Block]
     target: Array
     slack: Array
+    rejected: float
+    """Largest independent part of a row taken for dependent, relative to the row."""
 
 
 def lexicographic_least_squares(
@@ -109,7 +122,10 @@ def lexicographic_least_squares(
 
 
 def _is_consistent(work: _Work, equalities: _Equalities) -> bool:
-    """True if v does to the active rows what the factorisation promised: false where pivots were too small."""
+    """True if v and the multipliers do what the factorisation promised; false where that cannot be known."""
+    rejected, smallest = equalities.rejected, equalities.blocks[-1].smallest
+    if not work.unbalanced <= _BALANCED or work.contradicted or smallest < _CLEAR or rejected > _NOTHING:
+        return False
     rows = np.concatenate([block.rows for block in equalities.blocks])
     error = work.A[rows] @ work.v - _bound(work, rows) - equalities.slack[rows]
     return bool((np.abs(error) <= _CONSISTENT / _FEASIBLE * work.tolerance[rows]).all())
@@ -166,19 +182,21 @@ def _solve_equalities(work: _Work) -> _Equalities:
     for rows in late:
         slack[rows] = work.A[rows] @ target - _bound(work, rows)
     # Rows to which nothing is left lend only the sum of their gradients, in the same coordinates.
-    blocks = [_Block(b.rows, b.T @ Q, b.column, b.rank, b.smallest) if b.column == n else b for b in blocks]
-    return _Equalities(blocks, target, slack)
+    rejected = max(block.rejected for block in blocks)
+    blocks = [replace(b, T=b.T @ Q) if b.column == n else b for b in blocks]
+    return _Equalities(blocks, target, slack, rejected)
 
 
 def _reduced(work: _Work, rows: Array, Q: Array, column: int, smallest: float) -> _Block:
     """Pivoted Householder reduction in the space that the levels above left free; turns Q[:, column:]."""
     T, order, n = work.A[rows] @ Q, rows.copy(), Q.shape[1]
-    norm, rank = work.norm[rows], 0
+    norm, rank, rejected = work.norm[rows], 0, 0.0
     while rank < len(T) and column + rank < n:
         c = column + rank
         part = (T[rank:, c:] ** 2).sum(axis=1) / norm[rank:] ** 2
         best = int(np.argmax(part))
         if part[best] <= max(_RANK_TOLERANCE, _RANK_NOISE / smallest) ** 2:
+            rejected = float(np.sqrt(part[best]))
             break
         smallest = min(smallest, float(np.sqrt(part[best])))
         best += rank
@@ -187,7 +205,7 @@ def _reduced(work: _Work, rows: Array, Q: Array, column: int, smallest: float) -
             T[swap], order[swap], norm[swap] = T[back], order[back], norm[back]
         _reflect(T, Q, rank, c)
         rank += 1
-    return _Block(order, T, column, rank, smallest)
+    return _Block(order, T, column, rank, smallest, rejected)
 
 
 def _reflect(T: Array, Q: Array, row: int, c: int) -> None:
@@ -248,7 +266,8 @@ def _has_moved(before: Array, after: Array) -> bool:
 
 
 def _drop_row(work: _Work, equalities: _Equalities, rule: _Rule) -> int:
-    decided, work.skipped = np.zeros(len(work.A), dtype=bool), False
+    decided, work.skipped, work.unbalanced = np.zeros(len(work.A), dtype=int), False, 0.0
+    work.contradicted = False
     for level in range(len(work.levels)):
         row = _wrong_row(work, equalities, level, rule, decided)
         if row >= 0:
@@ -266,6 +285,7 @@ def _wrong_row(work: _Work, equalities: _Equalities, level: int, rule: _Rule, de
     significant = np.abs(slack) > _SIGNIFICANT / _FEASIBLE * work.tolerance[own.rows]
     if not significant.any():
         return -1
+    balance = slack @ work.A[own.rows]
     rows, multipliers, g = [own.rows[significant]], [slack[significant]], slack @ own.T[:, : own.column]
     for block in reversed(equalities.blocks[:level]):
         if block.rank == 0:
@@ -276,13 +296,19 @@ def _wrong_row(work: _Work, equalities: _Equalities, level: int, rule: _Rule, de
         g = g[:c0] + multiplier @ pivots[:, :c0]
         rows.append(block.rows[: block.rank])
         multipliers.append(multiplier)
-    return _worst(work, np.concatenate(rows), np.concatenate(multipliers), _MULTIPLIER * scale, rule, decided)
+        balance = balance + multiplier @ work.A[rows[-1]]
+    work.unbalanced = max(work.unbalanced, float(np.sqrt(balance @ balance)) / (scale + 1.0))
+    return _worst(
+        work, np.concatenate(rows), np.concatenate(multipliers), max(_MULTIPLIER * scale, _WRONG), rule, decided
+    )
 
 
 def _worst(work: _Work, rows: Array, multipliers: Array, tolerance: float, rule: _Rule, decided: Array) -> int:
-    judged = (work.state[rows] != _EQUAL) & ~decided[rows]
-    value = np.where(judged, multipliers * work.state[rows] * work.norm[rows], 0.0)
-    decided[rows[value > tolerance]] = True
+    value = multipliers * work.state[rows] * work.norm[rows]
+    work.contradicted |= bool(((decided[rows] == _WEAKLY) & (value < -tolerance)).any())
+    value = np.where((work.state[rows] != _EQUAL) & (decided[rows] == 0), value, 0.0)
+    decided[rows[value > tolerance]] = _WEAKLY
+    decided[rows[value > _DECISIVE * tolerance]] = _FIRMLY
     wrong = value < -tolerance
     work.skipped |= bool((wrong & work.tabu[rows]).any())
     wrong &= ~work.tabu[rows]

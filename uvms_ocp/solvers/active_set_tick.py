@@ -1,9 +1,9 @@
-"""A bound active-set solver with its chain of fallbacks: warm, cold, cascade polished, best of all."""
+"""A bound active-set solver with its chain of fallbacks: warm, cold, cascade polished, fewer levels; best of all."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import casadi as ca
@@ -18,7 +18,7 @@ from uvms_ocp.solvers.solution import Status, distance
 from uvms_ocp.solvers.tick import Buffered, TickResult
 
 # A run that did not end by itself counts as solved if its certificate is below this.
-_CERTIFIED = 1e-9
+_CERTIFIED = 1e-8
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -26,7 +26,9 @@ class ActiveSetFunctions:
     """What a tick evaluates."""
 
     tick: ca.Function | None
-    """(inputs, active set) -> v, active set, [outcome, iterations], status, residual, *extras; None without C."""
+    """(inputs, active set) -> v, active set, report, status, residual, *extras; None without C."""
+    core: ca.Function | None
+    """(J, lower, upper, active set) -> v, active set, report [outcome, iterations, 1 if cold]; None without C."""
     levels: ca.Function
     """inputs -> valid, J, lower, upper (gated), lower, upper, gate (as given), *extras"""
     sizes: tuple[int, ...]
@@ -38,16 +40,18 @@ class _Run:
     v: Array
     active_set: Array
     outcome: Outcome
+    status: Status  # if the run is exact
 
 
 class ActiveSetTick:
     """Warm-started from the active set of the tick before."""
 
-    __slots__ = ("_active_set", "_functions", "_levels", "_tick")
+    __slots__ = ("_active_set", "_core", "_functions", "_levels", "_tick")
 
     def __init__(self, functions: ActiveSetFunctions) -> None:
         self._functions = functions
         self._tick = None if functions.tick is None else Buffered(functions.tick)
+        self._core = None if functions.core is None else Buffered(functions.core)
         self._levels = Buffered(functions.levels)
         self.reset()
 
@@ -77,49 +81,70 @@ class ActiveSetTick:
         if report[0] != Outcome.SOLVED or not np.isfinite(v).all():
             return self._recovered(inputs)
         self._active_set = active_set
-        return v, Status.SOLVED, residual, extras
+        return v, Status.COLD_STARTED if report[2] else Status.SOLVED, residual, extras
 
     def _recovered(self, inputs: Sequence[ArrayLike]) -> tuple[Array, Status, Array, list[Array]]:
-        """The chain in NumPy, which is also the whole tick where there is no compiler."""
+        """The chain in Python, whose first link is the whole tick where there is no compiler."""
         valid, J, low, up, lower, upper, gate, *extras = self._levels(inputs)
         J = J.reshape(-1, self._functions.levels.size2_out(1))
         if not valid[0]:
             return np.zeros(J.shape[1]), Status.INVALID_INPUT, np.zeros(len(low)), extras
-        run, status = self._chain(J, low, up)
+        run = self._chain(J, low, up)
         self._active_set = run.active_set
         residual = np.where(gate > 0.0, distance(J @ run.v, lower, upper), 0.0)
-        return run.v, status, residual, extras
+        return run.v, run.status, residual, extras
 
-    def _chain(self, J: Array, low: Array, up: Array) -> tuple[_Run, Status]:
+    def _chain(self, J: Array, low: Array, up: Array) -> _Run:
         warm = self._run(J, low, up, self._active_set)
         if warm.outcome is Outcome.SOLVED:
-            return warm, Status.SOLVED
-        cold = self._run(J, low, up, np.zeros(len(low)))
+            return warm
+        cold = self._cold(J, low, up)
         if cold.outcome is Outcome.SOLVED:
-            return cold, Status.COLD_STARTED
-        sizes = self._functions.sizes
-        levels = [Level(jacobian=J[rows], lower=low[rows], upper=up[rows]) for rows in row_slices(sizes)]
-        for run, status in ((warm, Status.SOLVED), (cold, Status.COLD_STARTED)):
+            return cold
+        levels = [Level(jacobian=J[r], lower=low[r], upper=up[r]) for r in row_slices(self._functions.sizes)]
+        for run in (warm, cold):
             if certificate(levels, run.v) <= _CERTIFIED:
-                return run, status
-        return self._cascaded(levels, J, low, up, [warm, cold])
+                return run
+        return self._best(levels, [warm, cold, *self._cascaded(levels, J, low, up), self._shortened(J, low, up)])
 
-    def _cascaded(self, levels: list[Level], J: Array, low: Array, up: Array, runs: list[_Run]) -> tuple[_Run, Status]:
+    def _best(self, levels: list[Level], runs: list[_Run]) -> _Run:
         """The best of all runs; exact only if its certificate says so."""
-        if self._functions.cascade:
-            v = LexicographicQp().solve(levels).v
-            near = 1e-9 * (1.0 + np.abs(J).sum(axis=1))
-            active = np.where(J @ v >= up - near, 1.0, np.where(J @ v <= low + near, -1.0, 0.0))
-            runs = [*runs, self._run(J, low, up, active), _Run(v, active, Outcome.STALLED)]
         run = min(runs, key=lambda run: _Badness(levels, run.v))
         exact = certificate(levels, run.v) <= _CERTIFIED
-        return run, Status.CASCADED if exact else Status.INEXACT
+        return replace(run, status=Status.CASCADED if exact else Status.INEXACT)
+
+    def _cascaded(self, levels: list[Level], J: Array, low: Array, up: Array) -> list[_Run]:
+        """The cascade, and a run that starts where it ended."""
+        if not self._functions.cascade:
+            return []
+        v = LexicographicQp().solve(levels).v
+        near = 1e-9 * (1.0 + np.abs(J).sum(axis=1))
+        active = np.where(J @ v >= up - near, 1.0, np.where(J @ v <= low + near, -1.0, 0.0))
+        return [self._run(J, low, up, active), _Run(v, active, Outcome.STALLED, Status.CASCADED)]
+
+    def _shortened(self, J: Array, low: Array, up: Array) -> _Run:
+        """As many of the first levels as can be solved: what is given up is given up from the bottom."""
+        low, up = low.copy(), up.copy()
+        for rows in reversed(list(row_slices(self._functions.sizes))[1:]):
+            low[rows], up[rows] = -np.inf, np.inf
+            run = self._cold(J, low, up)
+            if run.outcome is Outcome.SOLVED:
+                return run
+        return self._cold(J, low, up)
+
+    def _cold(self, J: Array, low: Array, up: Array) -> _Run:
+        return replace(self._run(J, low, up, np.zeros(len(low))), status=Status.COLD_STARTED)
 
     def _run(self, J: Array, low: Array, up: Array, active_set: Array) -> _Run:
-        v, reached, outcome, _ = lexicographic_least_squares(J, low, up, active_set, self._functions.sizes)
+        if self._core is None:
+            v, reached, outcome, _ = lexicographic_least_squares(J, low, up, active_set, self._functions.sizes)
+            cold = False
+        else:
+            v, reached, report = self._core((J, low, up, active_set))
+            outcome, cold = Outcome(int(report[0])), bool(report[2])
         if np.isfinite(v).all():
-            return _Run(v, reached, outcome)
-        return _Run(np.zeros(len(v)), np.zeros(len(low)), Outcome.LIMIT)
+            return _Run(v, reached, outcome, Status.COLD_STARTED if cold else Status.SOLVED)
+        return _Run(np.zeros(len(v)), np.zeros(len(low)), Outcome.LIMIT, Status.INEXACT)
 
 
 class _Badness:

@@ -82,7 +82,7 @@ class Task(ABC):
 
     @abstractmethod
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        """The rows of this task; `parameters` holds what `reference` returns at each tick."""
+        """The rows of this task; `parameters` holds what `reference` returns at each tick, then what `sensor` does."""
 
     def n_parameters(self, robot: Robot) -> int:
         """Length of the vector that `reference` returns."""

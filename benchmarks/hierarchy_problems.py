@@ -1,0 +1,119 @@
+"""Problems of the hierarchy benchmark: recorded ticks of Case 1, random and adversarial hierarchies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.control.levels import LevelsProblem
+from uvms_ocp.scenarios import case1
+from uvms_ocp.solvers import Level, LexicographicActiveSet, Tick, TickResult
+from uvms_ocp.solvers.level import gated_bounds, row_slices
+
+EVERY = 4  # of the recorded ticks
+
+
+@dataclass(frozen=True, kw_only=True)
+class Problem:
+    """Levels in sequence: neighbours are one tick apart where `warm`."""
+
+    name: str
+    warm: bool
+    sets: list[list[Level]]
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        return tuple(level.n_rows for level in self.sets[0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording:
+    """A solver that keeps the inputs of every tick."""
+
+    solver: LexicographicActiveSet
+    inputs: list[tuple[np.ndarray, ...]]
+
+    def bind(self, levels_function: ca.Function, sizes: tuple[int, ...]) -> Tick:
+        tick = self.solver.bind(levels_function, sizes)
+
+        def recorded(*inputs: np.ndarray) -> TickResult:
+            self.inputs.append(tuple(np.array(value, dtype=float) for value in inputs))
+            return tick(*inputs)
+
+        return recorded
+
+
+def recorded_ticks() -> tuple[LevelsProblem, list[tuple[np.ndarray, ...]]]:
+    """The levels function of Case 1, and the inputs of all ticks of a run on the kinematic plant."""
+    scenario = case1(plant="kinematic")
+    recording = Recording(solver=LexicographicActiveSet(), inputs=[])
+    replace(scenario, solver=recording).run()
+    return scenario.controller().problem, recording.inputs
+
+
+def levels_of(problem: LevelsProblem, inputs: Sequence[np.ndarray]) -> list[Level]:
+    """The levels of one tick, gates in the bounds."""
+    J, lower, upper, rate, activation, gate = (np.array(x) for x in problem.function(*inputs)[:6])
+    names = ("jacobian", "lower", "upper", "rate", "activation", "gate")
+    columns = (J, *(x.ravel() for x in (lower, upper, rate, activation, gate)))
+    levels = [
+        Level(**{name: column[rows] for name, column in zip(names, columns, strict=True)})
+        for rows in row_slices(problem.sizes)
+    ]
+    return [_gated(level) for level in levels]
+
+
+def _gated(level: Level) -> Level:
+    lower, upper = gated_bounds(level)
+    rate, activation = level.rate, level.activation * level.gate
+    return Level(
+        jacobian=level.jacobian, lower=lower, upper=upper, rate=np.clip(rate, lower, upper), activation=activation
+    )
+
+
+def problems(n_random: int) -> list[Problem]:
+    """All problems; the recorded ticks are every `EVERY`-th of the run."""
+    problem, inputs = recorded_ticks()
+    case = [levels_of(problem, given) for given in inputs[::EVERY]]
+    found = [Problem(name="case1", warm=True, sets=case)]
+    for n, sizes in ((7, (7, 2, 3, 2, 7)), (13, (13, 3, 6, 1, 1, 6, 4, 6, 3, 3, 13)), (60, (60, 9, 20, 12, 30, 60))):
+        sets = [random_hierarchy(np.random.default_rng(seed), n, sizes) for seed in range(n_random)]
+        found.append(Problem(name=f"random n={n}", warm=False, sets=sets))
+    for name, nearly in (("dependent", 0.0), ("dependent to 1e-6", 1e-6)):
+        sets = [
+            dependent_hierarchy(np.random.default_rng(seed), 13, (6, 6, 6, 3, 13), nearly) for seed in range(n_random)
+        ]
+        found.append(Problem(name=name, warm=False, sets=sets))
+    return found
+
+
+def random_hierarchy(rng: np.random.Generator, n: int, sizes: tuple[int, ...]) -> list[Level]:
+    """A box on top, conflicting equalities and one- and two-sided inequalities, least velocity at the bottom."""
+    box = Level(jacobian=np.eye(n), lower=-rng.uniform(0.5, 1.5, n), upper=rng.uniform(0.5, 1.5, n))
+    rest = Level(jacobian=np.eye(n), lower=0.0, upper=0.0)
+    return [box, *(_random_level(rng, n, size) for size in sizes[1:-1]), rest]
+
+
+def _random_level(rng: np.random.Generator, n: int, size: int) -> Level:
+    lower, kind = rng.standard_normal(size), rng.integers(0, 4, size)
+    width = np.select([kind == 2, kind == 3], [rng.uniform(0.0, 1.0, size), np.inf], 0.0)
+    return Level(jacobian=rng.standard_normal((size, n)), lower=lower, upper=lower + width)
+
+
+def dependent_hierarchy(rng: np.random.Generator, n: int, sizes: tuple[int, ...], nearly: float) -> list[Level]:
+    """Half of the rows combine earlier ones, up to `nearly`."""
+    earlier = [rng.standard_normal(n)]
+    levels = []
+    for size in sizes:
+        for _ in range(size):
+            parts = rng.integers(0, len(earlier), 2)
+            combined = (earlier[parts[0]] + rng.choice([-1.0, 0.0, 2.0]) * earlier[parts[1]]) / 3.0
+            row = rng.standard_normal(n) if rng.random() < 0.5 else combined
+            earlier.append(row + nearly * rng.standard_normal(n))
+        low = np.round(rng.standard_normal(size), 1)
+        width = rng.choice([0.0, 0.5, np.inf], size)
+        levels.append(Level(jacobian=np.array(earlier[-size:]), lower=low, upper=low + width))
+    return levels

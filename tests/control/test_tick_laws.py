@@ -1,0 +1,114 @@
+"""Laws of one tick of Case 1 that hold at every state: limits, braking, strict priority."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from uvms_ocp.control.export import RecordingSolver
+from uvms_ocp.scenario import Scenario, pose_at
+from uvms_ocp.scenarios import case1
+from uvms_ocp.solvers import Level, Tick, TickResult
+from uvms_ocp.solvers.certificate import certificate
+from uvms_ocp.solvers.level import row_slices
+
+STARTS, TICKS = 100, 150
+
+
+@dataclass(frozen=True)
+class Machine:
+    scenario: Scenario
+    tick: Tick
+    sizes: tuple[int, ...]
+
+    @property
+    def n_v(self) -> int:
+        return self.scenario.robot.n_v
+
+    def random_state(self, rng: np.random.Generator) -> np.ndarray:
+        limits = self.scenario.robot.limits
+        low, high = np.maximum(limits.position_lower, -3.0), np.minimum(limits.position_upper, 3.0)
+        share = np.clip(rng.uniform(-0.2, 1.2, len(low)), 0.0, 1.0)
+        return self.scenario.robot.configuration(
+            position=rng.uniform([8.0, 36.0, -39.0], [13.0, 39.0, -36.0]),
+            rpy=rng.uniform([-0.3, -0.3, -3.0], [0.3, 0.3, 3.0]),
+            joints=low + share * (high - low),
+        )
+
+    def step(self, q: np.ndarray, previous: np.ndarray, gates: np.ndarray, goals: np.ndarray) -> TickResult:
+        return self.tick(q, previous, previous, [max(q[2] + 40.0, 0.01)], goals, gates)
+
+
+@pytest.fixture(scope="module")
+def machine() -> Machine:
+    scenario = case1(plant="kinematic")
+    problem = scenario.controller().problem
+    return Machine(scenario, scenario.solver.bind(problem.function, problem.sizes), problem.sizes)
+
+
+def _goals(machine: Machine, rng: np.random.Generator) -> np.ndarray:
+    """Parameters of all tasks, with the tool asked for anywhere."""
+    tool = pose_at(tuple(rng.uniform([8.0, 36.0, -41.0], [13.0, 39.0, -36.0])), tuple(rng.uniform(-3.0, 3.0, 3)))
+    tasks = machine.scenario.mission.hierarchy.tasks
+    moved = [task.with_goal(tool) if task.name == "T" else task for task in tasks]
+    return np.concatenate([task.reference(0.0) for task in moved])
+
+
+def _gates(machine: Machine, rng: np.random.Generator) -> np.ndarray:
+    phases, tasks = machine.scenario.mission.phases, machine.scenario.mission.hierarchy.tasks
+    phase = phases[rng.integers(len(phases))]
+    return np.array([phase.gates.get(task.name, 0.0) for task in tasks])
+
+
+def test_from_any_start_the_limits_hold_and_the_command_never_steps_by_more_than_the_acceleration(
+    machine: Machine,
+) -> None:
+    robot, dt = machine.scenario.robot, machine.scenario.dt
+    limits = robot.limits
+    for seed in range(STARTS):
+        rng = np.random.default_rng(seed)
+        q, v, goals = machine.random_state(rng), np.zeros(machine.n_v), _goals(machine, rng)
+        for index in range(TICKS):
+            if index % 50 == 0:
+                gates = _gates(machine, rng)
+            result = machine.step(q, v, gates, goals)
+            assert result.status.exact, (seed, index)
+            assert (np.abs(result.v - v) <= limits.acceleration * dt * (1 + 1e-9) + 1e-12).all(), (seed, index)
+            assert (np.abs(result.v) <= limits.velocity * (1 + 1e-9)).all()
+            v = result.v
+            q = pin.integrate(robot.model, q, v * dt)
+            joints = q[robot.joint_q]
+            assert (joints >= limits.position_lower - 1e-6).all(), (seed, index)
+            assert (joints <= limits.position_upper + 1e-6).all(), (seed, index)
+
+
+def test_the_first_ticks_of_every_phase_are_certified_optimal(machine: Machine) -> None:
+    recording = RecordingSolver(solver=machine.scenario.solver)
+    replace(machine.scenario, solver=recording).run()
+    function = machine.scenario.controller().problem.function
+    for recorded in recording.ticks:
+        J, lower, upper, _, _, gate = (np.array(x) for x in function(*recorded.inputs)[:6])
+        rows = (lower.ravel(), upper.ravel(), gate.ravel())
+        levels = [
+            Level(jacobian=J[r], lower=rows[0][r], upper=rows[1][r], gate=rows[2][r]) for r in row_slices(machine.sizes)
+        ]
+        assert certificate(levels, recorded.v) < 1e-9
+
+
+def test_turning_a_lower_task_on_or_off_leaves_every_higher_level_as_it_was(machine: Machine) -> None:
+    rng = np.random.default_rng(5)
+    n_tasks = len(machine.scenario.mission.hierarchy.tasks)
+    for _ in range(100):
+        q, v, goals = machine.random_state(rng), rng.uniform(-0.05, 0.05, machine.n_v), _goals(machine, rng)
+        gates = (rng.random(n_tasks) < 0.7).astype(float)
+        turned = int(rng.integers(n_tasks))
+        before = machine.step(q, v, gates, goals)
+        gates[turned] = 1.0 - gates[turned]
+        after = machine.step(q, v, gates, goals)
+        # Level 0 holds the limits, so that the levels above task k are 0 .. k.
+        for rows in list(row_slices(machine.sizes))[: turned + 1]:
+            higher = [np.linalg.norm(result.residual[rows]) for result in (before, after)]
+            assert higher[0] == pytest.approx(higher[1], abs=1e-8)

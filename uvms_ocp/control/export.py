@@ -1,0 +1,138 @@
+"""The tick of a scenario as C source that needs nothing but libm: levels, hierarchy solver, example, CMake file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uvms_ocp.control.kinematic import HierarchySolver
+from uvms_ocp.control.levels import LevelsProblem
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.solvers import Tick, TickResult
+from uvms_ocp.solvers.active_set import core_source, gated_levels
+
+TEMPLATES = ("tick.c", "example.c", "CMakeLists.txt")
+_WINDOW = 25  # ticks recorded from the start and from every change of the gates
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class RecordedTick:
+    """One tick of a run."""
+
+    inputs: tuple[np.ndarray, ...]
+    v: np.ndarray
+    start: bool  # the first of consecutive ticks
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class RecordingSolver:
+    """A solver that keeps the first ticks of every phase of a run."""
+
+    solver: HierarchySolver
+    ticks: list[RecordedTick] = field(default_factory=list)
+
+    def bind(self, levels_function: ca.Function, sizes: tuple[int, ...]) -> Tick:
+        return _RecordingTick(self.solver.bind(levels_function, sizes), self.ticks)
+
+
+class _RecordingTick:
+    __slots__ = ("_gates", "_left", "_tick", "_ticks")
+
+    def __init__(self, tick: Tick, ticks: list[RecordedTick]) -> None:
+        self._tick, self._ticks, self._left = tick, ticks, 0
+        self._gates = np.zeros(0)
+
+    def __call__(self, *inputs: ArrayLike) -> TickResult:
+        result = self._tick(*inputs)
+        gates = np.sign(inputs[-1])
+        changed = not np.array_equal(gates, self._gates)
+        self._gates, self._left = gates, _WINDOW if changed else self._left - 1
+        if self._left > 0:
+            kept = tuple(np.array(value, dtype=float) for value in inputs)
+            self._ticks.append(RecordedTick(inputs=kept, v=result.v, start=changed))
+        return result
+
+
+def write_tick(problem: LevelsProblem, ticks: Sequence[RecordedTick], folder: Path) -> None:
+    """Write levels.c, active_set.c, tick.h, ticks.h and the templates into `folder`, which exists.
+
+    Raises `InvalidInput` for a run without a tick.
+    """
+    if not ticks:
+        raise InvalidInput("no recorded tick to compare with; run the scenario for at least one tick")
+    levels = gated_levels(problem.function)
+    for name, text in {
+        "levels.c": _generated(levels),
+        "active_set.c": core_source(problem.function.size2_out(0), problem.sizes),
+        "tick.h": _header(problem, levels),
+        "ticks.h": _recorded(ticks),
+        **{name: _template(name) for name in TEMPLATES},
+    }.items():
+        (folder / name).write_text(text, encoding="utf-8")
+
+
+def _generated(levels: ca.Function) -> str:
+    generator = ca.CodeGenerator("levels.c")
+    generator.add(levels)
+    return str(generator.dump())
+
+
+def _template(name: str) -> str:
+    return files("uvms_ocp.control").joinpath("export_templates", name).read_text(encoding="utf-8")
+
+
+def _header(problem: LevelsProblem, levels: ca.Function) -> str:
+    names, sizes = levels.name_in(), [levels.numel_in(i) for i in range(levels.n_in())]
+    constants = {
+        "N_IN": len(names),
+        "N_V": problem.function.size2_out(0),
+        "N_ROWS": sum(problem.sizes),
+        "N_QUANTITIES": max(1, len(problem.quantity_names)),
+        "SZ_ARG": levels.sz_arg(),
+        "SZ_RES": levels.sz_res(),
+        "SZ_IW": max(1, levels.sz_iw()),
+        "SZ_W": max(1, levels.sz_w()),
+    }
+    inputs = ", ".join(f"{name} ({size})" for name, size in zip(names, sizes, strict=True))
+    return "\n".join(
+        [
+            "#ifndef TICK_H",
+            "#define TICK_H",
+            *(f"#define TICK_{name} {value}" for name, value in constants.items()),
+            "enum { TICK_SOLVED = 0, TICK_NOT_CERTAIN = 1, TICK_INVALID_INPUT = 2 };",
+            f"static const int TICK_SIZE_IN[TICK_N_IN] = {{{', '.join(map(str, sizes))}}};",
+            f"/* in: {inputs}.",
+            f"   levels: {', '.join(f'{n} ({m})' for n, m in zip(problem.names, problem.sizes, strict=True))}.",
+            f"   quantities: {', '.join(problem.quantity_names)}.",
+            "   active_set: zeros before the first tick, then what the tick before left in it.",
+            "   v: the velocity to command; brake where the tick is not certain, hold where its input is invalid. */",
+            "int tick(const double *const in[TICK_N_IN], double active_set[TICK_N_ROWS], double v[TICK_N_V],",
+            "         double quantities[TICK_N_QUANTITIES]);",
+            "#endif",
+            "",
+        ]
+    )
+
+
+def _recorded(ticks: Sequence[RecordedTick]) -> str:
+    inputs = [np.concatenate([value.ravel(order="F") for value in tick.inputs]) for tick in ticks]
+    starts = ", ".join(str(int(tick.start)) for tick in ticks)
+    return "\n".join(
+        [
+            f"#define TICKS {len(ticks)}",
+            f"static const int TICK_STARTS[TICKS] = {{{starts}}};",
+            f"static const double TICK_INPUTS[TICKS][{len(inputs[0])}] = {_table(inputs)};",
+            f"static const double TICK_VELOCITIES[TICKS][TICK_N_V] = {_table([tick.v for tick in ticks])};",
+            "",
+        ]
+    )
+
+
+def _table(rows: Sequence[np.ndarray]) -> str:
+    return "{\n" + ",\n".join("{" + ", ".join(f"{x:.17g}" for x in row) + "}" for row in rows) + "}"
