@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from uvms_ocp.control.levels import build_levels
-from uvms_ocp.control.reach import row_acceleration
 from uvms_ocp.model.robot import Robot, load_robot
 from uvms_ocp.scenarios import case1
 from uvms_ocp.tasks import Hierarchy, NullVelocity
+from uvms_ocp.tasks.limits import row_acceleration
 
 DT = 0.005
 

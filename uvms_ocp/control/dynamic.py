@@ -14,6 +14,8 @@ from uvms_ocp.model.dynamics import Dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, Measurement
 
+_ENCODER_SILENCE = 0.05  # [s] after which joints are no longer fed back; a joint falls faster than a vehicle drifts
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class VelocityGains:
@@ -73,15 +75,16 @@ class DynamicController:
     def __call__(self, measurement: Measurement, t: float) -> Command:
         """The command for the tick at time t [s]."""
         command = self.kinematic(measurement, t)
-        disturbance = self._disturbance(measurement)
-        error = command.v - measurement.v
+        trusted = self._trusted(command, measurement)
+        disturbance = self._disturbance(measurement, command)
+        error = np.where(trusted, command.v - measurement.v, 0.0)
         settled = self._reset * self._integral
         a = (command.v - self._reference) / self._dt + self._K_p * (error + settled)
         self._reference = command.v
         tau = self._dynamics.inverse_dynamics(measurement.q, command.v, a) - disturbance
         tau += self._dynamics.damping_matrix(measurement.q, command.v) @ settled
         if command.stop:
-            tau = np.zeros_like(tau)
+            tau[self._robot.vehicle_v] = 0.0
         result, torque = self._realize(tau)
         self._integrate(error, tau, np.concatenate([result.reached[: self._robot.n_vehicle], torque]))
         telemetry = {
@@ -92,11 +95,22 @@ class DynamicController:
             "saturated": result.saturated,
         }
         thrust = self._thrusters.drive(result.thrust, hurry=not command.stop)
-        return replace(command, thrust=thrust, torque=torque, telemetry=telemetry)
+        return replace(command, thrust=thrust, torque=torque, brakes=not trusted[-1], telemetry=telemetry)
 
-    def _disturbance(self, measurement: Measurement) -> np.ndarray:
+    def _trusted(self, command: Command, measurement: Measurement) -> np.ndarray:
+        """Which axes (n_v,) are fed back. On the others feed-forward goes on alone: feedback from a frozen velocity
+        would accelerate the robot without end."""
+        if command.stop:
+            self._integral[self._robot.vehicle_v] = 0.0
+        joints = measurement.joint_age <= _ENCODER_SILENCE
+        return np.repeat([not command.hold, joints], [self._robot.n_vehicle, self._robot.n_joints])
+
+    def _disturbance(self, measurement: Measurement, command: Command) -> np.ndarray:
         if self._observer is None:
             return np.zeros(self._robot.n_v)
+        if command.hold:
+            self._observer.pause(forget=command.stop)
+            return self._observer.estimate
         wrench = (self._allocation.matrix @ self._thrusters.thrust)[: self._robot.n_vehicle]
         return self._observer.update(measurement.q, measurement.v, np.concatenate([wrench, self._torque]))
 

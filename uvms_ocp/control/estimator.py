@@ -14,6 +14,7 @@ from uvms_ocp.model.sensing import CHANNELS, IDEAL_SENSORS, SensorSpecs
 from uvms_ocp.model.state import Command, Measurement, Readings
 
 _VEHICLE_CHANNELS = ("position", "attitude", "linear_velocity", "angular_velocity")
+_JOINT_CHANNELS = ("joint_positions",)
 _OPTIONAL_CHANNELS = ("depth", "joint_velocities")  # improve an estimate that does not need them
 
 
@@ -82,7 +83,8 @@ class Estimator:
             q_vehicle, v_vehicle = self._vehicle_at(readings, t, dt, asked)
             q, v = np.concatenate([*q_vehicle, q]), np.concatenate([v_vehicle, v])
         echo = math.nan if self._altitude is None else self._altitude.update(q, v, readings, t, dt)
-        return Measurement(q=q, v=v, altimeter_range=echo, age=age_of(readings, self._needed, t))
+        age, joint_age = age_of(readings, self._needed, t), age_of(readings, _JOINT_CHANNELS, t)
+        return Measurement(q=q, v=v, altimeter_range=echo, age=age, joint_age=joint_age)
 
     def _follow(self, command: Command, dt: float) -> np.ndarray:
         """The velocity (n_v,) that the command has brought about, were there nothing else."""
@@ -133,7 +135,13 @@ class PassThrough:
             for channels in (self._q_channels, self._v_channels)
         )
         echo = readings.altimeter_range
-        return Measurement(q=q, v=v, altimeter_range=math.nan if echo is None else echo.value, age=age)
+        return Measurement(
+            q=q,
+            v=v,
+            altimeter_range=math.nan if echo is None else echo.value,
+            age=age,
+            joint_age=age_of(readings, _JOINT_CHANNELS, t),
+        )
 
 
 def age_of(readings: Readings, channels: tuple[str, ...], t: float) -> float:

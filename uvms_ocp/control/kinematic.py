@@ -16,7 +16,7 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, Measurement
 from uvms_ocp.solvers import Status, Tick, TickResult
 
-NO_ECHO_RANGE = 100.0  # [m] stands in for the altimeter's range where there is no echo
+NO_ECHO_RANGE = 100.0  # [m] stands in for the altimeter's range before the first echo
 _STATUS_CODE = {status: code for code, status in enumerate(Status)}
 
 
@@ -53,12 +53,14 @@ class KinematicController:
         self.quantities: dict[str, float] = {}
         self.watchdog = watchdog or Watchdog()
         self._previous = np.zeros(robot.n_v)
+        self._echo, self._echo_time = NO_ECHO_RANGE, 0.0
+        self._altitude_tasks = [index for index, task in enumerate(mission.hierarchy.tasks) if task.needs_altimeter]
 
     def __call__(self, measurement: Measurement, t: float) -> Command:
         """The command for the tick at time t [s]."""
         begin = perf_counter()
         phase, gates = self.state.phase, self.mission.gates(self.state, t)
-        freshness = self.watchdog.judge(measurement.age, t)
+        freshness = self.watchdog.judge(max(measurement.age, self._echo_age(measurement, t, gates)), t)
         result = self._tick(*self._inputs(measurement, t), gates)
         quantities, activity = result.extras
         if freshness is Freshness.FRESH:
@@ -79,6 +81,7 @@ class KinematicController:
         }
         return Command(
             v=self._previous,
+            hold=freshness is not Freshness.FRESH,
             stop=freshness is Freshness.LOST,
             finished=self.state.over,
             telemetry=telemetry,
@@ -99,9 +102,15 @@ class KinematicController:
             measurement.q,
             measurement.v,
             self._previous,
-            np.array([echo if np.isfinite(echo) else NO_ECHO_RANGE]),
+            np.array([echo if np.isfinite(echo) else self._echo]),
             self.mission.parameters(self.state, t, measurement.q),
         )
+
+    def _echo_age(self, measurement: Measurement, t: float, gates: np.ndarray) -> float:
+        """Time [s] since the last echo while a task on altitude is on; the last range stands in for a missing one."""
+        if np.isfinite(measurement.altimeter_range):
+            self._echo, self._echo_time = measurement.altimeter_range, t
+        return t - self._echo_time if gates[self._altitude_tasks].any() else 0.0
 
     def _named(self, quantities: np.ndarray) -> dict[str, float]:
         return dict(zip(self.problem.quantity_names, quantities.tolist(), strict=True))

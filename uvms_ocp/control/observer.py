@@ -22,6 +22,12 @@ class DisturbanceObserver:
         self._v_hat: np.ndarray | None = None
         self.estimate = np.zeros(len(bandwidth))  # d (n_v,) [N, N m]
 
+    def pause(self, *, forget: bool) -> None:
+        """Keep the estimate, or set it to zero, until measurements can be trusted again."""
+        self._v_hat = None
+        if forget:
+            self.estimate[:] = 0.0
+
     def update(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """The estimate (n_v,) after a tick with measured q, v, while tau (n_v,) acted since the last one.
 

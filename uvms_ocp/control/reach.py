@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import replace
 
 import casadi as ca
-import numpy as np
 
+from uvms_ocp.tasks.limits import row_acceleration
 from uvms_ocp.tasks.task import Rows, TickSymbols
 
 _NOTHING = 1e-9  # keeps divisions by a row of zeros or a change of zero finite
@@ -31,9 +30,3 @@ def reachable_rows(rows: Rows, *, equality: bool, symbols: TickSymbols, previous
     share = ca.fmin(1, ca.mmin(step / ca.fmax(ca.fabs(change), _NOTHING)))
     target = present + share * change
     return replace(rows, lower=target, upper=target)
-
-
-def row_acceleration(J: ca.SX, limit: np.ndarray) -> ca.SX:
-    """Rate of change (m,) of ``J v`` along each row's own gradient when the first axis is at its `limit` (n_v,)."""
-    effort = functools.reduce(ca.fmax, ca.horzsplit(ca.fabs(J) @ ca.diag(ca.DM(1 / limit))))
-    return ca.sum2(J**2) / ca.fmax(effort, _NOTHING)

@@ -13,8 +13,8 @@ class Freshness(enum.IntEnum):
     """How far a measurement can be trusted."""
 
     FRESH = 0
-    STALE = 1  # hold: brake to a stop and keep still
-    LOST = 2  # stop: no thrust, no torque
+    STALE = 1  # hold: brake along a ramp, without feedback from what is stale
+    LOST = 2  # stop: no thrust; motors hold the arm
 
 
 @dataclass(slots=True)

@@ -125,11 +125,11 @@ def read_only(values: ArrayLike) -> np.ndarray:
 
 
 def bounded_joints(joints: Sequence[Joint], limits: Limits) -> list[tuple[Joint, float, float]]:
-    """Joints of one degree of freedom with finite limits, with their lower and upper position [rad or m]."""
+    """Joints of one degree of freedom with a limit, with their lower and upper position [rad or m], one may be inf."""
     first = joints[0].idx_v if joints else 0
     found = (
         (joint, float(limits.position_lower[joint.idx_v - first]), float(limits.position_upper[joint.idx_v - first]))
         for joint in joints
         if joint.n_q == joint.n_v == 1
     )
-    return [(joint, low, up) for joint, low, up in found if np.isfinite([low, up]).all()]
+    return [(joint, low, up) for joint, low, up in found if np.isfinite([low, up]).any()]

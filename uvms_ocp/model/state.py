@@ -52,6 +52,7 @@ class Measurement:
     v: np.ndarray  # (n_v,) [m/s, rad/s] measured generalized velocity
     altimeter_range: float  # [m] range along -z of the altimeter frame; nan where there is no echo
     age: float = 0.0  # [s] of the oldest reading that it needs; inf before the first
+    joint_age: float = 0.0  # [s] of the joint positions alone
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -61,6 +62,8 @@ class Command:
     v: np.ndarray  # (n_v,) [m/s, rad/s] reference velocity
     thrust: np.ndarray | None = None  # (n_thrusters,) [N] asked of the thrusters; kinematic layers leave it out
     torque: np.ndarray | None = None  # (n_joints,) [N m or N] asked of the joint motors
-    stop: bool = False  # cut thrust and torque
+    hold: bool = False  # the vehicle's measured velocity is not to be trusted
+    stop: bool = False  # cut the thrust
+    brakes: bool = False  # lock the joints: they cannot be held by motors while their encoders are silent
     finished: bool = False  # the mission is complete; the loop may stop
     telemetry: Mapping[str, Any] = field(default_factory=dict)  # scalars and arrays to record

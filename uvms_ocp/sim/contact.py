@@ -30,13 +30,18 @@ class ContactModel:
             if not (math.isfinite(value) and value > 0):
                 raise InvalidInput(f"contact {name} = {value}; give a finite value > 0")
 
-    def force(self, depth: ca.SX, velocity_W: ca.SX, normal_W: ca.SX) -> ca.SX:
-        """Force (3,) [N] in W on a point `depth` [m] below the floor that moves with velocity_W (3,) [m/s]."""
-        speed = ca.dot(velocity_W, normal_W)
-        pressing = ca.if_else(depth > 0, ca.fmax(self.stiffness * depth - self.damping * speed, 0), 0)
+    def force(self, depth: ca.SX, velocity_W: ca.SX, normal_W: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Force (3,) [N] in W on a point `depth` [m] below the floor that moves with velocity_W (3,) [m/s], and its slope.
+
+        The slope (3, 3) [N s/m], minus the derivative with respect to velocity over a step dt [s], makes the step implicit.
+        """
+        speed, damping = ca.dot(velocity_W, normal_W), self.damping + dt * self.stiffness
+        pressing = ca.if_else(depth > 0, ca.fmax(self.stiffness * depth - damping * speed, 0), 0)
         sliding = velocity_W - speed * normal_W
         grip = self.friction * pressing / ca.sqrt(ca.sumsqr(sliding) + self.creep**2)
-        return pressing * normal_W - grip * sliding
+        across = ca.SX.eye(3) - normal_W @ normal_W.T
+        slope = ca.if_else(pressing > 0, damping, 0) * (normal_W @ normal_W.T) + grip * across
+        return pressing * normal_W - grip * sliding, slope
 
 
 def skid_points(robot: Robot) -> np.ndarray:

@@ -19,6 +19,8 @@ from uvms_ocp.sim.dynamic_step import JointStops, StepModel, step_function
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.thrusters import ThrusterBank, joint_power
 
+BRAKE_FRICTION = 1e6  # [N m s/rad] of a locked joint, which creeps by less than a milliradian in a minute (assumed)
+
 
 class DynamicPlant:
     """Robot, thrusters, water and floor at `max_step` or finer; see `uvms_ocp.sim.dynamic_step` for the equations."""
@@ -51,6 +53,7 @@ class DynamicPlant:
         self._bank = ThrusterBank(robot)
         self._efficiency = robot.description.joint_efficiency
         self._t = 0.0
+        self._positions: np.ndarray | None = None  # of the links one tick ago
         self._contact = np.zeros(len(self._points))
         self._torque = np.zeros(robot.n_joints)
         self._joint_energy = 0.0
@@ -59,14 +62,14 @@ class DynamicPlant:
     def step(self, command: Command, dt: float) -> None:
         """Advance by dt [s]. Water and floor are sampled once, thrust and motion in steps of at most `max_step`."""
         thrust, self._torque = self._efforts(command)
-        water, floor = self._water(), self._floor()
+        water, floor = self._water(dt), self._floor()
         n_steps = math.ceil(dt / self._max_step - 1e-9)
-        h = np.array([dt / n_steps])
+        h, brake = np.array([dt / n_steps]), np.array([BRAKE_FRICTION if command.brakes else 0.0])
         q, v = self.state.q, self.state.v
         for _ in range(n_steps):
             wrench = self._matrix @ self._bank.step(thrust, h[0])
             tau = np.concatenate([wrench[: self._robot.n_vehicle], self._torque])
-            q, v, self._contact = self._step(q, v, tau, *water, *floor, h)
+            q, v, self._contact = self._step(q, v, tau, *water, *floor, brake, h)
             self._joint_energy += h[0] * float(
                 joint_power(self._torque, v[self._robot.joint_v], self._efficiency).sum()
             )
@@ -89,10 +92,14 @@ class DynamicPlant:
         effort = self._robot.limits.effort
         return command.thrust, np.clip(command.torque, -effort, effort)
 
-    def _water(self) -> tuple[np.ndarray, np.ndarray]:
-        positions = self._dynamics.link_positions(self.state.q)
-        current = self._environment.current
-        return current.velocity(positions, self._t), current.acceleration(positions, self._t)
+    def _water(self, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """Velocity and acceleration (n_links, 3) of the water as the moving links feel it."""
+        positions, current = self._dynamics.link_positions(self.state.q), self._environment.current
+        before = positions if self._positions is None else self._positions
+        self._positions = positions
+        velocity = current.velocity(positions, self._t)
+        carried = (velocity - current.velocity(before, self._t)) / dt  # shear along the way of each link
+        return velocity, current.acceleration(positions, self._t) + carried
 
     def _floor(self) -> tuple[np.ndarray, np.ndarray]:
         """Height (n_points,) and normal (n_points, 3) of the floor below the contact points."""

@@ -1,7 +1,7 @@
 """One time step of a robot in water as a CasADi Function.
 
-The step is implicit in everything stiff and dissipative: with h the bias force and G the slope of drag, joint friction
-and joint stops with respect to velocity,
+The step is implicit in everything stiff and dissipative: with h the bias force and G the slope of drag, joint friction,
+joint stops and floor contact with respect to velocity,
 
     (M + dt G) (v_next - v) = dt (tau + contact + stops - h(q, v)),    q_next = q (+) v_next dt.
 
@@ -18,6 +18,7 @@ import numpy as np
 
 from uvms_ocp.model.limits import bounded_joints
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.spatial import skew
 from uvms_ocp.model.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.sim.contact import ContactModel
 
@@ -42,28 +43,30 @@ class StepModel:
 
 
 def step_function(model: StepModel) -> ca.Function:
-    """Function ``q, v, tau, u, u_dot, floor_z, floor_normal, dt -> q_next, v_next, contact``.
+    """Function ``q, v, tau, u, u_dot, floor_z, floor_normal, brake, dt -> q_next, v_next, contact``.
 
     tau (n_v,): generalized force of thrusters and motors. u, u_dot (3, n_links): water at the links. floor_z
-    (n_points,) and floor_normal (3, n_points): height and normal of the floor below the contact points. contact (n_points,) [N]:
+    (n_points,) and floor_normal (3, n_points): height and normal of the floor below the contact points. brake [N m s/rad]:
+    friction of the brakes on every joint. contact (n_points,) [N]:
     the vertical force of the floor on each point.
     """
     robot, n_links, n_points = model.robot, len(model.dynamics.links), len(model.points)
     q, v, tau = (ca.SX.sym(name, n) for name, n in (("q", robot.n_q), ("v", robot.n_v), ("tau", robot.n_v)))
     u, u_dot = ca.SX.sym("u", 3, n_links), ca.SX.sym("u_dot", 3, n_links)
     floor_z, normal = ca.SX.sym("floor_z", n_points), ca.SX.sym("floor_normal", 3, n_points)
-    dt = ca.SX.sym("dt")
+    brake, dt = ca.SX.sym("brake"), ca.SX.sym("dt")
 
     force, slope_stops = _stops(model, q, v, dt)
-    pushes, contact = _contact(model, q, v, floor_z, normal)
-    G = model.dynamics.drag_slope(q, v, u) + ca.diag(slope_stops)
+    brakes = brake * ca.vertcat(ca.SX.zeros(robot.n_vehicle), ca.SX.ones(robot.n_joints))
+    pushes, contact, slope_contact = _contact(model, q, v, floor_z, normal, dt)
+    G = model.dynamics.drag_slope(q, v, u) + ca.diag(slope_stops + brakes) + slope_contact
     h = model.dynamics.bias_force(q, v, u, u_dot)
     D, L_transposed, order = ca.ldl(model.dynamics.mass_matrix(q) + dt * G, False)
-    v_next = v + ca.ldl_solve(dt * (tau + force + contact - h), D, L_transposed, order)
+    v_next = v + ca.ldl_solve(dt * (tau + force + contact - brakes * v - h), D, L_transposed, order)
     q_next = model.dynamics.symbolic.integrate(q, v_next * dt)
 
     inputs = {"q": q, "v": v, "tau": tau, "u": u, "u_dot": u_dot}
-    inputs |= {"floor_z": floor_z, "floor_normal": normal, "dt": dt}
+    inputs |= {"floor_z": floor_z, "floor_normal": normal, "brake": brake, "dt": dt}
     outputs = {"q_next": _unit_quaternion(robot, q_next), "v_next": v_next, "contact": pushes}
     dense = [ca.densify(value) for value in outputs.values()]
     return ca.Function("plant_step", [*inputs.values()], dense, [*inputs], [*outputs], {"cse": True})
@@ -81,22 +84,25 @@ def _stops(model: StepModel, q: ca.SX, v: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.S
     return force, slope
 
 
-def _contact(model: StepModel, q: ca.SX, v: ca.SX, floor_z: ca.SX, normal: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Vertical force [N] per point, and the generalized force (n_v,) of all."""
-    total = ca.SX.zeros(model.robot.n_v)
+def _contact(
+    model: StepModel, q: ca.SX, v: ca.SX, floor_z: ca.SX, normal: ca.SX, dt: ca.SX
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Vertical force [N] per point, the generalized force (n_v,) of all, and what they add to G (n_v, n_v)."""
+    n_v = model.robot.n_v
+    total, slope = ca.SX.zeros(n_v), ca.SX(n_v, n_v)
     if not len(model.points):
-        return ca.SX(0, 1), total
+        return ca.SX(0, 1), total, slope
     pose = model.dynamics.symbolic.joint_poses(model.dynamics.symbolic.local_poses(q))[1]
     vertical = []
     for index, point in enumerate(model.points):
         p_B = ca.DM(point)
-        velocity = pose.R @ (v[:3] + ca.cross(v[3:6], p_B))
+        J = ca.horzcat(pose.R, -pose.R @ skew(ca.SX(p_B)))
         depth = (floor_z[index] - (pose.p + pose.R @ p_B)[2]) * normal[2, index]
-        force_W = model.contact.force(depth, velocity, normal[:, index])
-        force_B = pose.R.T @ force_W
-        total[:6] += ca.vertcat(force_B, ca.cross(p_B, force_B))
+        force_W, slope_W = model.contact.force(depth, J @ v[:6], normal[:, index], dt)
+        total[:6] += J.T @ force_W
+        slope[:6, :6] += J.T @ slope_W @ J
         vertical.append(force_W[2])
-    return ca.vertcat(*vertical), total
+    return ca.vertcat(*vertical), total, slope
 
 
 def _unit_quaternion(robot: Robot, q: ca.SX) -> ca.SX:

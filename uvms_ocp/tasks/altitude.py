@@ -7,8 +7,9 @@ from typing import ClassVar
 
 import casadi as ca
 
+from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.tasks.activation import Bell
-from uvms_ocp.tasks.limits import approach_speed, saturate
+from uvms_ocp.tasks.limits import approach_speed, row_acceleration, saturate
 from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, equality_rows, require_positive
 
 
@@ -23,9 +24,14 @@ def altitude_row(symbols: TickSymbols, frame: str) -> ca.SX:
     return symbols.kinematics.jacobian(frame)[2, :]
 
 
-def vertical_deceleration(symbols: TickSymbols) -> float:
-    """Vertical deceleration [m/s^2] that is always available: the smallest linear limit of the vehicle."""
-    return float(min(symbols.robot.limits.acceleration[:3]))
+def altimeter_of(task: str, symbols: TickSymbols, frame: str | None) -> str:
+    """The frame given, or the robot's altimeter; raises `InvalidInput` where there is none."""
+    found = frame or symbols.robot.description.altimeter
+    if found is None:
+        raise InvalidInput(
+            f"{task}: the robot has no altimeter; name its frame in the YAML (altimeter: FRAME) or as frame="
+        )
+    return found
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -33,9 +39,10 @@ class MinimumAltitude(Task):
     """MAC: the altimeter stays above `threshold` ([Gao2022] eqs 16-26)."""
 
     equality: ClassVar[bool] = False
+    needs_altimeter: ClassVar[bool] = True
     name: str = "MAC"
     task_class: TaskClass = TaskClass.SAFETY
-    frame: str = "altimeter"
+    frame: str | None = None  # of the range sensor; by default the altimeter of the robot's file
     threshold: float = 1.0  # [m] h_min
     margin: float = 0.5  # [m] Delta
     gain: float = 0.4  # [1/s]
@@ -51,17 +58,18 @@ class MinimumAltitude(Task):
         )
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        h = altitude_of(symbols, self.frame)
+        frame = altimeter_of(self.name, symbols, self.frame)
+        h, row = altitude_of(symbols, frame), altitude_row(symbols, frame)
         sinking = approach_speed(
             h - self.threshold,
             gain=self.gain,
-            deceleration=vertical_deceleration(symbols),
+            deceleration=row_acceleration(row, symbols.robot.limits.acceleration),
             dt=symbols.dt,
             saturation=self.saturation,
         )
         bell = Bell(self.threshold, self.threshold + self.margin)
         return Rows(
-            jacobian=altitude_row(symbols, self.frame),
+            jacobian=row,
             rate=saturate(self.gain * (bell.end - h), self.saturation),
             lower=-sinking,
             upper=ca.SX(ca.inf),
@@ -74,9 +82,10 @@ class MinimumAltitude(Task):
 class LandingAltitude(Task):
     """LA: the altimeter descends to ``landing_distance + safeguard`` ([Gao2022] eqs 34-35)."""
 
+    needs_altimeter: ClassVar[bool] = True
     name: str = "LA"
     task_class: TaskClass = TaskClass.ACTION
-    frame: str = "altimeter"
+    frame: str | None = None  # of the range sensor; by default the altimeter of the robot's file
     landing_distance: float = -0.02  # [m] d_landing; below 0 so that the safeguard's height is crossed
     safeguard: float = 0.17  # [m] Delta_safeguard
     gain: float = 0.4  # [1/s]
@@ -86,6 +95,7 @@ class LandingAltitude(Task):
         require_positive(self.name, safeguard=self.safeguard, gain=self.gain, saturation=self.saturation)
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        h = altitude_of(symbols, self.frame)
+        frame = altimeter_of(self.name, symbols, self.frame)
+        h = altitude_of(symbols, frame)
         rate = saturate(self.gain * (self.landing_distance + self.safeguard - h), self.saturation)
-        return equality_rows(altitude_row(symbols, self.frame), rate, {"altitude": h})
+        return equality_rows(altitude_row(symbols, frame), rate, {"altitude": h})

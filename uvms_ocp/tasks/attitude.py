@@ -12,7 +12,7 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.spatial import skew
 from uvms_ocp.tasks.activation import Bell
-from uvms_ocp.tasks.limits import approach_speed, saturate
+from uvms_ocp.tasks.limits import approach_speed, row_acceleration, saturate
 from uvms_ocp.tasks.reference import VectorGoal, evaluate_vector
 from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, require_positive
 
@@ -51,7 +51,7 @@ class AngleTask(Task):
         rising = approach_speed(
             self.aim - theta,
             gain=self.gain,
-            deceleration=float(min(symbols.robot.limits.acceleration[3:6])),
+            deceleration=row_acceleration(row, symbols.robot.limits.acceleration),
             dt=symbols.dt,
             saturation=self.saturation,
         )

@@ -39,7 +39,11 @@ class JointLimits(Task):
             raise InvalidInput(f"{self.name}: margin = {self.margin}; give a share of the range below 0.5")
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        joints = bounded_joints(symbols.robot.joints, symbols.robot.limits)
+        joints = [
+            entry
+            for entry in bounded_joints(symbols.robot.joints, symbols.robot.limits)
+            if np.isfinite(entry[1:]).all()
+        ]
         rows = [self._joint_row(symbols, joint, lower, upper) for joint, lower, upper in joints]
         stacked = [ca.vertcat(*column) for column in zip(*rows, strict=True)] or [ca.SX(0, 1)] * 4
         return Rows(

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import functools
+
 import casadi as ca
+import numpy as np
 
 _ABRUPT = 1e6  # [1/s^2] stands in for an acceleration without limit, where the formula would give inf * 0
 
 
-def approach_speed(distance: ca.SX, *, gain: float, deceleration: float, dt: float, saturation: float) -> ca.SX:
+def approach_speed(distance: ca.SX, *, gain: float, deceleration: float | ca.SX, dt: float, saturation: float) -> ca.SX:
     """Largest speed towards a limit that is `distance` away; negative (retreat) where the limit is already passed.
 
     The smaller of a velocity damper ``gain * distance`` and the speed from which a full stop at `deceleration`
@@ -20,12 +23,18 @@ def approach_speed(distance: ca.SX, *, gain: float, deceleration: float, dt: flo
     return ca.fmin(damper, stopping_speed(distance, deceleration=deceleration, dt=dt))
 
 
-def stopping_speed(distance: ca.SX, *, deceleration: float, dt: float) -> ca.SX:
+def stopping_speed(distance: ca.SX, *, deceleration: float | ca.SX, dt: float) -> ca.SX:
     """Largest speed from which a full stop within `distance` is possible in sampled time; 0 beyond the limit."""
-    deceleration = min(deceleration, _ABRUPT)
+    deceleration = ca.fmax(ca.fmin(deceleration, _ABRUPT), 1 / _ABRUPT)
     return deceleration * (ca.sqrt(dt**2 + 2 * ca.fmax(distance, 0) / deceleration) - dt)
 
 
 def saturate(x: ca.SX, limit: float) -> ca.SX:
     """`x` scaled so that its norm is at most `limit`; the direction is kept."""
     return x * limit / ca.fmax(ca.norm_2(x), limit)
+
+
+def row_acceleration(J: ca.SX, limit: np.ndarray) -> ca.SX:
+    """Rate of change (m,) of ``J v`` along each row's own gradient when the first axis is at its `limit` (n_v,)."""
+    effort = functools.reduce(ca.fmax, ca.horzsplit(ca.fabs(J) @ ca.diag(ca.DM(1 / limit))))
+    return ca.sum2(J**2) / ca.fmax(effort, 1 / _ABRUPT)

@@ -79,6 +79,7 @@ class Task(ABC):
     task_class: TaskClass
     reactive: ClassVar[bool] = True
     equality: ClassVar[bool] = True
+    needs_altimeter: ClassVar[bool] = False
 
     @abstractmethod
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
