@@ -71,6 +71,22 @@ class Rows:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Residual:
+    """What a task asks of a state: `value` within ``[lower, upper]``; an equality has lower = upper.
+
+    Smooth in the state, so that it can be optimised over a horizon; `Rows` are its velocity-level counterpart.
+    """
+
+    value: ca.SX  # (m,)
+    lower: np.ndarray  # (m,)
+    upper: np.ndarray  # (m,)
+
+    @property
+    def n_rows(self) -> int:
+        return int(self.value.shape[0])
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Task(ABC):
     """Base of all tasks. Fields of every task can be changed with `dataclasses.replace`."""
 
@@ -82,6 +98,15 @@ class Task(ABC):
     @abstractmethod
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         """The rows of this task; `parameters` holds what `reference` returns at each tick."""
+
+    def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
+        """The error or quantity that this task keeps at a value or in a range, for planning over a horizon.
+
+        Raises `InvalidInput` for a task that exists at velocity level only.
+        """
+        raise InvalidInput(
+            f"{self.name}: {type(self).__name__} has no residual over a horizon; leave it to the velocity hierarchy"
+        )
 
     def n_parameters(self, robot: Robot) -> int:
         """Length of the vector that `reference` returns."""
@@ -117,6 +142,18 @@ def equality_rows(jacobian: ca.SX, rate: ca.SX, quantities: Mapping[str, ca.SX] 
         activation=ca.SX.ones(rate.shape),
         quantities=quantities or {},
     )
+
+
+def zero_residual(value: ca.SX) -> Residual:
+    """A residual that asks for ``value = 0``."""
+    zeros = np.zeros(value.shape[0])
+    return Residual(value=value, lower=zeros, upper=zeros)
+
+
+def bounded_residual(value: ca.SX, *, lower: float = -np.inf, upper: float = np.inf) -> Residual:
+    """A residual that asks for ``lower <= value <= upper``, row by row."""
+    m = value.shape[0]
+    return Residual(value=value, lower=np.full(m, lower), upper=np.full(m, upper))
 
 
 def require_positive(task: str, **values: float) -> None:
