@@ -58,7 +58,7 @@ class DynamicController:
         self._robot, self._dynamics, self._dt = robot, dynamics, kinematic.dt
         self._gains = gains or VelocityGains()
         self._allocation = allocation_of(robot)
-        self._thrusters = _ThrusterLag(robot, self._gains.lead, self._dt)
+        self._thrusters = ThrusterLag(robot, self._gains.lead, self._dt)
         self._observer = _observer(robot, dynamics, self._gains, self._dt)
         self._K_p = _per_axis(robot, self._gains.vehicle, self._gains.joints)
         self._K_i = _per_axis(robot, self._gains.vehicle_integral, self._gains.joints_integral)
@@ -108,7 +108,7 @@ class DynamicController:
         self._integral += np.where(winding, 0.0, error * self._dt)
 
 
-class _ThrusterLag:
+class ThrusterLag:
     """Model of first-order thrusters, and the thrust command that makes them `lead` times faster."""
 
     def __init__(self, robot: Robot, lead: float, dt: float) -> None:

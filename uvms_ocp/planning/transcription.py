@@ -17,6 +17,8 @@ from uvms_ocp.planning.ocp import OcpProblem
 from uvms_ocp.planning.sparse_blocks import Entries, assemble, scatter
 from uvms_ocp.planning.stage import Derivatives, StageModel
 from uvms_ocp.planning.term_rows import CONSTRAINT, TermRows, end_rows, path_rows
+from uvms_ocp.planning.terms import Term
+from uvms_ocp.planning.trajectory import Trajectory
 from uvms_ocp.solvers.nlp_program import LevelNlp, LevelRows, LexicographicProgram
 
 _GRADIENTS = ["f", "g", "grad_gamma_x", "grad_gamma_p"]
@@ -53,18 +55,6 @@ class _Block:
         return function.map(n)(self.Z, self.S, *wide)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Trajectory:
-    """States at nodes and inputs of steps."""
-
-    t: np.ndarray  # (N + 1,) [s]
-    q: np.ndarray  # (N + 1, n_q)
-    v: np.ndarray  # (N + 1, n_v) [m/s, rad/s]
-    a: np.ndarray  # (N, n_v) [m/s2, rad/s2] constant over each step
-    thrust: np.ndarray  # (N, n_thrusters) [N] at the middle of each step
-    torque: np.ndarray  # (N, n_joints) [N m or N]
-
-
 class Transcription:
     """The NLP of a problem. Start, current, goals and fixed durations are parameters; the rest is built in."""
 
@@ -98,16 +88,14 @@ class Transcription:
         return columns
 
     def _n_parameters(self) -> int:
-        goals = sum(rows.n_parameters * phase.n_steps for rows, phase in self._with_phases(self._paths))
+        pairs = zip(self._paths, self.problem.phases, strict=True)
+        goals = sum(rows.n_parameters * phase.n_steps for rows, phase in pairs)
         return self._n_given + goals + sum(rows.n_parameters for rows in self._ends)
 
     @property
     def _n_given(self) -> int:
         """Start (q, v), current, and the length of every step."""
         return self.problem.robot.n_q + self.problem.robot.n_v + 3 + self.N
-
-    def _with_phases(self, rows: list[TermRows]) -> list[tuple[TermRows, object]]:
-        return list(zip(rows, self.problem.phases, strict=True))  # type: ignore[arg-type]
 
     def parameters(self, problem: OcpProblem | None = None, *, t0: float = 0.0) -> np.ndarray:
         """Parameters (n_p,) of this problem, or of one of the same shape with another start, current or goals.
@@ -345,6 +333,43 @@ class Transcription:
             columns=np.concatenate([place[columns] for place in places]),
         )
 
+    @cached_property
+    def _constraint_values(self) -> ca.Function:
+        return ca.Function("constraints", [self._x, self._p], [self._raw[self._constraints.tolist()]])
+
+    def violations(self, x: np.ndarray, p: np.ndarray) -> dict[str, float]:
+        """Largest violation of every group of constraints at x, in the units of its rows."""
+        g = np.array(self._constraint_values(x, p)).ravel()
+        low, up = self._low[self._constraints], self._up[self._constraints]
+        excess = np.maximum(np.maximum(low - g, g - up), 0.0)
+        worst: dict[str, float] = {}
+        for row, value in zip(self._constraints, excess.tolist(), strict=True):
+            name = self._name(int(row))
+            worst[name] = max(worst.get(name, 0.0), value)
+        return worst
+
+    def obstruction(self, problem: OcpProblem) -> tuple[str, float] | None:
+        """Constraint along the path that the start itself breaks, and by how much."""
+        z = np.zeros(self.model.layout.n_z)
+        z[self.model.layout.q], z[self.model.layout.v] = problem.start.q, problem.start.v
+        rows = self._paths[0]
+        s = rows.parameters(0.0, active=False)
+        y = np.array(rows.functions.value(z, s)).ravel()
+        excess = np.maximum(np.maximum(rows.lower - y, y - rows.upper), 0.0)
+        excess[(rows.level != CONSTRAINT) | ~rows.state_only] = 0.0
+        if not excess.any() or excess.max() < 1e-9:
+            return None
+        return rows.names[int(excess.argmax())], float(excess.max())
+
+    def _name(self, raw: int) -> str:
+        if raw < self._first_init:
+            inside = raw % self._n_dynamics
+            return "motion" if inside < self.problem.robot.n_q + self.problem.robot.n_v else "forces"
+        if raw < self._first_steps:
+            return "start"
+        block = next((block for block in self._blocks if block.first <= raw < block.stop), None)
+        return "equal steps" if block is None else block.rows.names[(raw - block.first) % block.n_rows]
+
     # --- the program ------------------------------------------------------------------------------
 
     @cached_property
@@ -423,7 +448,7 @@ class Transcription:
         return chosen
 
 
-def _terms_like(rows: TermRows, given: OcpProblem, built: OcpProblem) -> list:
+def _terms_like(rows: TermRows, given: OcpProblem, built: OcpProblem) -> list[Term]:
     """The terms of another problem in the places of those that rows were built from."""
     if given is built:
         return list(rows.terms)

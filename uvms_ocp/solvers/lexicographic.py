@@ -34,7 +34,8 @@ class NlpOptions:
 
     plugin: str = "ipopt"
     tolerance: float = 1e-6
-    """By which the rows of a solved level may move."""
+    """By which the rows of a solved level may move. With 0, and always with fatrop, rows of equalities are frozen as
+    equality constraints: not for levels whose rows contradict each other, where no constraint qualification holds."""
     convergence: float = 1e-6
     max_iterations: int = 200
     time_limit: float = 20.0
@@ -44,13 +45,20 @@ class NlpOptions:
     """Barrier parameter at a cold start."""
     plugin_options: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def freezing(self) -> float:
+        """`tolerance`, 0 where rows are frozen as equalities."""
+        return 0.0 if self.plugin == "fatrop" else self.tolerance
+
     def __post_init__(self) -> None:
         if self.plugin not in PLUGINS:
             raise NameNotFound("NLP solver", self.plugin, PLUGINS)
-        for name in ("tolerance", "convergence", "max_iterations", "time_limit", "barrier"):
+        for name in ("convergence", "max_iterations", "time_limit", "barrier"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InvalidInput(f"{name} = {value}; give a finite value > 0")
+        if not (np.isfinite(self.tolerance) and self.tolerance >= 0):
+            raise InvalidInput(f"tolerance = {self.tolerance}; give a finite value >= 0")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -213,10 +221,18 @@ class LexicographicNlp:
         if self.options.plugin == "ipopt":
             options["ipopt"] = self._ipopt(warm=warm)
         else:
-            m = len(self.program.lower)
-            equal = [bool(row < m and self.program.lower[row] == self.program.upper[row]) for row in level.rows]
+            equal = self._equalities()[level.rows].tolist()
             options |= {"structure_detection": "auto", "equality": equal, "fatrop": self._fatrop(warm=warm)}
         return ca.nlpsol(f"level_{index}", self.options.plugin, dict(level.nlp), options)
+
+    def _equalities(self) -> np.ndarray:
+        """(n_rows,) True for constraints that are equalities, and for rows that are frozen as such."""
+        equal = np.zeros(self.program.n_rows, dtype=bool)
+        equal[: len(self.program.lower)] = self.program.lower == self.program.upper
+        for level in self.program.levels:
+            if level.relax is None and self.options.freezing == 0:
+                equal[level.frozen] = level.lower == level.upper
+        return equal
 
     def _ipopt(self, *, warm: bool) -> dict[str, Any]:
         chosen: dict[str, Any] = {
@@ -226,7 +242,7 @@ class LexicographicNlp:
             "max_iter": self.options.max_iterations,
             "max_wall_time": self.options.time_limit,
             "mu_init": self.options.barrier,
-            "bound_relax_factor": min(1e-8, 0.1 * self.options.tolerance),
+            "bound_relax_factor": min(1e-8, 0.1 * (self.options.tolerance or 1e-7)),
         }
         return chosen | (_IPOPT_WARM if warm else {}) | dict(self.options.plugin_options)
 
@@ -249,7 +265,7 @@ _IPOPT_WARM = {
     "warm_start_bound_frac": 1e-9,
     "warm_start_slack_bound_frac": 1e-9,
 }
-_FATROP_WARM = {"warm_start_init_point": True, "mu_init": 1e-6}
+_FATROP_WARM = {"mu_init": 1e-6}
 
 
 class _Run:
@@ -260,7 +276,7 @@ class _Run:
     ) -> None:
         self._nlp, self._points, self._p, self._bounds, self._begin = nlp, points, p, bounds, begin
         self._levels = nlp.program.levels
-        self._tolerance = nlp.options.tolerance
+        self._tolerance = nlp.options.freezing
         self._spent = 0  # iterations of an anticipation that failed
 
     def anticipated(self, start: np.ndarray | LexicographicResult) -> LexicographicResult | None:
@@ -272,7 +288,7 @@ class _Run:
             return None
         bounds = self._bounds
         for level in above:
-            bounds = bounds.with_rows(level.frozen, level.ideal_bounds(self._tolerance))
+            bounds = bounds.with_rows(level.frozen, level.ideal_bounds())
         outcome = self._nlp.call(len(above), self._points[-1], self._p, bounds)
         if not (outcome.status.optimal and outcome.usable):
             self._spent = outcome.iterations

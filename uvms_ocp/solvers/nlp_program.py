@@ -17,6 +17,8 @@ import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput
 
+_SLACK = 1e-6  # of inequality rows that are frozen exactly: they still need an inside
+
 Expression: TypeAlias = ca.SX | ca.MX
 
 
@@ -58,14 +60,15 @@ class LevelRows:
     def frozen_bounds(self, y: np.ndarray, cost: float, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of the rows that keep the level where it is, at y and `cost`, give or take `tolerance`."""
         if self.relax is None:
-            return np.minimum(self.lower, y) - tolerance, np.maximum(self.upper, y) + tolerance
+            equal = (self.lower == self.upper) if tolerance == 0 else np.zeros(len(y), dtype=bool)
+            slack = np.where(equal, 0.0, tolerance or _SLACK)
+            low, up = np.where(equal, y, np.minimum(self.lower, y)), np.where(equal, y, np.maximum(self.upper, y))
+            return low - slack, up + slack
         return np.array([-np.inf]), np.array([(1 + self.relax) * cost + tolerance])
 
-    def ideal_bounds(self, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds of the rows that hold where the level is met in full; none for a level with `relax`."""
-        if self.relax is None:
-            return self.lower - tolerance, self.upper + tolerance
-        return np.array([-np.inf]), np.array([np.inf])
+    def ideal_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of the rows that hold where the level is met in full."""
+        return self.lower, self.upper
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

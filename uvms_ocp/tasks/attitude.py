@@ -124,7 +124,7 @@ class Alignment(AngleTask):
         return np.concatenate(evaluate_vector(self.name, self.goal, t))
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
-        """Angle to the target's horizontal direction <= `aim` [rad]; free where the target is straight above or below."""
+        """Angle to the target's horizontal direction <= `aim` [rad]; free below or above the target."""
         R_WB, p_WB = symbols.kinematics.pose(self.frame)
         d = ca.vertcat(parameters[:2] - p_WB[:2], 0)
         return self._angle_residual(R_WB[:, 0], d / ca.sqrt(ca.sumsqr(d) + _OVERHEAD**2))

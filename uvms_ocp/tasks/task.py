@@ -1,7 +1,8 @@
 """A task: rows ``y`` of the velocity hierarchy, written once as CasADi expressions ([Gao2022] section 3).
 
 Every task turns the symbols of one tick into `Rows`. The rows serve both kinds of solver: the regularised
-pseudo-inverse reads ``rate`` and ``activation``, the strict hierarchy ``lower`` and ``upper`` (`uvms_ocp.solvers.level`).
+pseudo-inverse reads ``rate`` and ``activation``, the strict hierarchy ``lower`` and ``upper``
+(`uvms_ocp.solvers.level`). `Residual` is the same task over a horizon.
 """
 
 from __future__ import annotations
