@@ -149,7 +149,9 @@ class OcpProblem:
     def _check_relaxed_levels(self) -> None:
         for level in self.levels[:-1]:
             if level.relax is None and any(isinstance(term, Duration) for term in level.terms):
-                raise InvalidInput(f"level {level.name!r} minimises time: give it `relax`, such as 0.01, or put it last")
+                raise InvalidInput(
+                    f"level {level.name!r} minimises time: give it `relax`, such as 0.01, or put it last"
+                )
 
 
 def single_phase(

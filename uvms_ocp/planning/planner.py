@@ -125,8 +125,8 @@ class Planner:
     def _broken(self, p: np.ndarray, result: LexicographicResult) -> tuple[PlanStatus, str]:
         groups = self.transcription.violations(result.x, p)
         name = max(groups, key=lambda key: groups[key])
-        if result.level_status[0] in (NlpStatus.TIME_LIMIT, NlpStatus.ITERATION_LIMIT):
-            return PlanStatus.UNFINISHED, f"{result.level_status[0].value} with {name} broken by {groups[name]:.4g}"
+        if NlpStatus.TIME_LIMIT in result.level_status:
+            return PlanStatus.UNFINISHED, f"time limit with {name} broken by {groups[name]:.4g}"
         return PlanStatus.INFEASIBLE, f"{name} cannot be kept: broken by {groups[name]:.4g} at best"
 
     def _missed(self, result: LexicographicResult) -> int | None:
@@ -159,5 +159,3 @@ def _stretched(phase: OcpPhase, share: float) -> OcpPhase:
 def plan(problem: OcpProblem, options: NlpOptions | None = None, guess: Trajectory | None = None) -> Plan:
     """Plan once; build a `Planner` to plan again and again."""
     return Planner(problem, options).plan(guess=guess)
-
-

@@ -11,7 +11,7 @@ of their limits.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import casadi as ca
@@ -172,7 +172,7 @@ class StageModel:
         z, layout = self.z, self.layout
         q, v, h, a = z[layout.q], z[layout.v], z[layout.h], z[layout.a]
         u = ca.SX.sym("u", 3)
-        q_mid = self._moved(q, v, a, h / 2)
+        q_mid = self.moved(q, v, a, h / 2)
         u_links = ca.repmat(u, 1, len(self._dynamics.links))
         wanted = self._dynamics.inverse_dynamics(q_mid, v + h / 2 * a, a, u_links, ca.SX(*u_links.shape))
         matrix = ca.sparsify(ca.DM(np.where(np.abs(self.actuators.matrix) < 1e-12, 0.0, self.actuators.matrix)))
@@ -180,11 +180,11 @@ class StageModel:
             matrix @ (z[layout.thrust] * ca.DM(self.actuators.thrust_unit)),
             z[layout.torque] * ca.DM(self.actuators.torque_unit),
         )
-        rows = ca.vertcat(self._moved(q, v, a, h), v + h * a, (wanted - given) / ca.DM(self.actuators.force_unit))
+        rows = ca.vertcat(self.moved(q, v, a, h), v + h * a, (wanted - given) / ca.DM(self.actuators.force_unit))
         exact = self.problem.hessian is HessianKind.EXACT
         return compiled(derivatives("dynamics", z, u, rows, residuals=None if exact else ()))
 
-    def _moved(self, q: ca.SX, v: ca.SX, a: ca.SX, h: ca.SX) -> ca.SX:
+    def moved(self, q: ca.SX, v: ca.SX, a: ca.SX, h: ca.SX) -> ca.SX:
         """Configuration after the time h of constant acceleration."""
         step = h * v + h**2 / 2 * a
         if self.problem.integrator is Integrator.MAGNUS and self.robot.n_vehicle:
@@ -229,20 +229,16 @@ def _commutator(v: ca.SX, a: ca.SX) -> ca.SX:
 
 def compiled(given: Derivatives) -> Derivatives:
     """The functions in machine code where a C compiler exists, as they are otherwise."""
-    functions = (given.value, given.jacobian, given.hessian)
-    generator = ca.CodeGenerator("stage.c", {"with_header": False})
-    for function in functions:
-        generator.add(function)
-    library = compile_library(generator.dump(), _FLAGS)
-    if library is None:
-        return given
-    value, jacobian, hessian = (ca.external(function.name(), str(library)) for function in functions)
-    return Derivatives(
-        value=value,
-        jacobian=jacobian,
-        hessian=hessian,
-        costs=given.costs,
-        gradient=given.gradient,
-        jacobian_sparsity=given.jacobian_sparsity,
-        hessian_sparsity=given.hessian_sparsity,
+    return replace(
+        given,
+        value=_in_machine_code(given.value),
+        jacobian=_in_machine_code(given.jacobian),
+        hessian=_in_machine_code(given.hessian),
     )
+
+
+def _in_machine_code(function: ca.Function) -> ca.Function:
+    generator = ca.CodeGenerator("stage.c", {"with_header": False})
+    generator.add(function)
+    library = compile_library(generator.dump(), _FLAGS)
+    return function if library is None else ca.external(function.name(), str(library))

@@ -259,7 +259,9 @@ class Transcription:
     @cached_property
     def _costs(self) -> ca.MX:
         """(n_levels,)"""
-        return sum((ca.sum2(block.mapped(block.functions.costs)) for block in self._blocks), ca.MX.zeros(len(self._of_level)))
+        return sum(
+            (ca.sum2(block.mapped(block.functions.costs)) for block in self._blocks), ca.MX.zeros(len(self._of_level))
+        )
 
     def _gradient(self, sigma: ca.MX) -> ca.MX:
         """Gradient (n_x,) of ``sigma' costs``."""
@@ -278,7 +280,10 @@ class Transcription:
         rows, columns = (np.array(i) for i in J.jacobian_sparsity.get_triplet())
         sign = ca.DM(np.where(rows < n_q_v, -1.0, 1.0))
         nonzeros = J.jacobian.map(self.N)(self._Z, ca.repmat(self._water, 1, self.N)) * ca.repmat(sign, 1, self.N)
-        entries = [self._placed(nonzeros, rows, columns, np.arange(self.N), 0, self._n_dynamics), *self._linear_entries()]
+        entries = [
+            self._placed(nonzeros, rows, columns, np.arange(self.N), 0, self._n_dynamics),
+            *self._linear_entries(),
+        ]
         for block in self._blocks:
             rows, columns = (np.array(i, dtype=int) for i in block.functions.jacobian_sparsity.get_triplet())
             if len(rows):
@@ -299,7 +304,11 @@ class Transcription:
             rows += [self._first_steps + k[:-1]] * 2
             columns += [h[1:], h[:-1]]
             values += [np.ones(self.N - 1), -np.ones(self.N - 1)]
-        return [Entries(values=ca.MX(ca.DM(np.concatenate(values))), rows=np.concatenate(rows), columns=np.concatenate(columns))]
+        return [
+            Entries(
+                values=ca.MX(ca.DM(np.concatenate(values))), rows=np.concatenate(rows), columns=np.concatenate(columns)
+            )
+        ]
 
     def _placed(
         self, nonzeros: ca.MX, rows: np.ndarray, columns: np.ndarray, nodes: np.ndarray, first: int, m: int

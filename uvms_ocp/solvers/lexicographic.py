@@ -37,9 +37,9 @@ class NlpOptions:
     """By which the rows of a solved level may move. With 0, and always with fatrop, rows of equalities are frozen as
     equality constraints: not for levels whose rows contradict each other, where no constraint qualification holds."""
     convergence: float = 1e-6
-    max_iterations: int = 200
+    max_iterations: int = 150
     time_limit: float = 20.0
-    """[s] for all levels together; fatrop checks it between levels only."""
+    """[s] for every NLP, and between levels for all together; fatrop knows the latter only."""
     anticipate: bool = True
     barrier: float = 1e-2
     """Barrier parameter at a cold start."""
@@ -195,9 +195,7 @@ class LexicographicNlp:
             return _Outcome(point=start, status=NlpStatus.NOT_A_NUMBER, iterations=_iterations(stats), violation=np.inf)
         multipliers = np.zeros(self.program.n_rows)
         multipliers[rows] = np.nan_to_num(solution["lam_g"])
-        point = NlpPoint(
-            x=solution["x"], x_multipliers=np.nan_to_num(solution["lam_x"]), row_multipliers=multipliers
-        )
+        point = NlpPoint(x=solution["x"], x_multipliers=np.nan_to_num(solution["lam_x"]), row_multipliers=multipliers)
         violation = max(
             _violation(solution["g"], bounds.lower[rows], bounds.upper[rows]),
             _violation(point.x, bounds.x_lower, bounds.x_upper),
