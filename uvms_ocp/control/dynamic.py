@@ -59,7 +59,7 @@ class DynamicController:
         self._gains = gains or VelocityGains()
         self._allocation = allocation_of(robot)
         self._thrusters = ThrusterLag(robot, self._gains.lead, self._dt)
-        self._observer = _observer(robot, dynamics, self._gains, self._dt)
+        self._observer = observer_of(robot, dynamics, self._gains, self._dt)
         self._K_p = _per_axis(robot, self._gains.vehicle, self._gains.joints)
         self._K_i = _per_axis(robot, self._gains.vehicle_integral, self._gains.joints_integral)
         self._integral = np.zeros(robot.n_v)
@@ -133,7 +133,8 @@ def _per_axis(robot: Robot, vehicle: float, joints: float) -> np.ndarray:
     return np.concatenate([np.full(robot.n_vehicle, vehicle), np.full(robot.n_joints, joints)])
 
 
-def _observer(robot: Robot, dynamics: Dynamics, gains: VelocityGains, dt: float) -> DisturbanceObserver | None:
+def observer_of(robot: Robot, dynamics: Dynamics, gains: VelocityGains, dt: float) -> DisturbanceObserver | None:
+    """The observer that `gains` ask for; None where its bandwidth is 0."""
     if not gains.observer_vehicle:
         return None
     wrench = np.abs(allocation_of(robot).matrix) @ np.array([t.maximum for t in robot.description.thrusters])

@@ -66,19 +66,25 @@ class PlanTracker:
         self._K_d = np.repeat([chosen.vehicle_damping, chosen.joints_damping], [n, m])
         self._allocation = allocation_of(robot)
         self._lag = ThrusterLag(robot, chosen.lead, dt)
+        self.applied: np.ndarray | None = None  # (n_v,) force of the last command, as thrusters follow it
 
-    def command(self, trajectory: Trajectory, t: float, state: State) -> Command:
-        """Command at time t [s] of the trajectory for the measured state."""
+    def command(
+        self, trajectory: Trajectory, t: float, state: State, disturbance: np.ndarray | float = 0.0
+    ) -> Command:
+        """Command at time t [s] of the trajectory for the measured state; disturbance (n_v,): force to work against."""
         q, v, a = trajectory.state_at(self._robot.model, t)
         at = State(q=q, v=v) if self._open else state
         error = pin.difference(self._robot.model, at.q, q)
         wanted = a + self._K_p * error + self._K_d * (v - at.v)
-        tau = self._dynamics.inverse_dynamics(at.q, at.v, wanted, self._water)
+        tau = self._dynamics.inverse_dynamics(at.q, at.v, wanted, self._water) - disturbance
         wrench = np.zeros(6)
         wrench[: self._robot.n_vehicle] = tau[self._robot.vehicle_v]
         thrust = self._lag.drive(self._allocation.allocate(wrench).thrust, hurry=True)
         effort = self._robot.limits.effort
-        return Command(v=v, thrust=thrust, torque=np.clip(tau[self._robot.joint_v], -effort, effort))
+        torque = np.clip(tau[self._robot.joint_v], -effort, effort)
+        reached = (self._allocation.matrix @ self._lag.thrust)[: self._robot.n_vehicle]
+        self.applied = np.concatenate([reached, torque])
+        return Command(v=v, thrust=thrust, torque=torque)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -24,10 +24,17 @@ _COSTS = (Effort, Energy, Smoothness, Duration)
 class Planner:
     """Solves problems of one shape: built once, with its NLPs, for any start, current, goals and fixed durations."""
 
-    def __init__(self, problem: OcpProblem, options: NlpOptions | None = None) -> None:
+    def __init__(
+        self,
+        problem: OcpProblem,
+        options: NlpOptions | None = None,
+        *,
+        transcription: Transcription | None = None,
+    ) -> None:
+        """transcription: of the same problem for the same plugin, to share it between planners of different options."""
         self.options = options or NlpOptions()
         self.problem = problem
-        self.transcription = Transcription(problem, plugin=self.options.plugin)
+        self.transcription = transcription or Transcription(problem, plugin=self.options.plugin)
         self._nlp = LexicographicNlp(self.transcription.program, self.options)
         self._lower, self._upper = self.transcription.bounds()
 
@@ -59,6 +66,11 @@ class Planner:
         """The lexicographic solution for parameters p; see `Transcription.parameters`."""
         start = self._start(guess)
         return self._nlp.solve(start, p=p, x_lower=self._lower, x_upper=self._upper)
+
+    def resumed(self, result: LexicographicResult, trajectory: Trajectory) -> LexicographicResult:
+        """An earlier result moved to another trajectory, with its multipliers: the start of the next solve."""
+        x = self.transcription.pack(trajectory)
+        return replace(result, points=tuple(replace(point, x=x) for point in result.points))
 
     def _start(self, guess: Trajectory | Plan | LexicographicResult) -> np.ndarray | LexicographicResult:
         if isinstance(guess, LexicographicResult):

@@ -10,6 +10,7 @@ import pinocchio as pin
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.model.hydrodynamics import Water
+from uvms_ocp.model.state import State
 from uvms_ocp.model.thrusters import thrust_limits, thruster_matrix
 from uvms_ocp.planning.ocp import Actuation, OcpProblem
 
@@ -39,18 +40,29 @@ class Trajectory:
         return int(np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.a) - 1))
 
 
-def hold(problem: OcpProblem) -> Trajectory:
-    """Guess: stay at the start, at rest."""
+def hold(problem: OcpProblem, start: State | None = None) -> Trajectory:
+    """Guess: stay at the start of the problem or at another one, at rest."""
     robot, t = problem.robot, problem.nominal_times()
+    state = start or problem.start
     n = len(t)
     return Trajectory(
         t=t,
-        q=np.tile(problem.start.q, (n, 1)),
+        q=np.tile(state.q, (n, 1)),
         v=np.zeros((n, robot.n_v)),
         a=np.zeros((n - 1, robot.n_v)),
         thrust=np.zeros((n - 1, _n_thrust(problem))),
         torque=np.zeros((n - 1, robot.n_joints)),
     )
+
+
+def shifted(problem: OcpProblem, last: Trajectory, delay: float, start: State) -> Trajectory:
+    """Guess from a solution that is `delay` [s] old: the same motion seen from `start`, its end held."""
+    model, t = problem.robot.model, problem.nominal_times()
+    states = [last.state_at(model, moment + delay) for moment in t]
+    steps = [last.step_at(moment + delay) for moment in t[:-1]]
+    q, v = np.array([state[0] for state in states]), np.array([state[1] for state in states])
+    q[0], v[0] = start.q, start.v
+    return Trajectory(t=t, q=q, v=v, a=last.a[steps], thrust=last.thrust[steps], torque=last.torque[steps])
 
 
 def through(problem: OcpProblem, times: np.ndarray, configurations: np.ndarray) -> Trajectory:

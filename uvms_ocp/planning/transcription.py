@@ -13,6 +13,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.model.state import State
 from uvms_ocp.planning.ocp import OcpProblem
 from uvms_ocp.planning.sparse_blocks import Entries, assemble, scatter
 from uvms_ocp.planning.stage import Derivatives, StageModel
@@ -97,21 +98,25 @@ class Transcription:
         """Start (q, v), current, and the length of every step."""
         return self.problem.robot.n_q + self.problem.robot.n_v + 3 + self.N
 
-    def parameters(self, problem: OcpProblem | None = None, *, t0: float = 0.0) -> np.ndarray:
+    def parameters(
+        self, problem: OcpProblem | None = None, *, t0: float = 0.0, start: State | None = None
+    ) -> np.ndarray:
         """Parameters (n_p,) of this problem, or of one of the same shape with another start, current or goals.
 
-        t0 [s]: time of the first node, for goals that move.
+        t0 [s]: time of the first node, for goals that move. start: instead of the problem's, such as a measured one, which
+        may be slightly outside the joint limits.
         """
         given = problem or self.problem
         times = t0 + given.nominal_times()
-        parts = [given.start.q, given.start.v, given.current, np.diff(times)]
+        state = start or given.start
+        parts = [state.q, state.v, given.current, np.diff(times)]
         for i, rows in enumerate(self._paths):
             terms = _terms_like(rows, given, self.problem)
             for k in range(self._nodes[i], self._nodes[i + 1]):
-                parts += [[float(k > 0)], *(term.reference(times[k]) for term in terms)]
+                parts += [np.array([float(k > 0)]), *(term.reference(times[k]) for term in terms)]
         for i, rows in enumerate(self._ends):
             terms = _terms_like(rows, given, self.problem)
-            parts += [[1.0], *(term.reference(times[self._nodes[i + 1]]) for term in terms)]
+            parts += [np.ones(1), *(term.reference(times[self._nodes[i + 1]]) for term in terms)]
         return np.concatenate(parts)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
