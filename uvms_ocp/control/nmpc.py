@@ -19,7 +19,7 @@ from uvms_ocp.planning.trajectory import Trajectory, hold, shifted
 from uvms_ocp.solvers.lexicographic import LexicographicResult, NlpOptions
 
 _USABLE = 1e-3  # largest violation of scaled constraints with which an unfinished solve is still tracked
-FAST = NlpOptions(max_iterations=8, convergence=1e-4, barrier=1e-3, anticipate=False)
+FAST = NlpOptions(max_iterations=2, convergence=1e-4, barrier=1e-3, anticipate=False)
 """Few iterations from a good start, instead of many to the last digit."""
 
 
@@ -61,7 +61,7 @@ class Nmpc:
         if problem.free_time:
             raise InvalidInput("receding-horizon control needs fixed durations; give every phase one number")
         self._problem, self._period, self._clock = problem, period, clock
-        self._planner = Planner(problem, replace(options, time_limit=period))
+        self._planner = Planner(problem, replace(options, time_limit=0.6 * period))
         # The first solve has no plan to start from, and the robot waits for it.
         patient = replace(NlpOptions(), plugin=options.plugin, anticipate=options.anticipate)
         self._first = Planner(problem, patient, transcription=self._planner.transcription)

@@ -75,13 +75,16 @@ class TaskTerm(Term):
     """A task of the velocity hierarchy over the horizon, by its `Task.residual`."""
 
     task: Task
+    tolerance: float = 0.0  # by which the range of every row is widened, in the unit of the row
 
     @property
     def name(self) -> str:
         return self.task.name
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
-        return self.task.residual(stage.tick, parameters)
+        given = self.task.residual(stage.tick, parameters)
+        slack = self.tolerance
+        return Residual(value=given.value, lower=given.lower - slack, upper=given.upper + slack)
 
     def n_parameters(self, robot: Robot) -> int:
         return self.task.n_parameters(robot)
