@@ -18,6 +18,7 @@ from uvms_ocp.planning.planner import Planner
 from uvms_ocp.planning.trajectory import Trajectory, hold, shifted
 from uvms_ocp.solvers.lexicographic import LexicographicResult, NlpOptions
 
+_SHARE = 0.6  # of the period after which no further iteration begins
 _USABLE = 1e-3  # largest violation of scaled constraints with which an unfinished solve is still tracked
 FAST = NlpOptions(max_iterations=2, convergence=1e-4, barrier=1e-3, anticipate=False)
 """Few iterations from a good start, instead of many to the last digit."""
@@ -39,9 +40,10 @@ class NmpcStatistics:
 class Nmpc:
     """A callable ``(Measurement, t) -> Command``.
 
-    Every `period` the problem is solved from the measured state, warm from the last solution moved on in time. A solve is
-    stopped at the period; its last iterate is used if it keeps the constraints, otherwise the last plan goes on. Between
-    solves the plan is tracked at the control rate, against disturbances that an observer measures.
+    Every `period` the problem is solved from the measured state, warm from the last solution moved on in time. A solve
+    is stopped before the period is over; its last iterate is used if it keeps the constraints, otherwise the last plan
+    goes on. Between solves the plan is tracked at the control rate, against disturbances that an observer measures.
+    A problem with a Gauss-Newton Hessian takes the least time per iteration.
     """
 
     def __init__(
@@ -55,13 +57,13 @@ class Nmpc:
         observer: VelocityGains | None = None,
         clock: Callable[[], float] = perf_counter,
     ) -> None:
-        """problem: fixed durations; its start is replaced by the measured state. dt, period [s] of control and planning."""
+        """problem: of fixed durations; the measured state replaces its start. dt, period [s]: of control, of planning."""
         if not (np.isfinite([dt, period]).all() and 0 < dt <= period):
             raise InvalidInput(f"dt = {dt} s, period = {period} s; give 0 < dt <= period")
         if problem.free_time:
             raise InvalidInput("receding-horizon control needs fixed durations; give every phase one number")
         self._problem, self._period, self._clock = problem, period, clock
-        self._planner = Planner(problem, replace(options, time_limit=0.6 * period))
+        self._planner = Planner(problem, replace(options, time_limit=_SHARE * period))
         # The first solve has no plan to start from, and the robot waits for it.
         patient = replace(NlpOptions(), plugin=options.plugin, anticipate=options.anticipate)
         self._first = Planner(problem, patient, transcription=self._planner.transcription)

@@ -68,9 +68,7 @@ class PlanTracker:
         self._lag = ThrusterLag(robot, chosen.lead, dt)
         self.applied: np.ndarray | None = None  # (n_v,) force of the last command, as thrusters follow it
 
-    def command(
-        self, trajectory: Trajectory, t: float, state: State, disturbance: np.ndarray | float = 0.0
-    ) -> Command:
+    def command(self, trajectory: Trajectory, t: float, state: State, disturbance: np.ndarray | float = 0.0) -> Command:
         """Command at time t [s] of the trajectory for the measured state; disturbance (n_v,): force to work against."""
         q, v, a = trajectory.state_at(self._robot.model, t)
         at = State(q=q, v=v) if self._open else state

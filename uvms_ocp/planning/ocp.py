@@ -17,7 +17,8 @@ from uvms_ocp.planning.terms import At, Duration, Term
 class Integrator(Enum):
     """How a constant acceleration a moves the configuration over a step h.
 
-    MIDPOINT: ``q (+) (h v + h^2/2 a)``, second order on the manifold. MAGNUS: with the commutator of v and a, fourth order.
+    MIDPOINT: ``q (+) (h v + h^2/2 a)``, second order on the manifold. MAGNUS: with the commutator of v and a, fourth
+    order.
     """
 
     MIDPOINT = "midpoint"
@@ -86,7 +87,7 @@ class OcpLevel:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class OcpProblem:
-    """Levels from the highest priority to the lowest, subject to the dynamics, the limits of the robot and `constraints`.
+    """Levels from the highest priority to the lowest, subject to dynamics, limits of the robot and `constraints`.
 
     Raises `InvalidInput` and `NameNotFound`, naming what is wrong.
     """

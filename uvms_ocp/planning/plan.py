@@ -41,9 +41,9 @@ _ADVICE = {
     PlanStatus.SOLVED: "nothing to do",
     PlanStatus.TOO_SHORT: "give the horizon more time, or loosen the limits",
     PlanStatus.UNREACHABLE: "more time would not help: move the goal, or loosen the constraints and levels above it",
-    PlanStatus.INFEASIBLE: "no motion keeps dynamics, limits and constraints: loosen them, weaken the current, or start slower",
-    PlanStatus.OBSTRUCTED: "the start breaks a constraint of the path: move the start or the obstacle, or lower the margin",
-    PlanStatus.UNFINISHED: "the solver stopped early: raise time_limit or max_iterations, or start from an earlier plan",
+    PlanStatus.INFEASIBLE: "no motion keeps all limits and constraints: loosen them, weaken the current, or start slower",
+    PlanStatus.OBSTRUCTED: "the start breaks a constraint: move the start or the obstacle, or lower the margin",
+    PlanStatus.UNFINISHED: "the solver stopped early: raise time_limit or max_iterations, or give a better guess",
 }
 
 
@@ -136,7 +136,7 @@ class Plan:
                 target.write_text(json.dumps({**self.summary(), **lists}), encoding="utf-8")
             else:
                 target = target.with_suffix(".npz")
-                np.savez(target, summary=json.dumps(self.summary()), **arrays)
+                np.savez(target, allow_pickle=False, summary=np.array(json.dumps(self.summary())), **arrays)
         except OSError as error:
             raise OutputError(f"cannot write {target}: {error.strerror}; choose another place") from error
         return target

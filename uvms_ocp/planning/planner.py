@@ -48,9 +48,9 @@ class Planner:
     ) -> Plan:
         """Plan for `problem`, by default the one this planner was built from.
 
-        problem: of the same shape; only start, current, goals and fixed durations may differ. guess: a trajectory, or an
-        earlier plan to start from, warm; by default the robot holds its start. t0 [s]: time of the first node, for goals
-        that move. diagnose: where a goal is missed, try longer horizons to say why.
+        problem: of the same shape; only start, current, goals and fixed durations may differ. guess: a trajectory, or
+        an earlier plan to start from, warm; by default the robot holds its start. t0 [s]: time of the first node, for
+        goals that move. diagnose: where a goal is missed, try longer horizons to say why.
         """
         begin, given = perf_counter(), problem or self.problem
         obstruction = self.transcription.obstruction(given)

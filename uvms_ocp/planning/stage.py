@@ -1,8 +1,8 @@
 """Functions of one step of the horizon, with sparse first and second derivatives, as CasADi SX.
 
 Inverse-dynamics form: the acceleration is a decision, and the forces that it takes are an equality. Nothing is solved
-inside the functions, so their derivatives stay short (a Hessian of forward dynamics is ten times as long). The forces of
-a step are those at its middle, so that a step is right to second order in its length.
+inside the functions, so their derivatives stay short (a Hessian of forward dynamics is ten times as long). The forces
+of a step are those at its middle, so that a step is right to second order in its length.
 
 Variables of a step: ``z = [q, v, h, a, f, m]`` with the length of the step h [s], thrust f and joint torque m in shares
 of their limits.
@@ -22,8 +22,8 @@ from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.symbolic import SymbolicModel
 from uvms_ocp.model.symbolic_dynamics import SymbolicDynamics
-from uvms_ocp.model.thrusters import thrust_limits
 from uvms_ocp.model.thruster_layout import thruster_matrix
+from uvms_ocp.model.thrusters import thrust_limits
 from uvms_ocp.planning.ocp import Actuation, HessianKind, Integrator, OcpProblem
 from uvms_ocp.planning.terms import StageSymbols, finite_or
 from uvms_ocp.tasks.task import TickSymbols

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -22,8 +23,8 @@ CONSTRAINT = -1
 class TermRows:
     """What all terms together add at one kind of node: the steps of a phase, or its end.
 
-    `functions` have the parameters ``[active, goals of all terms]``; rows of constraints come first, then those of level
-    after level. `active` is 0 where the state is given, at the very first node, and 1 elsewhere.
+    `functions` have the parameters ``[active, goals of all terms]``; rows of constraints come first, then those of
+    level after level. `active` is 0 where the state is given, at the very first node, and 1 elsewhere.
     """
 
     functions: Derivatives
@@ -91,7 +92,7 @@ def _term_rows(model: StageModel, phase: OcpPhase, counts: Counts, share: ca.SX,
 
 def _residuals(terms: Sequence[Term], sizes: Sequence[int], symbols: StageSymbols, goals: ca.SX) -> list[Residual]:
     ends = np.cumsum([0, *sizes])
-    parts = [goals[int(first) : int(last)] for first, last in zip(ends[:-1], ends[1:], strict=True)]
+    parts = [goals[int(first) : int(last)] for first, last in pairwise(ends)]
     return [_weighted(term, term.residual(symbols, part)) for term, part in zip(terms, parts, strict=True)]
 
 

@@ -66,7 +66,7 @@ def shifted(problem: OcpProblem, last: Trajectory, delay: float, start: State) -
 
 
 def through(problem: OcpProblem, times: np.ndarray, configurations: np.ndarray) -> Trajectory:
-    """Guess through configurations (n, n_q) at `times` (n,) [s], such as a rollout of the hierarchy or a minimum-snap path.
+    """Guess through configurations (n, n_q) at `times` (n,) [s]: a rollout of the hierarchy, or a minimum-snap path.
 
     Resampled at the nodes on the manifold, with velocities by differences and the forces that the motion takes.
     Raises `InvalidInput` for times that do not increase.

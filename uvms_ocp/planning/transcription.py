@@ -1,8 +1,8 @@
 """From an optimal control problem to a sparse lexicographic NLP: multiple shooting on the manifold.
 
-Step functions are mapped over the horizon and their nonzeros are placed into the large matrices, so that the derivatives
-of a horizon cost as much as those of its steps, and nothing is differentiated twice. Variables and rows are ordered step
-by step, as structure-exploiting solvers want them.
+Step functions are mapped over the horizon and their nonzeros are placed into the large matrices, so that the
+derivatives of a horizon cost as much as those of its steps, and nothing is differentiated twice. Variables and rows are
+ordered step by step, as structure-exploiting solvers want them.
 """
 
 from __future__ import annotations
@@ -103,8 +103,8 @@ class Transcription:
     ) -> np.ndarray:
         """Parameters (n_p,) of this problem, or of one of the same shape with another start, current or goals.
 
-        t0 [s]: time of the first node, for goals that move. start: instead of the problem's, such as a measured one, which
-        may be slightly outside the joint limits.
+        t0 [s]: time of the first node, for goals that move. start: instead of the problem's, such as a measured one,
+        which may be slightly outside the joint limits.
         """
         given = problem or self.problem
         times = t0 + given.nominal_times()

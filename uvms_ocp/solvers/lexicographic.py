@@ -1,8 +1,8 @@
 """Lexicographic nonlinear optimisation: level by level, what a level has reached is kept by all levels below.
 
 The scalar constraint "cost no worse than before" has a zero gradient at a least-squares optimum, so that no constraint
-qualification holds there. The rows of a solved level are frozen instead, within a tolerance: this keeps its cost, and the
-next NLP stays regular. Where rows freeze more than they need to (other rows with the same cost) the result is still
+qualification holds there. The rows of a solved level are frozen instead, within a tolerance: this keeps its cost, and
+the next NLP stays regular. Where rows freeze more than they need to (other rows with the same cost) the result is still
 one that no level above is asked to pay for.
 
 Anticipation: the lowest level is tried first, with every level above required to be met in full. No level can do better
@@ -185,7 +185,7 @@ class LexicographicNlp:
         """Solve the NLP of one level."""
         rows = self.program.nlps[index].rows
         solver = (self._warm if start.warm else self._cold)[index]
-        arguments = {"x0": start.x, "p": p, "lbx": bounds.x_lower, "ubx": bounds.x_upper}
+        arguments: dict[str, Any] = {"x0": start.x, "p": p, "lbx": bounds.x_lower, "ubx": bounds.x_upper}
         arguments |= {"lbg": bounds.lower[rows], "ubg": bounds.upper[rows]}
         if start.row_multipliers is not None:
             arguments |= {"lam_x0": start.x_multipliers, "lam_g0": start.row_multipliers[rows]}
