@@ -24,10 +24,10 @@ def test_a_way_point_from_which_a_greedy_mission_cannot_reach_the_target_is_no_o
         target=TARGET,
         tool_goal=pose_at(tuple(TARGET), (np.pi, 0.0, 0.0)),
         durations=((5.0, 20.0), (2.0, 6.0), (4.0, 14.0), (4.0, 14.0)),
-        n_steps=(10, 5, 8, 8),
+        n_steps=(16, 6, 10, 10),
     )
     problem = whole_mission(robot, State(q=q, v=np.zeros(robot.n_v)), mission, floor=-40.0)
-    plan = Planner(problem, NlpOptions(max_iterations=400, convergence=1e-4)).plan()
+    plan = Planner(problem, NlpOptions(max_iterations=400, convergence=1e-5, time_limit=60.0)).plan()
     assert plan.status is PlanStatus.SOLVED
     assert plan.duration <= 54.0
     data, nodes = robot.model.createData(), problem.starts_of_phases()

@@ -57,7 +57,7 @@ class Nmpc:
         observer: VelocityGains | None = None,
         clock: Callable[[], float] = perf_counter,
     ) -> None:
-        """problem: of fixed durations; the measured state replaces its start. dt, period [s]: of control, of planning."""
+        """problem: fixed durations; the measured state replaces its start. dt, period [s]: of control and planning."""
         if not (np.isfinite([dt, period]).all() and 0 < dt <= period):
             raise InvalidInput(f"dt = {dt} s, period = {period} s; give 0 < dt <= period")
         if problem.free_time:

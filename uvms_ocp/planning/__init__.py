@@ -11,6 +11,8 @@ from uvms_ocp.planning.plan import Plan as Plan
 from uvms_ocp.planning.plan import PlanStatus as PlanStatus
 from uvms_ocp.planning.planner import Planner as Planner
 from uvms_ocp.planning.planner import plan as plan
+from uvms_ocp.planning.reach import plan_tool_motion as plan_tool_motion
+from uvms_ocp.planning.reach import tool_reach as tool_reach
 from uvms_ocp.planning.terms import At as At
 from uvms_ocp.planning.terms import AtRest as AtRest
 from uvms_ocp.planning.terms import Ball as Ball
@@ -24,3 +26,5 @@ from uvms_ocp.planning.terms import Term as Term
 from uvms_ocp.planning.trajectory import Trajectory as Trajectory
 from uvms_ocp.planning.trajectory import hold as hold
 from uvms_ocp.planning.trajectory import through as through
+from uvms_ocp.planning.whole_mission import WholeMission as WholeMission
+from uvms_ocp.planning.whole_mission import whole_mission as whole_mission

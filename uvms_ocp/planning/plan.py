@@ -41,7 +41,7 @@ _ADVICE = {
     PlanStatus.SOLVED: "nothing to do",
     PlanStatus.TOO_SHORT: "give the horizon more time, or loosen the limits",
     PlanStatus.UNREACHABLE: "more time would not help: move the goal, or loosen the constraints and levels above it",
-    PlanStatus.INFEASIBLE: "no motion keeps all limits and constraints: loosen them, weaken the current, or start slower",
+    PlanStatus.INFEASIBLE: "no motion keeps all limits and constraints: loosen them, weaken the current, start slower",
     PlanStatus.OBSTRUCTED: "the start breaks a constraint: move the start or the obstacle, or lower the margin",
     PlanStatus.UNFINISHED: "the solver stopped early: raise time_limit or max_iterations, or give a better guess",
 }

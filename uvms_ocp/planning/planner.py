@@ -119,7 +119,7 @@ class Planner:
     def _verdict(
         self, given: OcpProblem, p: np.ndarray, result: LexicographicResult, diagnose: bool, t0: float
     ) -> tuple[PlanStatus, str]:
-        if result.violation > 1e-5:
+        if result.violation > self.options.feasibility:
             return self._broken(p, result)
         if not result.status.optimal:
             index = next(i for i, status in enumerate(result.level_status) if not status.optimal)
@@ -157,9 +157,9 @@ class Planner:
             result = self.solve(self.transcription.parameters(longer, t0=t0), hold(longer))
             left = float(result.level_residuals[missed])
             seconds = longer.nominal_times()[-1]
-            if result.violation <= 1e-5 and left <= _MISSED:
+            if result.violation <= self.options.feasibility and left <= _MISSED:
                 return PlanStatus.TOO_SHORT, f"{text}; {seconds:.3g} s would do"
-            if result.violation <= 1e-5 and left < _HELPS * residual:
+            if result.violation <= self.options.feasibility and left < _HELPS * residual:
                 return PlanStatus.TOO_SHORT, f"{text}; with {seconds:.3g} s it would be {left:.4g}"
         return PlanStatus.UNREACHABLE, f"{text}, and more time does not help"
 

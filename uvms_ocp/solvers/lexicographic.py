@@ -25,7 +25,6 @@ from uvms_ocp.solvers.nlp_program import LevelRows, LexicographicProgram
 from uvms_ocp.solvers.nlp_status import NlpStatus, status_of
 
 PLUGINS = ("ipopt", "fatrop")
-_FEASIBLE = 1e-5  # largest violation of scaled rows with which a point counts as usable
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -44,6 +43,11 @@ class NlpOptions:
     barrier: float = 1e-2
     """Barrier parameter at a cold start."""
     plugin_options: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def feasibility(self) -> float:
+        """Largest violation of scaled rows with which a point counts as usable."""
+        return max(1e-5, self.convergence)
 
     @property
     def freezing(self) -> float:
@@ -110,11 +114,8 @@ class _Outcome:
     status: NlpStatus
     iterations: int
     violation: float
+    usable: bool = False
     cost: float = np.inf
-
-    @property
-    def usable(self) -> bool:
-        return self.violation <= _FEASIBLE and self.status is not NlpStatus.NOT_A_NUMBER
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -202,6 +203,7 @@ class LexicographicNlp:
         )
         return _Outcome(
             point=point,
+            usable=violation <= self.options.feasibility,
             status=status_of(stats),
             iterations=_iterations(stats),
             violation=violation,
