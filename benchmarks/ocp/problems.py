@@ -42,4 +42,4 @@ def reach_goal(robot: Robot, q: np.ndarray) -> pin.SE3:
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, q)
     X_WT = data.oMf[robot.frame_id("tool")]
-    return pin.SE3(pin.rpy.rpyToMatrix(0.2, 0.1, 0.3) @ X_WT.rotation, X_WT.translation + [1.0, -0.5, -0.6])
+    return pin.SE3(pin.rpy.rpyToMatrix(0.2, 0.1, 0.3) @ X_WT.rotation, X_WT.translation + np.array([1.0, -0.5, -0.6]))

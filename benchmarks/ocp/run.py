@@ -23,7 +23,7 @@ from uvms_ocp.planning import HessianKind, OcpProblem, Plan, Planner
 from uvms_ocp.sim import DynamicPlant, Environment, FlatSeafloor
 from uvms_ocp.solvers.lexicographic import NlpOptions
 
-REPEATS = 5
+REPEATS = 3
 Row = dict[str, Any]
 
 
@@ -98,14 +98,22 @@ def machine() -> Row:
 
 
 def main(target: Path) -> None:
-    table: list[Row] = [machine(), simulated()]
-    for n_steps in (20, 40, 80):
-        for plugin in ("ipopt", "fatrop"):
-            table += rows(f"tool reach N={n_steps}", tool_reach(n_steps), NlpOptions(plugin=plugin))
-    gauss_newton = tool_reach(hessian=HessianKind.GAUSS_NEWTON)
-    table += rows("tool reach N=40, Gauss-Newton", gauss_newton, NlpOptions())
-    table += weighted_rows()
-    target.write_text(json.dumps(table, indent=1), encoding="utf-8")
+    table: list[Row] = []
+    for part in parts():
+        table += part()
+        target.write_text(json.dumps(table, indent=1), encoding="utf-8")
+
+
+def parts() -> list[Callable[[], list[Row]]]:
+    """What to measure, in order; results are written after each."""
+    reaches: list[Callable[[], list[Row]]] = [
+        lambda n=n, plugin=plugin: rows(f"tool reach N={n}", tool_reach(n), NlpOptions(plugin=plugin))  # type: ignore[misc]
+        for n in (40, 20, 80)
+        for plugin in ("ipopt", "fatrop")
+    ]
+    newton = tool_reach(hessian=HessianKind.GAUSS_NEWTON)
+    gauss_newton = [lambda: rows("tool reach N=40, Gauss-Newton", newton, NlpOptions())]
+    return [lambda: [machine()], *reaches, *gauss_newton, weighted_rows, lambda: [simulated()]]
 
 
 if __name__ == "__main__":

@@ -39,6 +39,6 @@ def test_a_way_point_from_which_a_greedy_mission_cannot_reach_the_target_is_no_o
     assert way_point < mission.arrival + 1e-5
     assert abs(poses[2]["altimeter"].translation[2] + 40.0 - mission.altitude) < 1e-4
     assert np.linalg.norm(poses[3]["tool"].translation - TARGET) < 1e-4
-    assert np.abs(plan.trajectory.v[nodes[2] + 1 :, :6]).max() < 1e-4
+    assert np.abs(plan.trajectory.v[nodes[3] :, :6]).max() < 1e-4
     heights = plan.trajectory.q[1 : nodes[2], 2]
     assert heights.min() > -40.0 + mission.minimum_altitude
