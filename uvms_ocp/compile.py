@@ -47,7 +47,8 @@ def compile_function(function: ca.Function) -> ca.Function:
     """``function`` in machine code with the same names and sparsities; itself where it cannot be compiled."""
     generator = ca.CodeGenerator("function.c")
     generator.add(function)
-    path = compile_library(generator.dump())
+    # Code without loops gains nothing from more optimisation but the time that takes.
+    path = compile_library(generator.dump(), ["-O1"])
     return function if path is None else ca.external(function.name(), str(path))
 
 
@@ -119,6 +120,7 @@ def _build(compiler: str, source: str, flags: Sequence[str], library: Path) -> b
 
 def _build_in(folder: Path, compiler: str, source: str, flags: Sequence[str], library: Path) -> bool:
     code, built, digest = folder / "source.c", folder / "library.so", folder / "digest"
+    _log.info("compiling C code for the first time; kept in %s", library.parent)
     code.write_text(source, encoding="utf-8")
     command = [compiler, *flags, "-o", str(built), str(code), "-lm"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT, check=False)

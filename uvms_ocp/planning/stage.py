@@ -17,7 +17,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.compile import compile_library
+from uvms_ocp.compile import compile_function
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.symbolic import SymbolicModel
@@ -28,7 +28,6 @@ from uvms_ocp.planning.ocp import Actuation, HessianKind, Integrator, OcpProblem
 from uvms_ocp.planning.terms import StageSymbols, finite_or
 from uvms_ocp.tasks.task import TickSymbols
 
-_FLAGS = ("-O1",)  # thousands of lines without a branch: more optimisation costs minutes and gains nothing
 _UNLIMITED_EFFORT = 10.0  # [N m] unit of torque where the robot has no limit
 _VEHICLE_FORCE = 100.0  # [N, N m] unit of the wrench on a vehicle without thrusters
 
@@ -231,14 +230,7 @@ def compiled(given: Derivatives) -> Derivatives:
     """The functions in machine code where a C compiler exists, as they are otherwise."""
     return replace(
         given,
-        value=_in_machine_code(given.value),
-        jacobian=_in_machine_code(given.jacobian),
-        hessian=_in_machine_code(given.hessian),
+        value=compile_function(given.value),
+        jacobian=compile_function(given.jacobian),
+        hessian=compile_function(given.hessian),
     )
-
-
-def _in_machine_code(function: ca.Function) -> ca.Function:
-    generator = ca.CodeGenerator("stage.c", {"with_header": False})
-    generator.add(function)
-    library = compile_library(generator.dump(), _FLAGS)
-    return function if library is None else ca.external(function.name(), str(library))
