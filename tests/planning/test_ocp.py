@@ -129,12 +129,13 @@ def test_both_solvers_find_the_same_cost(robot: Robot, planner: Planner) -> None
     ipopt = planner.plan()
     fatrop = Planner(reach(robot), NlpOptions(plugin="fatrop")).plan()
     assert fatrop.status is PlanStatus.SOLVED
-    assert fatrop.levels[1].residual ** 2 == pytest.approx(ipopt.levels[1].residual ** 2, rel=1e-4)
+    assert fatrop.levels[1].residual ** 2 == pytest.approx(ipopt.levels[1].residual ** 2, rel=1e-6)
 
 
 def test_gauss_newton_finds_the_same_cost_as_the_exact_hessian(robot: Robot, planner: Planner) -> None:
     exact = planner.plan()
-    gauss_newton = Planner(reach(robot, hessian=HessianKind.GAUSS_NEWTON)).plan()
+    loose = NlpOptions(convergence=1e-6)  # without the curvature of the dynamics convergence is linear
+    gauss_newton = Planner(reach(robot, hessian=HessianKind.GAUSS_NEWTON), loose).plan()
     assert gauss_newton.status is PlanStatus.SOLVED
     assert gauss_newton.levels[1].residual ** 2 == pytest.approx(exact.levels[1].residual ** 2, rel=1e-3)
 

@@ -35,7 +35,7 @@ class NlpOptions:
     tolerance: float = 1e-6
     """By which the rows of a solved level may move. With 0, and always with fatrop, rows of equalities are frozen as
     equality constraints: not for levels whose rows contradict each other, where no constraint qualification holds."""
-    convergence: float = 1e-6
+    convergence: float = 1e-8
     max_iterations: int = 150
     time_limit: float = 20.0
     """[s] for every NLP, and between levels for all together; fatrop knows the latter only."""
