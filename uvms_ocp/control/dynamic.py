@@ -64,8 +64,8 @@ class DynamicController:
         self._robot, self._dynamics, self._dt = robot, dynamics, kinematic.dt
         self._gains = gains or VelocityGains()
         self._allocation = allocation_of(robot)
-        self._thrusters = _ThrusterLag(robot, self._gains.lead, self._dt)
-        self._observer = _observer(robot, dynamics, self._gains, self._dt)
+        self._thrusters = ThrusterLag(robot, self._gains.lead, self._dt)
+        self._observer = observer_of(robot, dynamics, self._gains, self._dt)
         self._K_p = _per_axis(robot, self._gains.vehicle, self._gains.joints)
         self._reset = _per_axis(robot, self._gains.vehicle_reset, self._gains.joints_reset)
         self._integral = np.zeros(robot.n_v)
@@ -128,7 +128,7 @@ class DynamicController:
         self._integral += np.where(winding, 0.0, error * self._dt)
 
 
-class _ThrusterLag:
+class ThrusterLag:
     """Model of first-order thrusters, and the thrust command that makes them `lead` times faster."""
 
     def __init__(self, robot: Robot, lead: float, dt: float) -> None:
@@ -153,7 +153,8 @@ def _per_axis(robot: Robot, vehicle: float, joints: float) -> np.ndarray:
     return np.concatenate([np.full(robot.n_vehicle, vehicle), np.full(robot.n_joints, joints)])
 
 
-def _observer(robot: Robot, dynamics: Dynamics, gains: VelocityGains, dt: float) -> DisturbanceObserver | None:
+def observer_of(robot: Robot, dynamics: Dynamics, gains: VelocityGains, dt: float) -> DisturbanceObserver | None:
+    """The observer that `gains` ask for; None where its bandwidth is 0."""
     if not gains.observer_vehicle:
         return None
     wrench = np.abs(allocation_of(robot).matrix) @ np.array([t.maximum for t in robot.description.thrusters])

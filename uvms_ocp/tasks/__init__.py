@@ -14,6 +14,7 @@ from uvms_ocp.tasks.joints import Manipulability as Manipulability
 from uvms_ocp.tasks.pose import ToolPose as ToolPose
 from uvms_ocp.tasks.pose import ToolPosition as ToolPosition
 from uvms_ocp.tasks.pose import VehiclePose as VehiclePose
+from uvms_ocp.tasks.task import Residual as Residual
 from uvms_ocp.tasks.task import Rows as Rows
 from uvms_ocp.tasks.task import Task as Task
 from uvms_ocp.tasks.task import TaskClass as TaskClass

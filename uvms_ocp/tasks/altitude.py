@@ -10,7 +10,17 @@ import casadi as ca
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.tasks.activation import Bell
 from uvms_ocp.tasks.limits import approach_speed, row_acceleration, saturate
-from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, equality_rows, require_positive
+from uvms_ocp.tasks.task import (
+    Residual,
+    Rows,
+    Task,
+    TaskClass,
+    TickSymbols,
+    bounded_residual,
+    equality_rows,
+    require_positive,
+    zero_residual,
+)
 
 
 def altitude_of(symbols: TickSymbols, frame: str) -> ca.SX:
@@ -57,9 +67,15 @@ class MinimumAltitude(Task):
             saturation=self.saturation,
         )
 
+    def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
+        """Altitude >= `threshold` [m]."""
+        return bounded_residual(
+            altitude_of(symbols, altimeter_of(self.name, symbols, self.frame)), lower=self.threshold
+        )
+
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         frame = altimeter_of(self.name, symbols, self.frame)
-        h, row = altitude_of(symbols, frame), altitude_row(symbols, frame)
+        h, row = self.residual(symbols, parameters).value, altitude_row(symbols, frame)
         sinking = approach_speed(
             h - self.threshold,
             gain=self.gain,
@@ -94,8 +110,12 @@ class LandingAltitude(Task):
     def __post_init__(self) -> None:
         require_positive(self.name, safeguard=self.safeguard, gain=self.gain, saturation=self.saturation)
 
+    def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
+        """``landing_distance + safeguard - altitude`` = 0 [m]."""
+        altitude = altitude_of(symbols, altimeter_of(self.name, symbols, self.frame))
+        return zero_residual(self.landing_distance + self.safeguard - altitude)
+
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         frame = altimeter_of(self.name, symbols, self.frame)
-        h = altitude_of(symbols, frame)
-        rate = saturate(self.gain * (self.landing_distance + self.safeguard - h), self.saturation)
-        return equality_rows(altitude_row(symbols, frame), rate, {"altitude": h})
+        rate = saturate(self.gain * self.residual(symbols, parameters).value, self.saturation)
+        return equality_rows(altitude_row(symbols, frame), rate, {"altitude": altitude_of(symbols, frame)})

@@ -14,9 +14,10 @@ from uvms_ocp.model.spatial import skew
 from uvms_ocp.tasks.activation import Bell
 from uvms_ocp.tasks.limits import approach_speed, row_acceleration, saturate
 from uvms_ocp.tasks.reference import VectorGoal, evaluate_vector
-from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, require_positive
+from uvms_ocp.tasks.task import Residual, Rows, Task, TaskClass, TickSymbols, bounded_residual, require_positive
 
 _SINE_FLOOR = 1e-9  # below this sine of the angle the rotation axis comes from the fallback
+_ROUNDING = 1e-3  # [rad] below which the smooth angle of a residual flattens out
 _OVERHEAD = 1e-3  # [m] horizontal distance below which the direction to a target is undefined
 
 
@@ -45,6 +46,11 @@ class AngleTask(Task):
 
     def __post_init__(self) -> None:
         require_positive(self.name, gain=self.gain, saturation=self.saturation, aim=self.aim)
+
+    def _angle_residual(self, a: ca.SX, b: ca.SX) -> Residual:
+        """Chord between unit vectors, ``2 sin(theta / 2)``: smooth at theta = 0 and steep where theta is large."""
+        chord = ca.sqrt(ca.sumsqr(a - b) + _ROUNDING**2)
+        return bounded_residual(chord, upper=float(np.hypot(2 * np.sin(self.aim / 2), _ROUNDING)))
 
     def _angle_rows(self, symbols: TickSymbols, theta: ca.SX, row: ca.SX, quantities: dict[str, ca.SX]) -> Rows:
         """Rows that hold d theta / dt = `row` @ v at a rate that brings theta inside `aim`."""
@@ -75,6 +81,11 @@ class HorizontalAttitude(AngleTask):
     saturation: float = 0.5
     bell: Bell = Bell(0.025, 0.1)
     aim: float = 0.025
+
+    def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
+        """Tilt <= `aim` [rad]."""
+        R_WB, _ = symbols.kinematics.pose(self.frame)
+        return self._angle_residual(R_WB[:, 2], ca.SX([0, 0, 1]))
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         R_WB, _ = symbols.kinematics.pose(self.frame)
@@ -111,6 +122,12 @@ class Alignment(AngleTask):
 
     def reference(self, t: float) -> np.ndarray:
         return np.concatenate(evaluate_vector(self.name, self.goal, t))
+
+    def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
+        """Angle to the target's horizontal direction <= `aim` [rad]; free below or above the target."""
+        R_WB, p_WB = symbols.kinematics.pose(self.frame)
+        d = ca.vertcat(parameters[:2] - p_WB[:2], 0)
+        return self._angle_residual(R_WB[:, 0], d / ca.sqrt(ca.sumsqr(d) + _OVERHEAD**2))
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         R_WB, p_WB = symbols.kinematics.pose(self.frame)

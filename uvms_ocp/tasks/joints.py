@@ -14,7 +14,17 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.tasks.activation import Bell
 from uvms_ocp.tasks.limits import approach_speed, saturate
 from uvms_ocp.tasks.reference import VectorGoal, evaluate_vector
-from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, equality_rows, require_positive
+from uvms_ocp.tasks.task import (
+    Residual,
+    Rows,
+    Task,
+    TaskClass,
+    TickSymbols,
+    bounded_residual,
+    equality_rows,
+    require_positive,
+    zero_residual,
+)
 
 _SINGULAR = 1e-12  # keeps the square root of the manipulability differentiable at singular postures
 
@@ -37,6 +47,14 @@ class JointLimits(Task):
         require_positive(self.name, margin=self.margin, gain=self.gain, saturation=self.saturation)
         if self.margin >= 0.5:
             raise InvalidInput(f"{self.name}: margin = {self.margin}; give a share of the range below 0.5")
+
+    def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
+        """Bounded joints inside the range that `margin` leaves free on each side [rad or m]."""
+        joints = bounded_joints(symbols.robot.joints, symbols.robot.limits)
+        lower, upper = np.array([(low, up) for _, low, up in joints]).reshape(-1, 2).T
+        guard = self.margin * (upper - lower)
+        value = symbols.q[[joint.idx_q for joint, _, _ in joints]]
+        return Residual(value=value, lower=lower + guard, upper=upper - guard)
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         joints = [
@@ -103,9 +121,14 @@ class JointTracking(Task):
     def reference(self, t: float) -> np.ndarray:
         return np.concatenate(evaluate_vector(self.name, self.goal, t))
 
+    def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
+        """``goal - q`` of the chosen joints = 0 [rad or m]."""
+        joints = [symbols.robot.joint(name) for name in self.joints]
+        return zero_residual(parameters[: len(joints)] - symbols.q[[joint.idx_q for joint in joints]])
+
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         joints = [symbols.robot.joint(name) for name in self.joints]
-        error = parameters[: len(joints)] - symbols.q[[joint.idx_q for joint in joints]]
+        error = self.residual(symbols, parameters).value
         rate = parameters[len(joints) :] + saturate(self.gain * error, self.saturation)
         jacobian = symbols.velocity_rows([joint.idx_v for joint in joints])
         return equality_rows(jacobian, rate, {"posture_error": ca.norm_2(error)})
@@ -129,8 +152,12 @@ class Manipulability(Task):
     def __post_init__(self) -> None:
         require_positive(self.name, gain=self.gain, target=self.target)
 
+    def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
+        """Manipulability above the end of the bell."""
+        return bounded_residual(manipulability(symbols, self.frame), lower=self.bell.end)
+
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        mu = manipulability(symbols, self.frame)
+        mu = self.residual(symbols, parameters).value
         return Rows(
             jacobian=_arm_gradient(symbols, mu),
             rate=self.gain * (self.target - mu),

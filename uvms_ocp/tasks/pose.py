@@ -12,7 +12,16 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.spatial import log3
 from uvms_ocp.tasks.limits import saturate
 from uvms_ocp.tasks.reference import PoseGoal, evaluate_pose
-from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, equality_rows, require_positive
+from uvms_ocp.tasks.task import (
+    Residual,
+    Rows,
+    Task,
+    TaskClass,
+    TickSymbols,
+    equality_rows,
+    require_positive,
+    zero_residual,
+)
 
 _N_POSE = 12 + 6  # p (3), R column by column (9), rate (6)
 
@@ -49,10 +58,14 @@ class PoseTask(Task):
         pose, rate = evaluate_pose(self.name, self.goal, t)
         return pose_parameters(pose, rate)
 
-    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
+    def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
+        """``[p_goal - p; log3(R_goal R')]`` = 0, [m] and [rad]."""
         R_WF, p_WF = symbols.kinematics.pose(self.frame)
-        error_linear = parameters[:3] - p_WF
-        error_angular = log3(ca.reshape(parameters[3:12], 3, 3) @ R_WF.T)
+        turn = log3(ca.reshape(parameters[3:12], 3, 3) @ R_WF.T)
+        return zero_residual(ca.vertcat(parameters[:3] - p_WF, turn))
+
+    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
+        error_linear, error_angular = ca.vertsplit(self.residual(symbols, parameters).value, 3)
         rate = parameters[12:] + ca.vertcat(
             saturate(self.gain_linear * error_linear, self.saturation_linear),
             saturate(self.gain_angular * error_angular, self.saturation_angular),
@@ -109,8 +122,12 @@ class ToolPosition(Task):
         pose, rate = evaluate_pose(self.name, self.goal, t)
         return np.concatenate([pose.translation, rate[:3]])
 
+    def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
+        """``p_goal - p`` = 0 [m]."""
+        return zero_residual(parameters[:3] - symbols.kinematics.pose(self.frame)[1])
+
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        error = parameters[:3] - symbols.kinematics.pose(self.frame)[1]
+        error = self.residual(symbols, parameters).value
         rate = parameters[3:] + saturate(self.gain * error, self.saturation)
         jacobian = symbols.kinematics.jacobian(self.frame)[:3, :]
         return equality_rows(jacobian, rate, {"position_error": ca.norm_2(error)})

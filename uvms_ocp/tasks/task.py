@@ -1,8 +1,8 @@
 """A task: rows ``y`` of the velocity hierarchy, written once as CasADi expressions ([Gao2022] section 3).
 
 Every task turns the symbols of one tick into `Rows`. The rows serve both kinds of solver: the regularised
-pseudo-inverse reads ``rate`` and ``activation``, the strict hierarchy ``lower`` and ``upper``, see
-`uvms_ocp.solvers.level`.
+pseudo-inverse reads ``rate`` and ``activation``, the strict hierarchy ``lower`` and ``upper``
+(`uvms_ocp.solvers.level`). `Residual` is the same task over a horizon.
 """
 
 from __future__ import annotations
@@ -72,6 +72,22 @@ class Rows:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Residual:
+    """What a task asks of a state: `value` within ``[lower, upper]``; an equality has lower = upper.
+
+    Smooth in the state, so that it can be optimised over a horizon; `Rows` are its velocity-level counterpart.
+    """
+
+    value: ca.SX  # (m,)
+    lower: np.ndarray  # (m,)
+    upper: np.ndarray  # (m,)
+
+    @property
+    def n_rows(self) -> int:
+        return int(self.value.shape[0])
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Task(ABC):
     """Base of all tasks. Fields of every task can be changed with `dataclasses.replace`."""
 
@@ -83,7 +99,16 @@ class Task(ABC):
 
     @abstractmethod
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        """The rows of this task; `parameters` holds what `reference` returns at each tick, then what `sensor` does."""
+        """The rows of this task; `parameters` holds what `parameters()` returns at each tick."""
+
+    def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
+        """The error or quantity that this task keeps at a value or in a range, for planning over a horizon.
+
+        Raises `InvalidInput` for a task that exists at velocity level only.
+        """
+        raise InvalidInput(
+            f"{self.name}: {type(self).__name__} has no residual over a horizon; leave it to the velocity hierarchy"
+        )
 
     def n_parameters(self, robot: Robot) -> int:
         """Length of the vector that `reference` returns."""
@@ -126,6 +151,18 @@ def equality_rows(jacobian: ca.SX, rate: ca.SX, quantities: Mapping[str, ca.SX] 
         activation=ca.SX.ones(rate.shape),
         quantities=quantities or {},
     )
+
+
+def zero_residual(value: ca.SX) -> Residual:
+    """A residual that asks for ``value = 0``."""
+    zeros = np.zeros(value.shape[0])
+    return Residual(value=value, lower=zeros, upper=zeros)
+
+
+def bounded_residual(value: ca.SX, *, lower: float = -np.inf, upper: float = np.inf) -> Residual:
+    """A residual that asks for ``lower <= value <= upper``, row by row."""
+    m = value.shape[0]
+    return Residual(value=value, lower=np.full(m, lower), upper=np.full(m, upper))
 
 
 def require_positive(task: str, **values: float) -> None:

@@ -8,7 +8,7 @@ from typing import ClassVar
 import casadi as ca
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, equality_rows
+from uvms_ocp.tasks.task import Residual, Rows, Task, TaskClass, TickSymbols, equality_rows, zero_residual
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -30,6 +30,10 @@ class NullVelocity(VehicleVelocity):
 
     name: str = "NR"
     axes: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
+
+    def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
+        """Velocity of the axes = 0 [m/s, rad/s]."""
+        return zero_residual(symbols.velocity[list(self.axes)])
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         return equality_rows(symbols.velocity_rows(list(self.axes)), ca.SX.zeros(len(self.axes)))

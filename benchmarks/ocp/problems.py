@@ -1,0 +1,45 @@
+"""The problems of the benchmark: one function each."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.model.state import State
+from uvms_ocp.planning import AtRest, Effort, OcpLevel, OcpProblem, Smoothness, TaskTerm, single_phase
+from uvms_ocp.tasks import ToolPose
+
+
+def tool_reach(n_steps: int = 40, **options: Any) -> OcpProblem:
+    """13 DoF, water, thruster and joint limits: the tool moves 1.3 m and turns, and comes to rest."""
+    robot = load_robot("girona_maris7_full")
+    q = robot.configuration(position=(0, 0, -5), rpy=(0, -0.06, 0.5))
+    chosen: dict[str, Any] = {
+        "duration": 8.0,
+        "levels": [
+            OcpLevel(name="tool", terms=(TaskTerm(task=ToolPose(goal=reach_goal(robot, q))),)),
+            OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.3))),
+        ],
+        "constraints": (AtRest(),),
+    }
+    start = State(q=q, v=np.zeros(robot.n_v))
+    return single_phase(robot=robot, start=start, n_steps=n_steps, **(chosen | options))
+
+
+def weighted_reach(weight: float, n_steps: int = 40) -> OcpProblem:
+    """The same with one level: `weight` on the tool stands in for its priority."""
+    problem = tool_reach()
+    goal = problem.levels[0].terms[0].task  # type: ignore[attr-defined]
+    terms = (TaskTerm(task=goal, weight=weight), *problem.levels[1].terms)
+    return tool_reach(n_steps, levels=[OcpLevel(name="sum", terms=terms)])
+
+
+def reach_goal(robot: Robot, q: np.ndarray) -> pin.SE3:
+    """1.3 m away from where the tool is, and turned."""
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    X_WT = data.oMf[robot.frame_id("tool")]
+    return pin.SE3(pin.rpy.rpyToMatrix(0.2, 0.1, 0.3) @ X_WT.rotation, X_WT.translation + np.array([1.0, -0.5, -0.6]))

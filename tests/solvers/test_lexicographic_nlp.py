@@ -1,0 +1,144 @@
+"""Laws of lexicographic nonlinear programs: known optima, and levels that keep what they reached."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.solvers.lexicographic import LexicographicNlp, LexicographicResult, NlpOptions
+from uvms_ocp.solvers.nlp_program import NlpLevel, lexicographic_program
+from uvms_ocp.solvers.nlp_status import NlpStatus
+
+TIGHT = NlpOptions(tolerance=1e-9, convergence=1e-10)
+
+
+def himmelblau(x: ca.SX) -> ca.SX:
+    return ca.vertcat(x[0] ** 2 + x[1] - 11, x[0] + x[1] ** 2 - 7)
+
+
+def rosenbrock(x: ca.SX) -> ca.SX:
+    return ca.vertcat(10 * (x[1] - x[0] ** 2), 1 - x[0])
+
+
+def solve(x: ca.SX, levels: list[NlpLevel], start: np.ndarray, options: NlpOptions = TIGHT) -> LexicographicResult:
+    return LexicographicNlp(lexicographic_program(x, levels), options).solve(start)
+
+
+def test_rosenbrock_below_himmelblau_takes_the_nearest_root() -> None:
+    x = ca.SX.sym("x", 2)
+    result = solve(x, [NlpLevel(y=himmelblau(x)), NlpLevel(y=rosenbrock(x))], np.array([2.5, 1.5]))
+    assert result.status is NlpStatus.SOLVED
+    np.testing.assert_allclose(result.x, [3.0, 2.0], atol=1e-6)
+
+
+def test_himmelblau_below_rosenbrock_does_not_move_its_minimum() -> None:
+    x = ca.SX.sym("x", 2)
+    result = solve(x, [NlpLevel(y=rosenbrock(x)), NlpLevel(y=himmelblau(x))], np.array([-1.2, 1.0]))
+    np.testing.assert_allclose(result.x, [1.0, 1.0], atol=1e-6)
+
+
+def test_rosenbrock_on_a_curve_of_himmelblau_equals_the_minimum_along_the_curve() -> None:
+    x = ca.SX.sym("x", 2)
+    result = solve(x, [NlpLevel(y=himmelblau(x)[0]), NlpLevel(y=rosenbrock(x))], np.array([1.0, 2.0]))
+
+    def along(s: float) -> float:
+        return (10 * (11 - 2 * s**2)) ** 2 + (1 - s) ** 2
+
+    best = minimize_scalar(along, bounds=(1.0, 4.0), method="bounded", options={"xatol": 1e-12}).x
+    np.testing.assert_allclose(result.x, [best, 11 - best**2], atol=1e-6)
+
+
+def test_rows_that_contradict_each_other_settle_in_their_middle_and_stay_there() -> None:
+    x = ca.SX.sym("x", 2)
+    levels = [NlpLevel(y=ca.vertcat(x[0] - 1, x[0] + 3)), NlpLevel(y=x[1] - x[0] - 5)]
+    result = solve(x, levels, np.zeros(2))
+    np.testing.assert_allclose(result.x, [-1.0, 4.0], atol=1e-6)
+    np.testing.assert_allclose(result.level_residuals, [np.sqrt(8), 0.0], atol=1e-6)
+    assert not result.anticipated
+
+
+def test_an_inequality_level_leaves_its_inside_to_the_levels_below() -> None:
+    x = ca.SX.sym("x", 2)
+    disc = NlpLevel(y=ca.sumsqr(x), lower=-np.inf, upper=4.0)
+    inside = solve(x, [disc, NlpLevel(y=x - ca.DM([1, 1]))], np.array([3.0, 0.5]))
+    outside = solve(x, [disc, NlpLevel(y=x - ca.DM([3, 4]))], np.array([3.0, 0.5]))
+    np.testing.assert_allclose(inside.x, [1, 1], atol=1e-6)
+    np.testing.assert_allclose(outside.x, [1.2, 1.6], atol=1e-6)
+
+
+def test_a_relaxed_level_pays_no_more_than_its_share() -> None:
+    x = ca.SX.sym("x", 2)
+    levels = [NlpLevel(y=ca.vertcat(x, x - 2), relax=0.1), NlpLevel(y=x[0] - 5)]
+    result = solve(x, levels, np.zeros(2))
+    cost = 0.5 * float(np.sum(result.residuals[0] ** 2))
+    assert cost == pytest.approx(2.0 * 1.1, rel=1e-6)
+    assert result.x[0] == pytest.approx(1 + np.sqrt(0.2), abs=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(100))
+def test_no_lower_level_raises_the_residual_of_a_higher_one(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    x = ca.SX.sym("x", 6)
+    levels = [NlpLevel(y=random_rows(rng, x), upper=float(rng.choice([0.0, 0.3]))) for _ in range(3)]
+    start = rng.standard_normal(6)
+    options = NlpOptions(anticipate=False)
+    everything = solve(x, levels, start, options)
+    for k in range(1, 3):
+        alone = solve(x, levels[:k], start, options)
+        rise = everything.level_residuals[:k] - alone.level_residuals
+        assert rise.max() <= 5 * options.tolerance
+
+
+def random_rows(rng: np.random.Generator, x: ca.SX) -> ca.SX:
+    A, b = rng.standard_normal((rng.integers(1, 4), 6)), rng.standard_normal()
+    return ca.DM(A) @ (x + 0.3 * ca.sin(x)) + b
+
+
+def test_a_second_solve_from_the_first_needs_no_iterations() -> None:
+    x = ca.SX.sym("x", 2)
+    nlp = LexicographicNlp(lexicographic_program(x, [NlpLevel(y=himmelblau(x)[0]), NlpLevel(y=rosenbrock(x))]))
+    first = nlp.solve(np.array([1.0, 2.0]))
+    again = nlp.solve(first)
+    assert sum(again.iterations) <= 1
+    np.testing.assert_allclose(again.x, first.x, atol=1e-6)
+
+
+def test_anticipation_gives_the_same_answer_as_solving_in_order() -> None:
+    x = ca.SX.sym("x", 3)
+    levels = [NlpLevel(y=ca.sumsqr(x) - 4), NlpLevel(y=x[0] - x[1]), NlpLevel(y=x - ca.DM([1, 2, 3]))]
+    start = np.array([1.0, 1.0, 1.0])
+    first = solve(x, levels, start)
+    in_order = solve(x, levels, start, NlpOptions(tolerance=1e-9, convergence=1e-10, anticipate=False))
+    assert first.anticipated
+    np.testing.assert_allclose(first.x, in_order.x, atol=1e-5)
+
+
+def test_constraints_that_exclude_each_other_are_reported_as_infeasible() -> None:
+    x = ca.SX.sym("x", 2)
+    program = lexicographic_program(x, [NlpLevel(y=x)], g=ca.vertcat(x[0] - 1, x[0] + 1))
+    result = LexicographicNlp(program).solve(np.zeros(2))
+    assert result.status is NlpStatus.INFEASIBLE
+    assert np.isfinite(result.x).all()
+    assert result.violation > 0.5
+
+
+def test_an_expression_that_is_not_a_number_is_a_status() -> None:
+    x = ca.SX.sym("x", 1)
+    result = solve(x, [NlpLevel(y=ca.log(x))], np.array([-1.0]))
+    assert result.status is NlpStatus.NOT_A_NUMBER
+    assert np.isfinite(result.x).all()
+
+
+def test_misuse_is_refused() -> None:
+    x = ca.SX.sym("x", 1)
+    with pytest.raises(NameNotFound, match="fatrop"):
+        NlpOptions(plugin="snopt7")
+    with pytest.raises(InvalidInput, match="at least one"):
+        lexicographic_program(x, [])
+    with pytest.raises(InvalidInput, match="lower > upper"):
+        lexicographic_program(x, [NlpLevel(y=x, lower=1.0, upper=0.0)])
+    with pytest.raises(InvalidInput, match="guess has NaN"):
+        solve(x, [NlpLevel(y=x)], np.array([np.nan]))

@@ -1,0 +1,173 @@
+"""From problem to plan: transcribe once, solve, and find out why where a goal is missed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+
+from uvms_ocp.planning.ocp import OcpPhase, OcpProblem
+from uvms_ocp.planning.plan import LevelReport, OcpStatus, Plan
+from uvms_ocp.planning.terms import Duration, Effort, Energy, Smoothness
+from uvms_ocp.planning.trajectory import Trajectory, hold
+from uvms_ocp.planning.transcription import Transcription
+from uvms_ocp.solvers.lexicographic import LexicographicNlp, LexicographicResult, NlpOptions
+from uvms_ocp.solvers.nlp_status import NlpStatus
+
+_MISSED = 1e-3  # weighted residual of a goal level from which it counts as missed
+_LONGER = (2.0, 4.0)  # shares of the horizon that are tried to tell "too short" from "unreachable"
+_HELPS = 0.9  # share of the residual that more time must leave at most to count as a help
+_COSTS = (Effort, Energy, Smoothness, Duration)
+
+
+class Planner:
+    """Solves problems of one shape: built once, with its NLPs, for any start, current, goals and fixed durations."""
+
+    def __init__(
+        self,
+        problem: OcpProblem,
+        options: NlpOptions | None = None,
+        *,
+        transcription: Transcription | None = None,
+    ) -> None:
+        """transcription: of the same problem for the same plugin, to share it between planners of different options."""
+        self.options = options or NlpOptions()
+        self.problem = problem
+        self.transcription = transcription or Transcription(problem, plugin=self.options.plugin)
+        self._nlp = LexicographicNlp(self.transcription.program, self.options)
+        self._lower, self._upper = self.transcription.bounds()
+
+    def plan(
+        self,
+        problem: OcpProblem | None = None,
+        *,
+        guess: Trajectory | Plan | None = None,
+        t0: float = 0.0,
+        diagnose: bool = True,
+    ) -> Plan:
+        """Plan for `problem`, by default the one this planner was built from.
+
+        problem: of the same shape; only start, current, goals and fixed durations may differ. guess: a trajectory, or
+        an earlier plan to start from, warm; by default the robot holds its start. t0 [s]: time of the first node, for
+        goals that move. diagnose: where a goal is missed, try longer horizons to say why.
+        """
+        begin, given = perf_counter(), problem or self.problem
+        obstruction = self.transcription.obstruction(given)
+        if obstruction is not None:
+            name, depth = obstruction
+            return self._failed(given, OcpStatus.OBSTRUCTED, f"{name} is broken by {depth:.4g} at the start", begin)
+        p = self.transcription.parameters(given, t0=t0)
+        result = self.solve(p, guess if guess is not None else hold(given))
+        status, reason = self._verdict(given, p, result, diagnose, t0)
+        return self._plan(given, result, status, reason, begin)
+
+    def solve(self, p: np.ndarray, guess: Trajectory | Plan | LexicographicResult) -> LexicographicResult:
+        """The lexicographic solution for parameters p; see `Transcription.parameters`."""
+        start = self._start(guess)
+        return self._nlp.solve(start, p=p, x_lower=self._lower, x_upper=self._upper)
+
+    def resumed(self, result: LexicographicResult, trajectory: Trajectory) -> LexicographicResult:
+        """An earlier result moved to another trajectory, with its multipliers: the start of the next solve."""
+        x = self.transcription.pack(trajectory)
+        return replace(result, points=tuple(replace(point, x=x) for point in result.points))
+
+    def _start(self, guess: Trajectory | Plan | LexicographicResult) -> np.ndarray | LexicographicResult:
+        if isinstance(guess, LexicographicResult):
+            return guess
+        if isinstance(guess, Plan):
+            return guess.result if guess.result is not None else self.transcription.pack(guess.trajectory)
+        return self.transcription.pack(guess)
+
+    def _plan(
+        self, given: OcpProblem, result: LexicographicResult, status: OcpStatus, reason: str, begin: float
+    ) -> Plan:
+        trajectory = self.transcription.unpack(result.x)
+        if not given.free_time:
+            trajectory = replace(trajectory, t=given.nominal_times())
+        return Plan(
+            robot=given.robot,
+            trajectory=trajectory,
+            status=status,
+            reason=reason,
+            levels=tuple(self._reports(result)),
+            solve_time=perf_counter() - begin,
+            result=result,
+        )
+
+    def _reports(self, result: LexicographicResult) -> list[LevelReport]:
+        rows = zip(
+            self.problem.levels, result.level_status, result.level_residuals.tolist(), result.iterations, strict=True
+        )
+        return [
+            LevelReport(name=level.name, status=status.value, advice=status.advice, residual=residual, iterations=n)
+            for level, status, residual, n in rows
+        ]
+
+    def _failed(self, given: OcpProblem, status: OcpStatus, reason: str, begin: float) -> Plan:
+        return Plan(
+            robot=given.robot,
+            trajectory=hold(given),
+            status=status,
+            reason=reason,
+            levels=(),
+            solve_time=perf_counter() - begin,
+        )
+
+    # --- why --------------------------------------------------------------------------------------
+
+    def _verdict(
+        self, given: OcpProblem, p: np.ndarray, result: LexicographicResult, diagnose: bool, t0: float
+    ) -> tuple[OcpStatus, str]:
+        if result.violation > self.options.feasibility:
+            return self._broken(p, result)
+        if not result.status.optimal:
+            index = next(i for i, status in enumerate(result.level_status) if not status.optimal)
+            name, status = self.problem.levels[index].name, result.level_status[index]
+            return OcpStatus.UNFINISHED, f"level {name!r}: {status.value}; {status.advice}"
+        missed = self._missed(result)
+        if missed is None:
+            return OcpStatus.SOLVED, "all goals are met"
+        residual = float(result.level_residuals[missed])
+        text = f"level {self.problem.levels[missed].name!r} is missed by {residual:.4g}"
+        if not diagnose or given.free_time:
+            return OcpStatus.UNREACHABLE, text
+        return self._with_more_time(given, missed, residual, text, t0)
+
+    def _broken(self, p: np.ndarray, result: LexicographicResult) -> tuple[OcpStatus, str]:
+        groups = self.transcription.violations(result.x, p)
+        name = max(groups, key=lambda key: groups[key])
+        if NlpStatus.TIME_LIMIT in result.level_status:
+            return OcpStatus.UNFINISHED, f"time limit with {name} broken by {groups[name]:.4g}"
+        return OcpStatus.INFEASIBLE, f"{name} cannot be kept: broken by {groups[name]:.4g} at best"
+
+    def _missed(self, result: LexicographicResult) -> int | None:
+        """The first level of goals, not costs, that is not met."""
+        for i, level in enumerate(self.problem.levels):
+            goals = [term for term in level.terms if not isinstance(term, _COSTS)]
+            if goals and result.level_residuals[i] > _MISSED:
+                return i
+        return None
+
+    def _with_more_time(
+        self, given: OcpProblem, missed: int, residual: float, text: str, t0: float
+    ) -> tuple[OcpStatus, str]:
+        for share in _LONGER:
+            longer = replace(given, phases=tuple(_stretched(phase, share) for phase in given.phases))
+            result = self.solve(self.transcription.parameters(longer, t0=t0), hold(longer))
+            left = float(result.level_residuals[missed])
+            seconds = longer.nominal_times()[-1]
+            if result.violation <= self.options.feasibility and left <= _MISSED:
+                return OcpStatus.TOO_SHORT, f"{text}; {seconds:.3g} s would do"
+            if result.violation <= self.options.feasibility and left < _HELPS * residual:
+                return OcpStatus.TOO_SHORT, f"{text}; with {seconds:.3g} s it would be {left:.4g}"
+        return OcpStatus.UNREACHABLE, f"{text}, and more time does not help"
+
+
+def _stretched(phase: OcpPhase, share: float) -> OcpPhase:
+    return replace(phase, duration=phase.nominal * share)
+
+
+def plan(problem: OcpProblem, options: NlpOptions | None = None, guess: Trajectory | None = None) -> Plan:
+    """Plan once; build a `Planner` to plan again and again."""
+    return Planner(problem, options).plan(guess=guess)

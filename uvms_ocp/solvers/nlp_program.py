@@ -1,0 +1,166 @@
+"""A lexicographic nonlinear program as data: shared constraints, and levels of least squares in order.
+
+Level k minimises ``1/2 |y_k - clip(y_k, lower_k, upper_k)|^2``, the squared distance of its rows to their range, while
+the rows of the levels above stay where those levels left them. All rows of the program are numbered once: first
+the constraints, then those that freeze level 0, level 1 and so on. Bounds and multipliers use that numbering at every
+level, so that they carry over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.exceptions import InvalidInput
+
+_SLACK = 1e-6  # of inequality rows that are frozen exactly: they still need an inside
+
+Expression: TypeAlias = ca.SX | ca.MX
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class NlpLevel:
+    """One level of a small program, as expressions: rows `y` within ``[lower, upper]`` (scalars apply to all rows).
+
+    relax: None freezes the rows of the level; a share such as 0.01 freezes its cost at ``(1 + relax)`` times the best,
+    which leaves lower levels some freedom below costs that fix every variable, such as energy.
+    """
+
+    y: Expression  # (m,)
+    lower: float | np.ndarray = 0.0
+    upper: float | np.ndarray = 0.0
+    relax: float | None = None
+    name: str = ""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LevelRows:
+    """What the solver must know of one level: the range of its rows, and which rows of the program freeze it."""
+
+    name: str
+    lower: np.ndarray  # (m,)
+    upper: np.ndarray  # (m,)
+    relax: float | None
+    frozen: slice
+
+    def __post_init__(self) -> None:
+        if np.isnan(self.lower).any() or np.isnan(self.upper).any() or (self.lower > self.upper).any():
+            raise InvalidInput(f"level {self.name!r}: bounds are NaN or lower > upper; give lower <= upper")
+        if self.relax is not None and not (np.isfinite(self.relax) and self.relax > 0):
+            raise InvalidInput(f"level {self.name!r}: relax = {self.relax}; give None or a share > 0")
+
+    def distance(self, y: np.ndarray) -> np.ndarray:
+        """Signed distance (m,) of the rows to their range."""
+        return np.asarray(y - np.clip(y, self.lower, self.upper))
+
+    def frozen_bounds(self, y: np.ndarray, cost: float, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of the rows that keep the level where it is, at y and `cost`, give or take `tolerance`."""
+        if self.relax is None:
+            equal = (self.lower == self.upper) if tolerance == 0 else np.zeros(len(y), dtype=bool)
+            slack = np.where(equal, 0.0, tolerance or _SLACK)
+            low, up = np.where(equal, y, np.minimum(self.lower, y)), np.where(equal, y, np.maximum(self.upper, y))
+            return low - slack, up + slack
+        return np.array([-np.inf]), np.array([(1 + self.relax) * cost + tolerance])
+
+    def ideal_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of the rows that hold where the level is met in full."""
+        return self.lower, self.upper
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LevelNlp:
+    """The NLP of one level: ``nlp`` with x, p, f and g, whose rows are `rows` of the program.
+
+    `functions` may hold derivative functions by the names the NLP solver asks for (``nlp_jac_g``, ...).
+    """
+
+    nlp: Mapping[str, Expression]
+    rows: np.ndarray  # (n_g,)
+    functions: Mapping[str, ca.Function] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LexicographicProgram:
+    """Everything that does not change between solves."""
+
+    levels: tuple[LevelRows, ...]
+    nlps: tuple[LevelNlp, ...]
+    values: ca.Function
+    """``x, p -> y`` of every level, one output each."""
+    lower: np.ndarray
+    """(n_constraints,) bounds of the shared constraints."""
+    upper: np.ndarray
+
+    @property
+    def n_rows(self) -> int:
+        """Constraints and the rows that freeze all levels but the last."""
+        return max((level.frozen.stop for level in self.levels), default=len(self.lower))
+
+
+def half_square(y: Expression, lower: np.ndarray, upper: np.ndarray) -> Expression:
+    """``1/2 |distance to [lower, upper]|^2``; rows with lower = upper stay twice differentiable everywhere."""
+    equal = lower == upper
+    target = ca.DM(np.where(equal, lower, 0.0))
+    exact = ca.DM(equal.astype(float)) * (y - target)
+    loose = [i for i in range(len(lower)) if not equal[i]]
+    total = ca.sumsqr(exact)
+    for i in loose:
+        if np.isfinite(upper[i]):
+            total += ca.fmax(y[i] - upper[i], 0) ** 2
+        if np.isfinite(lower[i]):
+            total += ca.fmax(lower[i] - y[i], 0) ** 2
+    return total / 2
+
+
+def lexicographic_program(
+    x: Expression,
+    levels: Sequence[NlpLevel],
+    *,
+    p: Expression | None = None,
+    g: Expression | None = None,
+    g_lower: np.ndarray | float = 0.0,
+    g_upper: np.ndarray | float = 0.0,
+) -> LexicographicProgram:
+    """Program of a few expressions in x (n,): levels from the highest to the lowest, subject to g in its bounds.
+
+    Raises `InvalidInput` without levels, and for bounds that do not fit.
+    """
+    if not levels:
+        raise InvalidInput("a lexicographic program needs levels; give at least one")
+    parameters = type(x).sym("p", 0) if p is None else p
+    constraints = type(x)(0, 1) if g is None else g
+    rows, first = [], int(constraints.numel())
+    for i, level in enumerate(levels):
+        rows.append(_level_rows(level, i, first))
+        first = rows[-1].frozen.stop
+    costs = [half_square(level.y, row.lower, row.upper) for level, row in zip(levels, rows, strict=True)]
+    freezing = [level.y if level.relax is None else cost for level, cost in zip(levels, costs, strict=True)]
+    nlps = []
+    for i, cost in enumerate(costs):
+        stacked = ca.vertcat(constraints, *freezing[:i])
+        nlp = {"x": x, "p": parameters, "f": cost, "g": stacked}
+        nlps.append(LevelNlp(nlp=nlp, rows=np.arange(stacked.numel())))
+    m = constraints.numel()
+    return LexicographicProgram(
+        levels=tuple(rows),
+        nlps=tuple(nlps),
+        values=ca.Function("values", [x, parameters], [ca.densify(level.y) for level in levels]),
+        lower=np.broadcast_to(np.asarray(g_lower, dtype=float), (m,)),
+        upper=np.broadcast_to(np.asarray(g_upper, dtype=float), (m,)),
+    )
+
+
+def _level_rows(level: NlpLevel, index: int, first: int) -> LevelRows:
+    m = int(level.y.numel())
+    name = level.name or f"level {index}"
+    return LevelRows(
+        name=name,
+        lower=np.broadcast_to(np.asarray(level.lower, dtype=float), (m,)),
+        upper=np.broadcast_to(np.asarray(level.upper, dtype=float), (m,)),
+        relax=level.relax,
+        frozen=slice(first, first + (m if level.relax is None else 1)),
+    )
