@@ -108,7 +108,7 @@ def test_every_number_can_be_overridden() -> None:
         tool_goal=pose_at((12.0, 37.0, -39.8), (3.0, 0.0, 0.0)),
         seabed=-41.0,
         tasks={"PC": {"gain_linear": 0.3}, "MAC": {"threshold": 1.5}},
-        order=("UA", "HA", "NR", "JL", "MAC", "AT", "PC", "LA", "T", "MP"),
+        order=("HA", "NR", "JL", "MAC", "AT", "PC", "LA", "T", "MP"),
         thresholds=Thresholds(way_point=0.2),
         solver=Icat(),
         duration=0.1,

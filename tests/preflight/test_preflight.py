@@ -16,7 +16,6 @@ from uvms_ocp import pose_at
 from uvms_ocp.mission import DONE, Below, Mission, Phase, Transition
 from uvms_ocp.preflight import PreflightReport, Severity
 from uvms_ocp.preflight.forecast import forecast, main_path
-from uvms_ocp.preflight.setup import Setup
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.scenarios import case1, case1_unreachable
 
@@ -31,19 +30,6 @@ def gates(scenario: Scenario, phase: str, **changes: float) -> Scenario:
         for item in scenario.mission.phases
     ]
     return with_phases(scenario, phases)
-
-
-def setup_of(scenario: Scenario) -> Setup:
-    return Setup(
-        robot=scenario.robot,
-        mission=scenario.mission,
-        environment=scenario.environment,
-        start=np.array(scenario.start),
-        altimeter_frame=scenario.altimeter_frame,
-        with_forces=False,
-        dt=scenario.dt,
-        duration=scenario.duration,
-    )
 
 
 def texts(report: PreflightReport, severity: Severity) -> str:
@@ -172,7 +158,7 @@ def test_the_forecast_of_the_landing_is_where_the_vehicle_lands() -> None:
     scenario = case1(plant="kinematic")
     record = scenario.run()
     landed = record["q"][-1]
-    stances = forecast(setup_of(scenario))[-1].stances
+    stances = forecast(scenario.setup())[-1].stances
     positions = np.array([stance.position for stance in stances])
     assert np.linalg.norm(positions[:, :2] - landed[:2], axis=1).min() < 0.1
     assert positions[0, 2] == pytest.approx(landed[2], abs=0.01)
