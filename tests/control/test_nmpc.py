@@ -54,7 +54,7 @@ def test_the_tool_stays_within_two_centimetres_in_a_gusty_current() -> None:
     current = GustyCurrent(base=UniformCurrent(CURRENT), sigma=0.05, seed=1)
     environment = Environment(seafloor=FlatSeafloor(z=-40), current=current)
     plant = DynamicPlant(robot, problem.start.q, dynamics=robot_dynamics(robot), environment=environment)
-    nmpc, dt, goal = Nmpc(problem), 1 / 200, tool_pose(robot, problem.start.q)
+    nmpc, dt, goal = Nmpc(problem, time_limit=10.0), 1 / 200, tool_pose(robot, problem.start.q)
     worst = 0.0
     for i in range(600):
         measurement = Measurement(q=plant.state.q, v=plant.state.v, altimeter_range=10.0)

@@ -55,15 +55,19 @@ class Nmpc:
         options: NlpOptions = FAST,
         gains: TrackingGains | None = None,
         observer: VelocityGains | None = None,
+        time_limit: float | None = None,
         clock: Callable[[], float] = perf_counter,
     ) -> None:
-        """problem: fixed durations; the measured state replaces its start. dt, period [s]: of control and planning."""
+        """problem: fixed durations; the measured state replaces its start. dt, period [s]: of control and planning.
+
+        time_limit [s] of a solve, by default a share of the period; a simulation that waits for its plans may give more.
+        """
         if not (np.isfinite([dt, period]).all() and 0 < dt <= period):
             raise InvalidInput(f"dt = {dt} s, period = {period} s; give 0 < dt <= period")
         if problem.free_time:
             raise InvalidInput("receding-horizon control needs fixed durations; give every phase one number")
         self._problem, self._period, self._clock = problem, period, clock
-        self._planner = Planner(problem, replace(options, time_limit=_SHARE * period))
+        self._planner = Planner(problem, replace(options, time_limit=time_limit or _SHARE * period))
         # The first solve has no plan to start from, and the robot waits for it.
         patient = replace(NlpOptions(), plugin=options.plugin, anticipate=options.anticipate)
         self._first = Planner(problem, patient, transcription=self._planner.transcription)
