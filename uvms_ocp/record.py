@@ -56,6 +56,12 @@ class Record:
         return Record(series=series, meta=meta)
 
 
+def quantity(record: Record, name: str) -> np.ndarray | None:
+    """The series (n,) of a measured quantity such as ``T.position_error``; `None` where no task measures it."""
+    names = record.meta.get("quantities", [])
+    return record["quantities"][:, names.index(name)] if name in names else None
+
+
 class Recorder:
     """Collects rows of equal structure into arrays that double when full."""
 

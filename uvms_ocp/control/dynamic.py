@@ -75,6 +75,8 @@ class DynamicController:
     def __call__(self, measurement: Measurement, t: float) -> Command:
         """The command for the tick at time t [s]."""
         command = self.kinematic(measurement, t)
+        if command.stop:
+            self._integral[self._robot.vehicle_v] = 0.0
         trusted = self._trusted(command, measurement)
         disturbance = self._disturbance(measurement, command)
         error = np.where(trusted, command.v - measurement.v, 0.0)
@@ -100,8 +102,6 @@ class DynamicController:
     def _trusted(self, command: Command, measurement: Measurement) -> np.ndarray:
         """Which axes (n_v,) are fed back. On the others feed-forward goes on alone: feedback from a frozen velocity
         would accelerate the robot without end."""
-        if command.stop:
-            self._integral[self._robot.vehicle_v] = 0.0
         joints = measurement.joint_age <= _ENCODER_SILENCE
         return np.repeat([not command.hold, joints], [self._robot.n_vehicle, self._robot.n_joints])
 

@@ -3,7 +3,6 @@
 from uvms_ocp.report.cause import cause_of_end as cause_of_end
 from uvms_ocp.report.compare import compare as compare
 from uvms_ocp.report.resources import resources as resources
-from uvms_ocp.report.series import final_quantity as final_quantity
 from uvms_ocp.report.series import max_velocity_step as max_velocity_step
 from uvms_ocp.report.series import quantity as quantity
 from uvms_ocp.report.summary import phase_table as phase_table

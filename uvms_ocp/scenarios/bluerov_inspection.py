@@ -15,7 +15,7 @@ from uvms_ocp.model.kinematics import Kinematics
 from uvms_ocp.model.robot import Robot, load_robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, sensors_of
 from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios.parts import always_underactuated, current_field, on, underactuation
+from uvms_ocp.scenarios.parts import always_underactuated, approach_phase, current_field, on, underactuation
 from uvms_ocp.scenarios.reach import facing
 from uvms_ocp.sim import Current, Environment, FlatSeafloor
 from uvms_ocp.solvers import LexicographicQp
@@ -117,16 +117,9 @@ def _towards_tool(start: Kinematics) -> tuple[float, float, float]:
 
 
 def _phases(circle: Circle, turning: float, tolerance: float) -> tuple[Phase, ...]:
-    near = Below(quantity="PC.position_error", limit=0.2)
-    turned = Below(quantity="PC.orientation_error", limit=0.2)
     there = Below(quantity="TP.position_error", limit=tolerance)
     return (
-        Phase(
-            name="A",
-            title="approach",
-            gates=on("JL", "MAC", "HA", "PC", "MP"),
-            transitions=(Transition(to="B", when=(near, turned)),),
-        ),
+        approach_phase(),
         Phase(
             name="B",
             title="hold",

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.exceptions import NameNotFound
-from uvms_ocp.mission import Phase
+from uvms_ocp.mission import Below, Phase, Transition
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.thrusters import unactuated_axes
 from uvms_ocp.sim import Current, StillWater, UniformCurrent
@@ -43,6 +43,18 @@ def always_underactuated(robot: Robot, phases: tuple[Phase, ...]) -> tuple[Phase
 def on(*names: str) -> dict[str, float]:
     """Gates of a phase: these tasks fully on."""
     return dict.fromkeys(names, 1.0)
+
+
+def approach_phase() -> Phase:
+    """Phase A: the small vehicle comes near its way point, before its tool acts in phase B."""
+    near = Below(quantity="PC.position_error", limit=0.2)
+    turned = Below(quantity="PC.orientation_error", limit=0.2)
+    return Phase(
+        name="A",
+        title="approach",
+        gates=on("JL", "MAC", "HA", "PC", "MP"),
+        transitions=(Transition(to="B", when=(near, turned)),),
+    )
 
 
 def override(tasks: list[Task], overrides: Mapping[str, Mapping[str, Any]]) -> list[Task]:

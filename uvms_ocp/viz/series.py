@@ -16,6 +16,7 @@ import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.record import Record
+from uvms_ocp.record import quantity as quantity
 
 _N_VEHICLE = 6  # velocity degrees of freedom of a free-flyer
 
@@ -57,12 +58,6 @@ def _span(meta: Mapping[str, Any], index: int, start: float, end: float) -> Phas
     phases = meta.get("phases", ())
     known = phases[index] if index < len(phases) else {"name": str(index), "title": ""}
     return PhaseSpan(index=index, name=known["name"], title=known["title"], start=float(start), end=float(end))
-
-
-def quantity(record: Record, name: str) -> np.ndarray | None:
-    """The series (n,) of a measured quantity such as ``T.position_error``; `None` where no task measures it."""
-    names = record.meta.get("quantities", [])
-    return record["quantities"][:, names.index(name)] if name in names else None
 
 
 def thresholds(record: Record, name: str) -> tuple[float, ...]:
