@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 from test_tasks import evaluate, random_configuration
 
+from uvms_ocp.control.viability import Stop
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.collision import CollisionModel, self_pairs
 from uvms_ocp.model.obstacles import Obstacle, mesh_shape
@@ -51,9 +52,31 @@ def test_links_that_touch_by_design_are_left_out(robot: Robot) -> None:
 
 def test_the_nearest_pairs_come_first(robot: Robot) -> None:
     model, q = CollisionModel(robot, [ball(2.0, 0.5, 0.0)]), robot.configuration()
-    nearest = model.nearest(q, 5)
-    np.testing.assert_allclose(nearest.value, np.sort(model.values(q))[:5])
-    assert nearest.gradient.shape == (5, robot.n_v)
+    smallest, *rest = Clearance(model=model, n_nearest=5).parameters(0.0, q)
+    nearest = np.sort(model.values(q))[:5]
+    assert smallest == pytest.approx(nearest[0])
+    np.testing.assert_allclose(rest[:5], nearest)
+
+
+def test_a_row_counts_the_smallest_distance_on_the_way_to_rest(robot: Robot) -> None:
+    """A corner of the hull swings towards a ball on a curve."""
+    model = CollisionModel(robot, [ball(0.9, 0.9, 0.0)], self_collision=False, links=["base_link_0"])
+    task, q, v = Clearance(model=model, threshold=0.05), robot.configuration(), np.zeros(robot.n_v)
+    v[5] = 0.5
+    stop = Stop(robot, 0.005).ahead(q, v)
+    assert stop is not None
+    swept = [model.values(pin.integrate(robot.model, q, v * t))[0] for t in np.linspace(0.0, 0.25, 51)]
+    smallest, nearest, fastest, *gradient = task.parameters(0.0, q, stop)
+    assert smallest == pytest.approx(swept[0])
+    assert nearest == pytest.approx(min(swept), abs=1e-3)
+    assert nearest < smallest - 0.01
+    # The stop from a slightly faster turn ends nearer by what the row's gradient and speed say.
+    faster = 1.02 * v
+    ahead = Stop(robot, 0.005).ahead(q, faster)
+    assert ahead is not None
+    change = task.parameters(0.0, q, ahead)[1] - nearest
+    assert change == pytest.approx(2.0 * stop.durations[-1] * np.array(gradient) @ (faster - v), rel=0.05)
+    assert fastest == pytest.approx((nearest - 0.05) / (2.0 * stop.durations[-1]) - np.array(gradient) @ v, rel=1e-6)
 
 
 def test_a_flat_floor_and_its_mesh_are_equally_far(robot: Robot) -> None:
@@ -86,7 +109,7 @@ def test_the_task_forbids_to_come_nearer_than_its_threshold(robot: Robot) -> Non
 
 def test_pairs_that_are_missing_are_far_away(robot: Robot) -> None:
     task = Clearance(model=CollisionModel(robot, [ball(3, 0, 0)], self_collision=False, links=["link7_0"]))
-    assert task.n_parameters(robot) == 1 + robot.n_v
+    assert task.reference(0.0).shape == (task.n_parameters(robot),)
     assert task.reference(0.0)[0] > 100.0
 
 
