@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -13,9 +14,10 @@ import pytest
 from uvms_ocp.record import Record
 
 
-def cli(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+def cli(*arguments: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "uvms_ocp", *arguments]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300, check=False)
+    env = os.environ | environment
+    return subprocess.run(command, cwd=cwd, env=env, capture_output=True, text=True, timeout=300, check=False)
 
 
 @pytest.fixture(scope="module")
@@ -150,3 +152,11 @@ def test_export_writes_the_tick_whole_or_not_at_all(tmp_path: Path) -> None:
     }
     assert cli("export", "tick", "--scenario", "case9", "d", cwd=tmp_path).returncode == 2
     assert not (tmp_path / "d").exists()
+
+
+def test_without_a_compiler_a_run_works_and_says_so_once(tmp_path: Path) -> None:
+    options = ("--plant", "kinematic", "--duration", "0.1", "--json")
+    process = cli("run", *options, cwd=tmp_path, PATH=str(tmp_path), CC="")
+    assert process.returncode == 3
+    assert json.loads(process.stdout)["simulated_s"] == pytest.approx(0.1)
+    assert process.stderr.count("no C compiler found (CC, cc, gcc, clang): everything works, only slower") == 1
