@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,6 +12,7 @@ from time import perf_counter
 import casadi as ca
 
 from uvms_ocp.compile import compile_function, compile_library
+from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.active_set_tick import ActiveSetFunctions, ActiveSetTick
 from uvms_ocp.solvers.level import Level, stack
 from uvms_ocp.solvers.solution import Solution, row_residuals
@@ -30,6 +32,13 @@ class LexicographicActiveSet:
     """False keeps to NumPy."""
     cascade: bool = True
     """Fall back on ``LexicographicQp``, polished by one more run, where the method gives up."""
+    time_limit: float = math.inf
+    """[s] after which a call begins no further fallback; the runs themselves are limited in iterations."""
+
+    def __post_init__(self) -> None:
+        """Raise ``InvalidInput`` for a time limit that is not positive."""
+        if not self.time_limit > 0.0:
+            raise InvalidInput(f"time_limit = {self.time_limit} s; give a time > 0, math.inf for none")
 
     def solve(self, levels: Sequence[Level]) -> Solution:
         """From a cold start; raise ``InvalidInput`` where ``levels`` is empty or of mixed width."""
@@ -58,6 +67,7 @@ class LexicographicActiveSet:
                 levels=dense(levels_function),
                 sizes=tuple(sizes),
                 cascade=self.cascade,
+                time_limit=self.time_limit,
             )
         )
 

@@ -18,7 +18,7 @@ from uvms_ocp.solvers.solution import Status, distance
 from uvms_ocp.solvers.tick import Buffered, TickResult
 
 # A run that does not vouch for itself counts as solved if its certificate is below this; as in entry.c.
-_CERTIFIED = 1e-9
+_CERTIFIED = 1e-8
 _STATUS = {(Outcome.SOLVED, 0): Status.SOLVED, (Outcome.SOLVED, 1): Status.COLD_STARTED}
 
 
@@ -34,6 +34,7 @@ class ActiveSetFunctions:
     """inputs -> J, lower, upper, rate, activation, gate, *extras; dense"""
     sizes: tuple[int, ...]
     cascade: bool
+    time_limit: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,22 +87,25 @@ class ActiveSetTick:
         J = J.reshape(-1, self._functions.levels.size2_out(0))
         v, status, residual = np.zeros(J.shape[1]), Status.INVALID_INPUT, np.zeros(len(lower))
         if _is_valid(J, lower, upper, gate):
-            run = self._chain(J, *gated(J, lower, upper, gate))
+            run = self._chain(J, *gated(J, lower, upper, gate), start + self._functions.time_limit)
             self._active_set, v, status = run.active_set, run.v, run.status
             residual = np.where(gate > 0.0, distance(J @ v, lower, upper), 0.0)
         return TickResult(
             v=v, status=status, residual=residual, extras=tuple(extras), solve_time=perf_counter() - start
         )
 
-    def _chain(self, J: Array, low: Array, up: Array) -> _Run:
+    def _chain(self, J: Array, low: Array, up: Array, deadline: float) -> _Run:
         levels = [Level(jacobian=J[r], lower=low[r], upper=up[r]) for r in row_slices(self._functions.sizes)]
-        tried = []
+        tried: list[_Run] = []
         for attempt in (self._warm, self._cold):
             run = attempt(J, low, up)
             if run.outcome is Outcome.SOLVED or certificate(levels, run.v) <= _CERTIFIED:
                 return run
             tried.append(run)
-        return self._best(levels, [*tried, *self._cascaded(levels, J, low, up), self._shortened(J, low, up)])
+        for more in (self._cascaded, self._shortened):
+            if perf_counter() < deadline:
+                tried += more(levels, J, low, up)
+        return self._best(levels, tried)
 
     def _best(self, levels: list[Level], runs: list[_Run]) -> _Run:
         """The best of all runs; exact only if its certificate says so."""
@@ -118,15 +122,15 @@ class ActiveSetTick:
         active = np.where(J @ v >= up - near, 1.0, np.where(J @ v <= low + near, -1.0, 0.0))
         return [self._run(J, low, up, active), _Run(v, active, Outcome.STALLED, Status.CASCADED)]
 
-    def _shortened(self, J: Array, low: Array, up: Array) -> _Run:
+    def _shortened(self, levels: list[Level], J: Array, low: Array, up: Array) -> list[_Run]:
         """As many of the first levels as can be solved: what is given up is given up from the bottom."""
         low, up = low.copy(), up.copy()
         for rows in reversed(list(row_slices(self._functions.sizes))[1:]):
             low[rows], up[rows] = -np.inf, np.inf
             run = self._cold(J, low, up)
             if run.outcome is Outcome.SOLVED:
-                return run
-        return self._cold(J, low, up)
+                return [run]
+        return [self._cold(J, low, up)]
 
     def _warm(self, J: Array, low: Array, up: Array) -> _Run:
         return self._run(J, low, up, self._active_set)

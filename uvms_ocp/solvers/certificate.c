@@ -9,6 +9,8 @@
 #define DESCENT 1e-14
 /* A gradient this small needs no multipliers. */
 #define NO_GRADIENT 1e-11
+/* Of |a| |v|: what rounding leaves open of a v. */
+#define ROUNDING (N * 2.2e-16)
 
 typedef struct {
   /* Unit directions of the multipliers that the levels so far lend to the next. */
@@ -100,17 +102,19 @@ static double unbalanced(Pushes *p, const double *gradient) {
 
 static double clipped(const Work *k, int row, double y) { return fmin(fmax(y, k->lower[row]), k->upper[row]); }
 
+static double noise_of(const Work *k, int row) { return ROUNDING * k->norm[row] * size_of(k->v); }
+
 static void push(Pushes *p, const Work *k, int row, double sign) {
   for (int c = 0; c < N; ++c) p->push[p->count][c] = sign * k->a[row][c] / k->norm[row];
   ++p->count;
 }
 
 static void add_pushes(Pushes *p, const Work *k, int row, double least) {
-  double y = dot(k->a[row], k->v, N), at = clipped(k, row, y), size = k->norm[row] + fabs(at);
-  int fixed = k->lower[row] >= k->upper[row] || fabs(y - at) > least * size;
+  double y = dot(k->a[row], k->v, N), at = clipped(k, row, y), size = k->norm[row] + fabs(at), noise = noise_of(k, row);
+  int fixed = k->lower[row] >= k->upper[row] || fabs(y - at) > least * size + noise;
   if (k->norm[row] == 0) return;
-  if (fixed || y >= k->upper[row] - ACTIVE * size) push(p, k, row, 1);
-  if (fixed || y <= k->lower[row] + ACTIVE * size) push(p, k, row, -1);
+  if (fixed || y >= k->upper[row] - ACTIVE * size - noise) push(p, k, row, 1);
+  if (fixed || y <= k->lower[row] + ACTIVE * size + noise) push(p, k, row, -1);
 }
 
 /* Largest |J' s + C' x| / (|J| |s| + 1) of any level, x >= 0; see certificate.py. */
@@ -122,6 +126,7 @@ static double certificate(const Work *k, double enough) {
     double gradient[N] = {0}, rows = 0, slacks = 0;
     for (int row = begin; row < begin + SIZES[level]; ++row) {
       double y = dot(k->a[row], k->v, N), slack = y - clipped(k, row, y);
+      if (fabs(slack) <= noise_of(k, row)) slack = 0;
       add(gradient, slack, k->a[row]);
       rows += dot(k->a[row], k->a[row], N), slacks += slack * slack;
     }
