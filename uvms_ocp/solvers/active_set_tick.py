@@ -95,17 +95,20 @@ class ActiveSetTick:
         )
 
     def _chain(self, J: Array, low: Array, up: Array, deadline: float) -> _Run:
+        warm = self._run(J, low, up, self._active_set)
+        if warm.outcome is Outcome.SOLVED:
+            return warm
         levels = [Level(jacobian=J[r], lower=low[r], upper=up[r]) for r in row_slices(self._functions.sizes)]
-        tried: list[_Run] = []
-        for attempt in (self._warm, self._cold):
-            run = attempt(J, low, up)
-            if run.outcome is Outcome.SOLVED or certificate(levels, run.v) <= _CERTIFIED:
-                return run
-            tried.append(run)
+        if certificate(levels, warm.v) <= _CERTIFIED:
+            return warm
+        cold = self._cold(J, low, up)
+        if cold.outcome is Outcome.SOLVED or certificate(levels, cold.v) <= _CERTIFIED:
+            return cold
+        runs = [warm, cold]
         for more in (self._cascaded, self._shortened):
             if perf_counter() < deadline:
-                tried += more(levels, J, low, up)
-        return self._best(levels, tried)
+                runs += more(levels, J, low, up)
+        return self._best(levels, runs)
 
     def _best(self, levels: list[Level], runs: list[_Run]) -> _Run:
         """The best of all runs; exact only if its certificate says so."""
@@ -131,9 +134,6 @@ class ActiveSetTick:
             if run.outcome is Outcome.SOLVED:
                 return [run]
         return [self._cold(J, low, up)]
-
-    def _warm(self, J: Array, low: Array, up: Array) -> _Run:
-        return self._run(J, low, up, self._active_set)
 
     def _cold(self, J: Array, low: Array, up: Array) -> _Run:
         return replace(self._run(J, low, up, np.zeros(len(low))), status=Status.COLD_STARTED)
