@@ -33,12 +33,13 @@ _FREE, _LOWER, _UPPER, _EQUAL = 0, -1, 1, 2
 
 
 class Outcome(IntEnum):
-    """Of one run, as in active_set.c."""
+    """Of one run, as in active_set.c and entry.c."""
 
     SOLVED = 0
     STALLED = 1
     LIMIT = 2
     DOUBTFUL = 3
+    INVALID = 4
 
 
 class _Rule(IntEnum):
