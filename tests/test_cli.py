@@ -160,3 +160,19 @@ def test_without_a_compiler_a_run_works_and_says_so_once(tmp_path: Path) -> None
     assert process.returncode == 3
     assert json.loads(process.stdout)["simulated_s"] == pytest.approx(0.1)
     assert process.stderr.count("no C compiler found (CC, cc, gcc, clang): everything works, only slower") == 1
+
+
+def test_daqp_runs_where_it_is_installed_and_is_one_line_where_it_is_not(tmp_path: Path) -> None:
+    options = ("run", "--plant", "kinematic", "--duration", "0.1", "--solver", "daqp", "--json")
+    process = cli(*options, cwd=tmp_path)
+    assert process.returncode == 3, process.stderr
+    assert json.loads(process.stdout)["solver"] == "Daqp"
+    (tmp_path / "hidden").mkdir()
+    (tmp_path / "hidden" / "daqp.py").write_text("raise ImportError\n")
+    path = os.pathsep.join([str(tmp_path / "hidden"), os.environ.get("PYTHONPATH", "")])
+    process = cli(*options, "--out", "other", cwd=tmp_path, PYTHONPATH=path)
+    assert process.returncode == 2
+    assert process.stderr.splitlines() == [
+        "error: solver Daqp needs the package daqp, which is not installed; pip install 'uvms-ocp[daqp]'"
+    ]
+    assert not (tmp_path / "other").exists()

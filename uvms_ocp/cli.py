@@ -47,12 +47,13 @@ from uvms_ocp.record import Record
 from uvms_ocp.report import compare, summarize
 from uvms_ocp.scenario import PLANTS, Scenario
 from uvms_ocp.scenarios import SCENARIOS
-from uvms_ocp.solvers import Icat, LexicographicActiveSet, LexicographicQp
+from uvms_ocp.solvers import Daqp, Icat, LexicographicActiveSet, LexicographicQp
 
 SOLVERS: dict[str, type[HierarchySolver]] = {
     "lexls": LexicographicActiveSet,
     "lexqp": LexicographicQp,
     "icat": Icat,
+    "daqp": Daqp,
 }
 _DEFAULT_SOLVER = "lexls"
 BAD_INPUT, NOT_COMPLETED = 2, 3
