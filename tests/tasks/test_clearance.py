@@ -11,10 +11,11 @@ from test_tasks import evaluate, random_configuration
 from uvms_ocp.control.viability import Stop
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.collision import CollisionModel, self_pairs
+from uvms_ocp.model.kinematics import Kinematics
 from uvms_ocp.model.obstacles import Obstacle, mesh_shape
 from uvms_ocp.model.robot import Robot, load_robot
 from uvms_ocp.sim import FlatSeafloor, HeightField, floor_obstacle
-from uvms_ocp.tasks import Clearance
+from uvms_ocp.tasks import Clearance, MinimumAltitude
 
 STEP = 1e-4
 
@@ -116,3 +117,38 @@ def test_pairs_that_are_missing_are_far_away(robot: Robot) -> None:
 def test_an_unknown_shape_is_named(robot: Robot) -> None:
     with pytest.raises(InvalidInput, match=r"\['link9'\] to check for collision; allowed: base_link_0"):
         CollisionModel(robot, links=["link9"])
+
+
+def test_no_gradient_exceeds_the_reach_of_its_axis(robot: Robot) -> None:
+    model = CollisionModel(robot, [ball(1.0, 0.5, 0.0)])
+    itself, rng = CollisionModel(robot), np.random.default_rng(2)
+    assert not itself.reach[:6].any()
+    assert (itself.reach[6:] > 0).any()
+    for _ in range(20):
+        q = random_configuration(robot, rng)
+        for pairs in (model, itself):
+            assert (np.abs(pairs.distances(q).gradient) <= pairs.reach + 1e-9).all()
+
+
+@pytest.mark.parametrize("task", ["CL", "MAC"])
+def test_a_position_limit_reads_the_quantity_of_its_task(robot: Robot, task: str) -> None:
+    model = CollisionModel(robot, [ball(1.5, 0.0, -0.5)], self_collision=False)
+    given = {"CL": Clearance(model=model), "MAC": MinimumAltitude()}[task]
+    limit = given.position_limit(robot)
+    assert limit is not None
+    rng = np.random.default_rng(4)
+    places = [random_configuration(robot, rng) for _ in range(5)]
+    heights = [Kinematics(robot, q).pose("altimeter").translation[2] for q in places]
+    beams = [Kinematics(robot, q).pose("altimeter").rotation[2, 2] for q in places]
+    measured = [
+        evaluate(robot, given, q, altimeter_range=(h + 9.0) / c)[limit.quantity].item()
+        for q, h, c in zip(places, heights, beams, strict=True)
+    ]
+    values = np.array([limit.values(q, None).min() for q in places])
+    offset = measured - values
+    np.testing.assert_allclose(offset, 9.0 if limit.relative else 0.0, atol=1e-6)
+    # What the limit says of a small motion is within its reach.
+    for q in places:
+        v = rng.normal(size=robot.n_v)
+        moved = limit.values(pin.integrate(robot.model, q, 1e-3 * v), None) - limit.values(q, None)
+        assert (np.abs(moved) <= 1e-3 * limit.reach @ np.abs(v) * 1.01 + 1e-9).all()

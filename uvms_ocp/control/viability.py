@@ -134,21 +134,26 @@ class Viability:
         at all; quantities as measured at q. A position that the stop from `previous` would not keep either may fall as
         far as it does there, no farther.
         """
-        slower = self.stop.slower(q, previous)
-        travel = np.maximum(self.stop.travel(wanted), self.stop.travel(slower))
-        near = [
-            guard
-            for guard in self._guards
-            if gates[guard.task] > 0 and quantities[guard.quantity] - guard.limit.lower <= guard.reach @ travel
-        ]
-        if not near:
+        travel = self.stop.travel(wanted)
+        if not self._within(travel, gates, quantities):
             return Kept(v=wanted, share=1.0, near=False)
+        slower = self.stop.slower(q, previous)
+        travel = np.maximum(travel, self.stop.travel(slower))
+        near = self._within(travel, gates, quantities)
         barriers = [_barrier(guard, q, travel, float(quantities[guard.quantity])) for guard in near]
         if self._clear(barriers, q, wanted):
             return Kept(v=wanted, share=1.0, near=True)
         barriers = self._lowered(barriers, q, slower)
         share = _largest_share(lambda s: self._clear(barriers, q, slower + s * (wanted - slower)))
         return Kept(v=slower + share * (wanted - slower), share=share, near=True)
+
+    def _within(self, travel: np.ndarray, gates: np.ndarray, quantities: np.ndarray) -> list[_Guard]:
+        """Guards of the limits that count and that some position may come to while each axis moves by `travel` (n_v,)."""
+        return [
+            guard
+            for guard in self._guards
+            if gates[guard.task] > 0 and quantities[guard.quantity] - guard.limit.lower <= guard.reach @ travel
+        ]
 
     def _lowered(self, barriers: Sequence[_Barrier], q: np.ndarray, v: np.ndarray) -> list[_Barrier]:
         """With floors where the stop from v leads, if that is below the limit."""
