@@ -77,7 +77,7 @@ def test_a_mission_out_of_time_exits_with_3_and_says_why(tmp_path: Path) -> None
     ("arguments", "message"),
     [
         (["run", "case9"], "unknown scenario 'case9'; known: case1"),
-        (["run", "--solver", "lexpq"], "unknown solver 'lexpq'; known: lexls, lexqp, icat. Did you mean 'lexqp'?"),
+        (["run", "--solver", "lexpq"], "unknown solver 'lexpq'; known: lexls, lexqp, icat, daqp. Did you mean 'lexqp'?"),
         (["run", "--robot", "girona"], "unknown robot 'girona'; known: bluerov2_alpha5, girona_maris7"),
         (["run", "--plant", "wet"], "unknown plant 'wet'; known: dynamic, kinematic"),
         (["run", "--duration", "-1"], "duration = -1.0 s; give a finite time > 0"),
