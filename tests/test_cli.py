@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from uvms_ocp.model.library import robot_folder
 from uvms_ocp.record import Record
 
 
@@ -81,6 +83,11 @@ def test_a_mission_out_of_time_exits_with_3_and_says_why(tmp_path: Path) -> None
         (["run", "--duration", "-1"], "duration = -1.0 s; give a finite time > 0"),
         (["run", "--duration", "nan"], "duration = nan s"),
         (["run", "--out", "taken/out"], "cannot write there"),
+        (["run", "--out", ""], "names no folder"),
+        (["plan", "--to", "3", "0", "0", "--out", ""], "names no folder"),
+        (["export", "tick", " "], "names no folder"),
+        (["run", "--current", "300", "0", "0", "--plant", "kinematic"], "300 m/s; give at most 10 m/s"),
+        (["check-robot", "girona"], "unknown robot 'girona'; known: bluerov2_alpha5"),
     ],
 )
 def test_mistakes_get_one_line_and_exit_code_2(arguments: list[str], message: str, tmp_path: Path) -> None:
@@ -150,3 +157,15 @@ def test_export_writes_the_tick_whole_or_not_at_all(tmp_path: Path) -> None:
     }
     assert cli("export", "tick", "--scenario", "case9", "d", cwd=tmp_path).returncode == 2
     assert not (tmp_path / "d").exists()
+
+
+def test_a_robot_is_checked_by_name_as_by_its_folder(tmp_path: Path) -> None:
+    by_name, by_path = (
+        cli("check-robot", words, "--json", cwd=tmp_path) for words in ("planar5", str(robot_folder("planar5")))
+    )
+    assert by_name.returncode == 0, by_name.stderr
+    assert by_name.stdout == by_path.stdout
+
+
+def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
+    assert cli("--version", cwd=tmp_path).stdout == f"uvms-ocp {version('uvms-ocp')}\n"

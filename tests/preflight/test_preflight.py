@@ -118,6 +118,12 @@ def test_a_current_beyond_the_thrusters_is_refused() -> None:
     assert "more than the thrusters give" in texts(report, Severity.ERROR)
 
 
+def test_a_current_on_the_plant_without_water_is_a_warning() -> None:
+    report = case1(plant="kinematic", current=(0.2, 0.0, 0.0)).check()
+    assert report.accepted
+    assert "ignores the current of 0.2 m/s" in texts(report, Severity.WARNING)
+
+
 def test_standing_still_and_going_to_a_way_point_at_once_is_a_contradiction() -> None:
     report = gates(case1(plant="kinematic"), "A", NR=1.0).check()
     assert "PC is on but has no freedom left" in texts(report, Severity.ERROR)
