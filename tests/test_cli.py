@@ -86,6 +86,9 @@ def test_a_mission_out_of_time_exits_with_3_and_says_why(tmp_path: Path) -> None
         (["run", "--out", ""], "names no folder"),
         (["plan", "--to", "3", "0", "0", "--out", ""], "names no folder"),
         (["export", "tick", " "], "names no folder"),
+        (["run", "obstacle_field", "--seabed", "-39"], "obstacle_field has no option --seabed"),
+        (["run", "table2", "--plant", "dynamic"], "table2 has no option --plant"),
+        (["run", "case2", "--n", "3"], "case2 is no study"),
         (["run", "--current", "300", "0", "0", "--plant", "kinematic"], "300 m/s; give at most 10 m/s"),
         (["check-robot", "girona"], "unknown robot 'girona'; known: bluerov2_alpha5"),
     ],
@@ -121,6 +124,13 @@ def test_check_refuses_an_unreachable_goal_with_figures(tmp_path: Path) -> None:
     assert report["accepted"] is False
     assert report["findings"][0]["figures"]["missing_worst_m"] > 0.3
     assert "misses the goal" in process.stderr
+
+
+def test_check_flags_a_seabed_above_the_way_point(tmp_path: Path) -> None:
+    process = cli("check", "case1", "--seabed", "-39", cwd=tmp_path)
+    assert process.returncode == 2
+    assert "MAC keeps the vehicle 0.33 m above its way point" in process.stderr + process.stdout
+    assert "the goal of T, z = -39.886 m, is 0.89 m below the seafloor" in process.stderr + process.stdout
 
 
 def test_run_refuses_what_check_refuses_unless_forced(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ from uvms_ocp.record import Record
 from uvms_ocp.sim import DynamicPlant, Environment, KinematicPlant, SensorSuite, simulate
 from uvms_ocp.sim.loop import Controller, Estimator, Plant
 from uvms_ocp.solvers import LexicographicActiveSet, Status
-from uvms_ocp.tasks.pose import PoseTask, ToolPose, ToolPosition
+from uvms_ocp.tasks.pose import ToolPose, ToolPosition
 from uvms_ocp.tasks.reference import evaluate_pose
 from uvms_ocp.version import __version__
 
@@ -41,8 +41,8 @@ _DEPENDENCIES = ("pin", "casadi", "coal", "numpy")
 class Scenario:
     """Everything that one simulation needs.
 
-    Raises `InvalidInput` for a start outside the joint limits, a start or goal below the seafloor, or a bad period or
-    duration, and `NameNotFound` for an unknown plant.
+    Raises `InvalidInput` for a start outside the joint limits or below the seafloor, or a bad period or duration, and
+    `NameNotFound` for an unknown plant. Goals are judged by `check`.
     """
 
     name: str
@@ -77,10 +77,7 @@ class Scenario:
         if self.altimeter_frame is not None:
             self.robot.frame_id(self.altimeter_frame)
         if self.robot.n_vehicle:
-            self._require_above_floor("start position of the vehicle", self.start[:3])
-        for task in self.mission.hierarchy.tasks:
-            if isinstance(task, (PoseTask, ToolPosition)):
-                self._require_above_floor(f"goal of {task.name}", task.reference(0.0)[:3])
+            self._require_above_floor()
 
     def controller(self) -> KinematicController:
         """A fresh kinematic layer for this mission."""
@@ -143,10 +140,12 @@ class Scenario:
         readings = self._sensor_suite(IDEAL_SENSORS).read(state, 0.0)
         return PassThrough(self.robot, IDEAL_SENSORS)(readings, 0.0)
 
-    def _require_above_floor(self, what: str, position: np.ndarray) -> None:
-        floor = self.environment.seafloor.height(float(position[0]), float(position[1]))
-        if position[2] <= floor:
-            raise InvalidInput(f"{what} z = {position[2]:g} m is below the seafloor z = {floor:g} m; raise it")
+    def _require_above_floor(self) -> None:
+        x, y, z = self.start[:3].tolist()
+        floor = self.environment.seafloor.height(x, y)
+        if z <= floor:
+            text = f"start position of the vehicle z = {z:g} m is below the seafloor z = {floor:g} m; raise it"
+            raise InvalidInput(text)
 
     def _meta(self, controller: KinematicController, wall: float, truth: dict[str, float]) -> dict[str, Any]:
         tasks = self.mission.hierarchy.tasks

@@ -106,6 +106,31 @@ def test_a_seabed_at_39_m_keeps_the_vehicle_out_of_its_way_point() -> None:
     assert "outside the ball of 0.1 m" in finding.text
 
 
+def test_a_seabed_above_the_goals_is_refused_for_every_cause() -> None:
+    report = case1(seabed=-39.0).check()
+    assert {finding.check for finding in report.errors} >= {"minimum altitude", "goal"}
+    (goal,) = report.of_check("goal")
+    assert goal.phase == "D"
+    assert goal.text.startswith("the goal of T, z = -39.886 m, is 0.89 m below the seafloor, z = -39 m")
+
+
+@pytest.mark.parametrize(
+    ("options", "task"),
+    [({"way_point": pose_at((10.0, 37.0, -41.0))}, "PC"), ({"target": (12.0, 37.0, -40.5)}, "T")],
+)
+def test_a_goal_below_the_floor_is_refused(options: dict[str, Any], task: str) -> None:
+    (finding,) = case1(plant="kinematic", **options).check().of_check("goal")
+    assert finding.severity is Severity.ERROR
+    assert f"the goal of {task}" in finding.text
+
+
+def test_a_moving_goal_that_dives_below_the_floor_is_refused() -> None:
+    def dive(t: float) -> tuple[pin.SE3, np.ndarray]:
+        return pose_at((12.2, 37.37, -39.8 - 0.1 * t), (np.pi, 0.0, 0.0)), np.array([0, 0, -0.1, 0, 0, 0])
+
+    assert "below the seafloor" in texts(case1(plant="kinematic", tool_goal=dive).check(), Severity.ERROR)
+
+
 def test_a_way_point_a_little_below_the_minimum_altitude_is_a_warning() -> None:
     report = case1(plant="kinematic", way_point=pose_at((10.8, 37.45, -38.72))).check()
     assert report.accepted

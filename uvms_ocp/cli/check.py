@@ -16,6 +16,7 @@ from uvms_ocp.cli.options import (
     Name,
     Plant,
     RobotName,
+    Seabed,
     build_scenario,
     given,
 )
@@ -27,10 +28,11 @@ def check(
     robot: RobotName = None,
     plant: Plant = None,
     current: CurrentVelocity = None,
+    seabed: Seabed = None,
     as_json: Json = False,
 ) -> None:
     """Check whether a mission can be completed, without running it; exit code 2 where it cannot."""
-    scenario = build_scenario(name, DEFAULT_SOLVER, given(robot=robot, plant=plant, current=current))
+    scenario = build_scenario(name, DEFAULT_SOLVER, given(robot=robot, plant=plant, current=current, seabed=seabed))
     preflight = scenario.check()
     print_findings(Console(stderr=as_json), preflight, notes=True)
     if as_json:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from inspect import signature
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,7 +11,7 @@ import typer
 
 from uvms_ocp.campaign import STUDIES
 from uvms_ocp.control.kinematic import HierarchySolver
-from uvms_ocp.exceptions import NameNotFound, OutputError
+from uvms_ocp.exceptions import InvalidInput, NameNotFound, OutputError
 from uvms_ocp.scenario import PLANTS, Scenario
 from uvms_ocp.scenarios import SCENARIOS
 from uvms_ocp.solvers import Icat, LexicographicActiveSet, LexicographicQp
@@ -38,6 +40,9 @@ CurrentVelocity = Annotated[
     tuple[float, float, float] | None,
     typer.Option(metavar="X Y Z", help="Uniform current in W [m/s]; default: the scenario's."),
 ]
+Seabed = Annotated[
+    float | None, typer.Option(metavar="Z", help="Height of the floor in W [m]; default: the scenario's.")
+]
 Seed = Annotated[int | None, typer.Option(help="Seed of everything random.")]
 Noise = Annotated[bool | None, typer.Option("--noise/--no-noise", help="Sensors with noise, rates and delays.")]
 Duration = Annotated[float | None, typer.Option(metavar="S", help="Time limit of the mission [s].")]
@@ -56,4 +61,16 @@ def build_scenario(name: str, solver: str, options: dict[str, Any]) -> Scenario:
         raise NameNotFound("scenario", name, (*SCENARIOS, *STUDIES))
     if solver not in SOLVERS:
         raise NameNotFound("solver", solver, SOLVERS)
-    return SCENARIOS[name](solver=SOLVERS[solver](), **options)
+    build = SCENARIOS[name]
+    require_taken(name, build, options)
+    return build(solver=SOLVERS[solver](), **options)
+
+
+def require_taken(name: str, build: Callable[..., Any], options: Mapping[str, Any]) -> None:
+    """Raise `InvalidInput` for an option that the scenario or study of that name does not have."""
+    parameters = signature(build).parameters.values()
+    if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters):
+        return
+    for option in options:
+        if option not in {parameter.name for parameter in parameters}:
+            raise InvalidInput(f"{name} has no option --{option}; leave it out")

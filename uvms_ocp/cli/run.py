@@ -26,10 +26,12 @@ from uvms_ocp.cli.options import (
     Out,
     Plant,
     RobotName,
+    Seabed,
     Seed,
     SolverName,
     build_scenario,
     given,
+    require_taken,
 )
 from uvms_ocp.cli.printing import cell, print_findings, print_json, print_paths, table_of
 from uvms_ocp.control.kinematic import KinematicController
@@ -49,11 +51,13 @@ def run(
     plant: Plant = None,
     solver: SolverName = DEFAULT_SOLVER,
     current: CurrentVelocity = None,
+    seabed: Seabed = None,
     seed: Seed = None,
     noise: Noise = None,
     duration: Duration = None,
     out: Out = None,
     force: Annotated[bool, typer.Option("--force", help="Run even if pre-flight finds errors.")] = False,
+    n: Annotated[int | None, typer.Option(metavar="N", help="Number of missions of a study.")] = None,
     as_json: Json = False,
 ) -> None:
     """Run a scenario or a study; write its record, report, figures and 3-D scene, or its table.
@@ -61,10 +65,13 @@ def run(
     What is left out is as the scenario has it.
     """
     console = Console(stderr=as_json)
+    options = given(robot=robot, plant=plant, current=current, seabed=seabed, seed=seed, noise=noise, duration=duration)
     if name in STUDIES:
-        _run_study(name, seed or 0, out, console, as_json)
+        chosen = given(n=n, force=force or None, solver=None if solver == DEFAULT_SOLVER else solver)
+        _run_study(name, options | chosen, out, console, as_json)
         return
-    options = given(robot=robot, plant=plant, current=current, seed=seed, noise=noise, duration=duration)
+    if n is not None:
+        raise InvalidInput(f"{name} is no study: leave out --n")
     scenario = build_scenario(name, solver, options)
     folder = out or Path("uvms_runs") / f"{name}-{scenario.plant}-{solver}"
     with staged_folder(folder) as staging:
@@ -86,10 +93,11 @@ def run(
         raise typer.Exit(NOT_COMPLETED)
 
 
-def _run_study(name: str, seed: int, out: Path | None, console: Console, as_json: bool) -> None:
+def _run_study(name: str, options: dict[str, Any], out: Path | None, console: Console, as_json: bool) -> None:
+    require_taken(name, STUDIES[name], options)
     folder = out or Path("uvms_runs") / name
     with staged_folder(folder) as staging, console.status(name) as status:
-        result = STUDIES[name](seed=seed).run(progress=lambda done, n: status.update(f"{name}: {done} of {n} runs"))
+        result = STUDIES[name](**options).run(progress=lambda done, n: status.update(f"{name}: {done} of {n} runs"))
         (staging / "report.json").write_text(json.dumps(result.to_dict(), indent=2) + "\n")
         result.write_csv(staging / "runs.csv")
     console.print(table_of(result.title, result.table, tuple(result.table[0])))
