@@ -21,8 +21,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from uvms_ocp.exceptions import InvalidInput
-
-from .collision_scene import Obstacle, obstacle
+from uvms_ocp.model.obstacles import Obstacle, obstacle
 
 _N_SIZES: Mapping[str, int] = MappingProxyType({"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3})
 _SHAPES: Mapping[str, Callable[..., coal.ShapeBase]] = MappingProxyType(

@@ -11,8 +11,9 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.obstacles import Obstacle
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.planning import Obstacle, ObstacleData
+from uvms_ocp.planning import ObstacleData
 from uvms_ocp.record import Record
 from uvms_ocp.viz.meshcat_parts import AnimationClip, AnimationTrack, Visualizer
 from uvms_ocp.viz.meshcat_parts import geometry as mg
