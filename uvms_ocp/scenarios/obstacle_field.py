@@ -44,7 +44,7 @@ def obstacle_field(
     with_clearance: bool = True,
     threshold: float = 0.15,
     solver: HierarchySolver | None = None,
-    plant: str = "kinematic",
+    plant: str = "dynamic",
     current: Current | Sequence[float] | None = None,
     noise: bool = False,
     seed: int = 0,
