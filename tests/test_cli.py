@@ -6,11 +6,13 @@ import json
 import os
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from uvms_ocp.model.library import robot_folder
 from uvms_ocp.record import Record
 
 
@@ -77,12 +79,23 @@ def test_a_mission_out_of_time_exits_with_3_and_says_why(tmp_path: Path) -> None
     ("arguments", "message"),
     [
         (["run", "case9"], "unknown scenario 'case9'; known: case1"),
-        (["run", "--solver", "lexpq"], "unknown solver 'lexpq'; known: lexls, lexqp, icat, daqp. Did you mean 'lexqp'?"),
+        (
+            ["run", "--solver", "lexpq"],
+            "unknown solver 'lexpq'; known: lexls, lexqp, icat, daqp. Did you mean 'lexqp'?",
+        ),
         (["run", "--robot", "girona"], "unknown robot 'girona'; known: bluerov2_alpha5, girona_maris7"),
         (["run", "--plant", "wet"], "unknown plant 'wet'; known: dynamic, kinematic"),
         (["run", "--duration", "-1"], "duration = -1.0 s; give a finite time > 0"),
         (["run", "--duration", "nan"], "duration = nan s"),
         (["run", "--out", "taken/out"], "cannot write there"),
+        (["run", "--out", ""], "names no folder"),
+        (["plan", "--to", "3", "0", "0", "--out", ""], "names no folder"),
+        (["export", "tick", " "], "names no folder"),
+        (["run", "obstacle_field", "--seabed", "-39"], "obstacle_field has no option --seabed"),
+        (["run", "table2", "--noise"], "table2 has no option --noise"),
+        (["run", "case2", "--n", "3"], "case2 is no study"),
+        (["run", "--current", "300", "0", "0", "--plant", "kinematic"], "300 m/s; give at most 10 m/s"),
+        (["check-robot", "girona"], "unknown robot 'girona'; known: bluerov2_alpha5"),
     ],
 )
 def test_mistakes_get_one_line_and_exit_code_2(arguments: list[str], message: str, tmp_path: Path) -> None:
@@ -116,6 +129,13 @@ def test_check_refuses_an_unreachable_goal_with_figures(tmp_path: Path) -> None:
     assert report["accepted"] is False
     assert report["findings"][0]["figures"]["missing_worst_m"] > 0.3
     assert "misses the goal" in process.stderr
+
+
+def test_check_flags_a_seabed_above_the_way_point(tmp_path: Path) -> None:
+    process = cli("check", "case1", "--seabed", "-39", cwd=tmp_path)
+    assert process.returncode == 2
+    assert "MAC keeps the vehicle 0.33 m above its way point" in process.stderr + process.stdout
+    assert "the goal of T, z = -39.886 m, is 0.89 m below the seafloor" in process.stderr + process.stdout
 
 
 def test_run_refuses_what_check_refuses_unless_forced(tmp_path: Path) -> None:
@@ -176,3 +196,15 @@ def test_daqp_runs_where_it_is_installed_and_is_one_line_where_it_is_not(tmp_pat
         "error: solver Daqp needs the package daqp, which is not installed; pip install 'uvms-ocp[daqp]'"
     ]
     assert not (tmp_path / "other").exists()
+
+
+def test_a_robot_is_checked_by_name_as_by_its_folder(tmp_path: Path) -> None:
+    by_name, by_path = (
+        cli("check-robot", words, "--json", cwd=tmp_path) for words in ("planar5", str(robot_folder("planar5")))
+    )
+    assert by_name.returncode == 0, by_name.stderr
+    assert by_name.stdout == by_path.stdout
+
+
+def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
+    assert cli("--version", cwd=tmp_path).stdout == f"uvms-ocp {version('uvms-ocp')}\n"

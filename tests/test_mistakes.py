@@ -16,12 +16,6 @@ from uvms_ocp.scenarios import case1
     [
         ({"robot": "nautilus"}, NameNotFound, "unknown robot 'nautilus'"),
         ({"plant": "wet"}, NameNotFound, "unknown plant 'wet'"),
-        (
-            {"way_point": pose_at((10.0, 37.0, -41.0))},
-            InvalidInput,
-            "goal of PC z = -41 m is below the seafloor z = -40",
-        ),
-        ({"target": (12.0, 37.0, -40.5)}, InvalidInput, "goal of T z = -40.5 m is below the seafloor"),
         ({"start": pose_at((8.0, 38.0, -45.0))}, InvalidInput, "start position of the vehicle z = -45 m is below"),
         ({"posture": [0, 0, 0, 1.0, 0, 0, 0]}, InvalidInput, "joint 'joint4': given 1; allowed: -2.95 to 0.01"),
         ({"posture": [0, 0, np.nan, 0, 0, 0, 0]}, InvalidInput, "joints has NaN"),

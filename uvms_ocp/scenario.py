@@ -23,17 +23,19 @@ from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
 from uvms_ocp.model.state import Command, Measurement, State
+from uvms_ocp.planning import ObstacleData
 from uvms_ocp.preflight import PreflightReport, Setup, check_mission
 from uvms_ocp.record import Record
-from uvms_ocp.sim import DynamicPlant, Environment, KinematicPlant, SensorSuite, simulate
+from uvms_ocp.sim import DynamicPlant, Environment, KinematicPlant, SensorSuite, floor_relief, simulate
 from uvms_ocp.sim.loop import Controller, Estimator, Plant
 from uvms_ocp.solvers import LexicographicActiveSet, Status
-from uvms_ocp.tasks.pose import PoseTask, ToolPose, ToolPosition
+from uvms_ocp.tasks.pose import ToolPose, ToolPosition
 from uvms_ocp.tasks.reference import evaluate_pose
 from uvms_ocp.version import __version__
 
 Progress = Callable[[float, Command, KinematicController], None]
 PLANTS = ("dynamic", "kinematic")
+_FLOOR_AROUND = 12.0  # [m] of a floor with protuberances that a record keeps around the mission
 _DEPENDENCIES = ("pin", "casadi", "coal", "numpy")
 
 
@@ -41,8 +43,8 @@ _DEPENDENCIES = ("pin", "casadi", "coal", "numpy")
 class Scenario:
     """Everything that one simulation needs.
 
-    Raises `InvalidInput` for a start outside the joint limits, a start or goal below the seafloor, or a bad period or
-    duration, and `NameNotFound` for an unknown plant.
+    Raises `InvalidInput` for a start outside the joint limits or below the seafloor, or a bad period or duration, and
+    `NameNotFound` for an unknown plant. Goals are judged by `check`.
     """
 
     name: str
@@ -77,10 +79,7 @@ class Scenario:
         if self.altimeter_frame is not None:
             self.robot.frame_id(self.altimeter_frame)
         if self.robot.n_vehicle:
-            self._require_above_floor("start position of the vehicle", self.start[:3])
-        for task in self.mission.hierarchy.tasks:
-            if isinstance(task, (PoseTask, ToolPosition)):
-                self._require_above_floor(f"goal of {task.name}", task.reference(0.0)[:3])
+            self._require_above_floor()
 
     def controller(self) -> KinematicController:
         """A fresh kinematic layer for this mission."""
@@ -119,7 +118,8 @@ class Scenario:
         )
         wall = perf_counter() - begin
         truth = kinematic.evaluate(self._true_measurement(plant.state), recorder.last("t"))
-        return recorder.freeze(self._meta(kinematic, wall, truth))
+        around = self._surroundings(recorder.last("q"))
+        return recorder.freeze(self._meta(kinematic, wall, truth) | around)
 
     def _plant_and_controller(self, kinematic: KinematicController) -> tuple[Plant, Controller]:
         if self.plant == "kinematic":
@@ -143,10 +143,25 @@ class Scenario:
         readings = self._sensor_suite(IDEAL_SENSORS).read(state, 0.0)
         return PassThrough(self.robot, IDEAL_SENSORS)(readings, 0.0)
 
-    def _require_above_floor(self, what: str, position: np.ndarray) -> None:
-        floor = self.environment.seafloor.height(float(position[0]), float(position[1]))
-        if position[2] <= floor:
-            raise InvalidInput(f"{what} z = {position[2]:g} m is below the seafloor z = {floor:g} m; raise it")
+    def _require_above_floor(self) -> None:
+        x, y, z = self.start[:3].tolist()
+        floor = self.environment.seafloor.height(x, y)
+        if z <= floor:
+            text = f"start position of the vehicle z = {z:g} m is below the seafloor z = {floor:g} m; raise it"
+            raise InvalidInput(text)
+
+    def _surroundings(self, end: np.ndarray) -> dict[str, Any]:
+        """Obstacles, and the floor around the way from the start to the configuration `end` (n_q,), to draw."""
+        obstacles = [ObstacleData.of(item) for item in self.environment.obstacles]
+        ends = (self.start[:2], end[:2]) if self.robot.n_vehicle else np.zeros((1, 2))
+        points = np.array([*ends, *(point[:2] for point in self.markers.values())])
+        low, high = points.min(axis=0) - _FLOOR_AROUND, points.max(axis=0) + _FLOOR_AROUND
+        return {
+            "obstacles": [
+                item.model_dump(mode="json", exclude_defaults=True) for item in obstacles if item is not None
+            ],
+            "floor": floor_relief(self.environment.seafloor, low, high),
+        }
 
     def _meta(self, controller: KinematicController, wall: float, truth: dict[str, float]) -> dict[str, Any]:
         tasks = self.mission.hierarchy.tasks

@@ -94,6 +94,7 @@ def test_wrong_currents_are_refused_in_one_line():
     for make in (
         lambda: UniformCurrent([0.1, 0.2]),
         lambda: UniformCurrent([0.1, 0.2, math.nan]),
+        lambda: UniformCurrent([0.0, 300.0, 0.0]),
         lambda: ShearedCurrent(z=[0.0, -1.0], velocities=np.zeros((2, 3))),
         lambda: ShearedCurrent(z=[], velocities=np.zeros((0, 3))),
         lambda: ShearedCurrent(z=[0.0, 1.0], velocities=np.zeros((3, 3))),

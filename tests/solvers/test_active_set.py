@@ -79,6 +79,27 @@ def test_rows_dependent_to_1e_5_are_solved() -> None:
         assert LexicographicActiveSet(cascade=False).solve(levels).status.exact, seed
 
 
+@pytest.mark.parametrize(
+    "solver", [LexicographicActiveSet(cascade=False), LexicographicActiveSet(cascade=False, compiled=False)]
+)
+@pytest.mark.parametrize("decades", [1, 4])
+def test_rows_of_very_different_scale_end_with_a_truthful_status(solver: LexicographicActiveSet, decades: int) -> None:
+    exact = 0
+    for seed in range(40 if solver.compiled else 8):
+        rng = np.random.default_rng(seed)
+        sizes = [
+            10.0 ** rng.uniform(-decades, decades, level.n_rows) for level in random_hierarchy(seed, 8, (8, 2, 4, 2, 8))
+        ]
+        levels = [
+            Level(jacobian=level.jacobian * f[:, None], lower=level.lower * f, upper=level.upper * f)
+            for level, f in zip(random_hierarchy(seed, 8, (8, 2, 4, 2, 8)), sizes, strict=True)
+        ]
+        solution = solver.solve(levels)
+        exact += solution.status.exact
+        assert not solution.status.exact or solution.certificate(levels) < 2e-8, seed
+    assert exact > 0
+
+
 def test_what_is_given_up_on_nearly_dependent_rows_is_never_the_box_on_top() -> None:
     solver = LexicographicActiveSet(cascade=False)
     box = Level(jacobian=np.eye(7), lower=-0.5, upper=0.5)

@@ -1,4 +1,4 @@
-"""Checks on heights: way points against the minimum altitude, landing against it, and the start."""
+"""Checks on heights: way points against the minimum altitude, landing against it, goals, and the start."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ import pinocchio as pin
 from uvms_ocp.preflight.findings import Finding, Severity
 from uvms_ocp.preflight.forecast import Visit, ball, limit_of
 from uvms_ocp.preflight.setup import Setup
-from uvms_ocp.tasks import HorizontalAttitude, LandingAltitude, MinimumAltitude, VehiclePose
+from uvms_ocp.preflight.tool import goals_of
+from uvms_ocp.tasks import HorizontalAttitude, LandingAltitude, MinimumAltitude, ToolPosition, VehiclePose
+from uvms_ocp.tasks.pose import PoseTask
 from uvms_ocp.tasks.reference import evaluate_pose
 
 CHECK = "minimum altitude"
@@ -30,6 +32,24 @@ def check_altitude(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
             yield from _way_point(setup, visit, minimum)
         if visit.active(LandingAltitude) is not None:
             yield from _landing(visit, minimum)
+
+
+def check_goals(setup: Setup) -> Iterator[Finding]:
+    """Findings on goals of vehicle or tool that lie below the floor, one for each phase and task."""
+    for index, phase in enumerate(setup.mission.phases):
+        for task in setup.mission.tasks_of(index):
+            if isinstance(task, (PoseTask, ToolPosition)) and phase.gates.get(task.name, 0.0) > 0:
+                points = [goal.translation for goal in goals_of(setup, task.name, task.goal)]
+                floors = [setup.floor_at(x, y) for x, y, _ in points]
+                depth, z, floor = max((floor - p[2], p[2], floor) for p, floor in zip(points, floors, strict=True))
+                if depth >= 0:
+                    yield _buried(task.name, phase.name, float(z), floor)
+
+
+def _buried(task: str, phase: str, z: float, floor: float) -> Finding:
+    text = f"the goal of {task}, z = {z:g} m, is {floor - z:.2f} m below the seafloor, z = {floor:g} m; raise it"
+    figures = {"below_floor_m": floor - z}
+    return Finding(severity=Severity.ERROR, check="goal", phase=phase, text=text, figures=figures)
 
 
 def _start(setup: Setup, first: Visit) -> Iterator[Finding]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from uvms_ocp.control.levels import LevelsProblem, build_levels
-from uvms_ocp.preflight.altitude import check_altitude
+from uvms_ocp.preflight.altitude import check_altitude, check_goals
 from uvms_ocp.preflight.findings import Finding, PreflightReport, Severity
 from uvms_ocp.preflight.forces import check_forces
 from uvms_ocp.preflight.forecast import Visit, forecast
@@ -24,11 +24,12 @@ def check_mission(setup: Setup) -> PreflightReport:
     problem = build_levels(setup.robot, setup.mission.hierarchy, setup.dt)
     setup.mission.check_quantities(problem.quantity_names)
     if not setup.robot.n_vehicle:
-        return PreflightReport(findings=tuple(check_structure(setup.mission)))
+        return PreflightReport(findings=(*check_structure(setup.mission), *check_goals(setup)))
     visits = forecast(setup)
     findings = [
         *check_structure(setup.mission),
         *check_altitude(setup, visits),
+        *check_goals(setup),
         *check_freedom(setup, visits, problem),
         *check_forces(setup, visits),
     ]

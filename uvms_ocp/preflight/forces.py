@@ -32,7 +32,12 @@ class Load:
 
 
 def check_forces(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
-    """The largest load over all phases of holding still, and of moving as fast as the way point task asks."""
+    """The largest load over all phases of holding still, and of moving as fast as the way point task asks.
+
+    A current on a plant without water is a finding of its own.
+    """
+    if not setup.with_forces:
+        yield from _ignored(setup)
     if not (setup.with_forces and setup.robot.description.thrusters):
         return
     dynamics = robot_dynamics(setup.robot)
@@ -48,6 +53,15 @@ def check_forces(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
         if load.missing > _SHORT and still[visits.index(visit)].missing <= _SHORT:
             text = f"thrust is short by {load.missing:.0f} N against the current at full speed: the approach is slower"
             yield Finding(severity=Severity.WARNING, check=CHECK, phase=visit.phase.name, text=text)
+
+
+def _ignored(setup: Setup) -> Iterator[Finding]:
+    """A current that was asked for, on a plant that has no water."""
+    at_start = setup.start[None, :3]
+    speed = max(float(np.linalg.norm(setup.environment.current.velocity(at_start, t))) for t in _TIMES)
+    if speed > 0:
+        text = f"the kinematic plant ignores the current of {speed:.2g} m/s; use the dynamic plant"
+        yield Finding(severity=Severity.WARNING, check=CHECK, text=text, figures={"current_m_s": speed})
 
 
 def _finding(visit: Visit, load: Load, purpose: str) -> Finding:

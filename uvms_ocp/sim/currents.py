@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.exceptions import InvalidInput
 
+_FASTEST = 10.0  # [m/s] no sea is faster, Saltstraumen included: more is a slip of units
 _BLOCK = 256  # nodes of a gust that are drawn at a time
 
 
@@ -42,7 +43,7 @@ class UniformCurrent:
     value: np.ndarray
 
     def __init__(self, velocity: ArrayLike) -> None:
-        object.__setattr__(self, "value", _finite("velocity of the current", velocity, (3,)))
+        object.__setattr__(self, "value", _flow("velocity of the current", velocity, (3,)))
 
     def velocity(self, p_W: np.ndarray, t: float) -> np.ndarray:
         return np.tile(self.value, (len(p_W), 1))
@@ -62,7 +63,7 @@ class ShearedCurrent:
         n_heights = max(np.size(self.z), 1)
         object.__setattr__(self, "z", _finite("z of a sheared current", self.z, (n_heights,)))
         shape = (len(self.z), 3)
-        object.__setattr__(self, "velocities", _finite("velocities of a sheared current", self.velocities, shape))
+        object.__setattr__(self, "velocities", _flow("velocities of a sheared current", self.velocities, shape))
         if (np.diff(self.z) <= 0).any():
             raise InvalidInput(f"z of a sheared current = {self.z.tolist()} m; give increasing heights")
 
@@ -75,7 +76,7 @@ class ShearedCurrent:
         if not (math.isfinite(thickness) and thickness > 0):
             raise InvalidInput(f"thickness of a boundary layer = {thickness} m; give a finite length > 0")
         share = np.linspace(0.0, 1.0, 33) ** 3  # dense at the floor, where the profile is steep
-        velocity = _finite("velocity of the current", velocity, (3,))
+        velocity = _flow("velocity of the current", velocity, (3,))
         return ShearedCurrent(z=floor_z + thickness * share, velocities=np.outer(share ** (1 / 7), velocity))
 
     def velocity(self, p_W: np.ndarray, t: float) -> np.ndarray:
@@ -94,7 +95,7 @@ class OnsetCurrent:
     rise: float  # [s]
 
     def __init__(self, velocity: ArrayLike, *, start: float, rise: float) -> None:
-        object.__setattr__(self, "value", _finite("velocity of the current", velocity, (3,)))
+        object.__setattr__(self, "value", _flow("velocity of the current", velocity, (3,)))
         if not (math.isfinite(start) and math.isfinite(rise) and rise > 0):
             raise InvalidInput(f"onset of a current: start = {start} s, rise = {rise} s; give finite times, rise > 0")
         object.__setattr__(self, "start", float(start))
@@ -176,6 +177,15 @@ class _Path:
             row += self._decay * previous
             previous = row
         return block
+
+
+def _flow(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
+    """Velocities (..., 3) [m/s] that water may have."""
+    array = _finite(what, values, shape)
+    speed = float(np.linalg.norm(array, axis=-1).max(initial=0.0))
+    if speed > _FASTEST:
+        raise InvalidInput(f"{what} reaches {speed:g} m/s; give at most {_FASTEST:g} m/s")
+    return array
 
 
 def _finite(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:

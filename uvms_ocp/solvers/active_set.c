@@ -20,16 +20,18 @@
 #define RANK_NOISE 1e-14
 /* Rows smaller than this part of the largest row are what is left of a cancellation: nothing. */
 #define VANISHED 1e-13
-#define FEASIBLE 1e-10
-#define CONSISTENT 1e-9
+#define FEASIBLE 1e-12
+#define CONSISTENT 1e-10
 #define BALANCED 5e-8
 /* Pivots below CLEAR and dependent rows above NOTHING leave open what depends on what. */
 #define CLEAR 1e-5
 #define NOTHING 1e-11
+/* Largest over smallest row; beyond, what is rounding to one row decides about another. */
+#define EVEN 1e3
 /* Of a multiplier, relative to MULTIPLIER. */
 #define DECISIVE 1e4
 /* Far below FEASIBLE: else a row dropped for the sake of lower levels blocks at once for the sake of this slack. */
-#define SIGNIFICANT 1e-12
+#define SIGNIFICANT 1e-14
 #define MOVED 1e-9
 #define MULTIPLIER 1e-10
 /* Multipliers smaller than this are rounding, however small the slack they balance. */
@@ -51,7 +53,7 @@ typedef struct {
   double smallest, rejected;
   double v[N], target[N], unbalanced;
   char decided[M], tabu[M];
-  int skipped, contradicted;
+  int skipped, contradicted, uneven;
 } Work;
 
 static double dot(const double *x, const double *y, int n) {
@@ -327,8 +329,10 @@ static void start(Work *k, const double *state) {
 }
 
 /* True if v does to the active rows what the factorisation promised, and the multipliers, applied to the rows as given,
-   balance every level. False where that cannot be known, because rows are nearly but not quite dependent. */
+   balance every level. False where that cannot be known, because rows are nearly but not quite dependent, or of very
+   different size. */
 static int is_consistent(const Work *k) {
+  if (k->uneven) return 0;
   if (!(k->unbalanced <= BALANCED) || k->contradicted || k->smallest < CLEAR || k->rejected > NOTHING) return 0;
   for (int j = 0; j < k->first[L]; ++j) {
     int row = k->order[j];

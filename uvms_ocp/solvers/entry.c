@@ -48,8 +48,11 @@ static void load(Work *k, const double *const *arg) {
     double size = fmax(low < 1e300 ? low : 0, up < 1e300 ? up : 0);
     k->tolerance[row] = FEASIBLE * (k->norm[row] + size);
   }
-  for (int row = 0; row < M; ++row)
+  k->uneven = 0;
+  for (int row = 0; row < M; ++row) {
     if (k->norm[row] <= VANISHED * largest) k->norm[row] = 0;
+    k->uneven |= k->norm[row] > 0 && EVEN * k->norm[row] < largest;
+  }
 }
 
 static int is_finite(const double *x) {

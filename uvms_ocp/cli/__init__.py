@@ -1,0 +1,62 @@
+"""Command line: ``run``, ``check``, ``mission``, ``compare``, ``plan``, ``list``, ``check-robot``, ``schema``, ``export``.
+
+Exit codes: 0 done, 1 internal error, 2 bad input or refused by pre-flight, 3 mission not completed or no plan free of
+collision.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from uvms_ocp.cli import check, compare, export, listing, plan, robots, run
+from uvms_ocp.cli.options import BAD_INPUT
+from uvms_ocp.exceptions import UvmsError
+from uvms_ocp.version import __version__
+
+app = typer.Typer(
+    help="Task-priority planning of underwater vehicle-manipulator systems.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+app.command(name="run")(run.run)
+app.command(name="check")(check.check)
+app.command(name="mission")(check.mission)
+app.command(name="compare")(compare.compare_runs)
+app.command(name="plan")(plan.plan)
+app.command(name="list")(listing.list_all)
+app.command(name="check-robot")(robots.check_robot)
+app.command(name="schema")(robots.schema)
+
+export_app = typer.Typer(help="Write what runs without Python.", no_args_is_help=True)
+export_app.command(name="tick")(export.export_tick)
+app.add_typer(export_app, name="export")
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        sys.stdout.write(f"uvms-ocp {__version__}\n")
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Task-priority planning of underwater vehicle-manipulator systems."""
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    try:
+        app()
+    except UvmsError as error:
+        Console(stderr=True, soft_wrap=True, highlight=False).print(f"error: {error}", style="red", markup=False)
+        sys.exit(BAD_INPUT)

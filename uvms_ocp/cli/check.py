@@ -1,0 +1,50 @@
+"""``check`` and ``mission``: look at a mission without running it."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from uvms_ocp.cli.options import (
+    BAD_INPUT,
+    DEFAULT_SOLVER,
+    CurrentVelocity,
+    Json,
+    Name,
+    Plant,
+    RobotName,
+    Seabed,
+    build_scenario,
+    given,
+)
+from uvms_ocp.cli.printing import print_findings, print_json
+
+
+def check(
+    name: Name = "case1",
+    robot: RobotName = None,
+    plant: Plant = None,
+    current: CurrentVelocity = None,
+    seabed: Seabed = None,
+    as_json: Json = False,
+) -> None:
+    """Check whether a mission can be completed, without running it; exit code 2 where it cannot."""
+    scenario = build_scenario(name, DEFAULT_SOLVER, given(robot=robot, plant=plant, current=current, seabed=seabed))
+    preflight = scenario.check()
+    print_findings(Console(stderr=as_json), preflight, notes=True)
+    if as_json:
+        print_json(preflight.to_dict())
+    if not preflight.accepted:
+        raise typer.Exit(BAD_INPUT)
+
+
+def mission(
+    name: Name = "case1",
+    mermaid: Annotated[bool, typer.Option("--mermaid", help="Print a state diagram in Mermaid's notation.")] = False,
+) -> None:
+    """Print which tasks are on in which phase of a scenario, or its phases as a diagram."""
+    plan = build_scenario(name, DEFAULT_SOLVER, {}).mission
+    sys.stdout.write(plan.mermaid() if mermaid else f"{plan}\n")

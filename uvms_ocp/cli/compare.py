@@ -1,0 +1,28 @@
+"""``compare``: two runs side by side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from uvms_ocp.cli.options import Json
+from uvms_ocp.cli.printing import print_json, table_of
+from uvms_ocp.record import Record
+from uvms_ocp.report import compare
+
+
+def compare_runs(
+    first: Annotated[Path, typer.Argument(metavar="A", help="Folder of a run, or its record.npz.")],
+    second: Annotated[Path, typer.Argument(metavar="B", help="The other run.")],
+    as_json: Json = False,
+) -> None:
+    """Compare the resources that two runs took."""
+    records = [Record.load(path / "record.npz" if path.is_dir() else path) for path in (first, second)]
+    rows = compare(records[0], records[1])
+    console = Console(stderr=as_json)
+    console.print(table_of(f"{first} against {second}", rows, ("figure", "first", "second", "change")))
+    if as_json:
+        print_json(rows)

@@ -1,0 +1,31 @@
+"""``export``: what runs without Python."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from uvms_ocp.cli.options import DEFAULT_SOLVER, build_scenario, folder
+from uvms_ocp.cli.printing import print_paths
+from uvms_ocp.control.export import RecordingSolver, write_tick
+from uvms_ocp.output import staged_folder
+
+
+def export_tick(
+    out: Annotated[Path, typer.Argument(metavar="DIR", parser=folder, help="Folder for the sources.")],
+    scenario: Annotated[str, typer.Option(help="Scenario, see `uvms-ocp list`.")] = "case1",
+    robot: Annotated[str | None, typer.Option(help="Robot; default: the scenario's.")] = None,
+) -> None:
+    """Write C source of one control tick, with recorded ticks to compare with; it needs libm only."""
+    options = {"plant": "kinematic"} | ({} if robot is None else {"robot": robot})
+    made = build_scenario(scenario, DEFAULT_SOLVER, options)
+    recording = RecordingSolver(solver=made.solver)
+    with staged_folder(out) as staging:
+        replace(made, solver=recording).run()
+        write_tick(made.controller().problem, recording.ticks, staging)
+        written = sorted(path.name for path in staging.iterdir())
+    print_paths(Console(), [out / name for name in written])

@@ -1,0 +1,77 @@
+"""Options that commands share, and the scenario that they describe."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from inspect import signature
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from uvms_ocp.campaign import STUDIES
+from uvms_ocp.control.kinematic import HierarchySolver
+from uvms_ocp.exceptions import InvalidInput, NameNotFound, OutputError
+from uvms_ocp.scenario import PLANTS, Scenario
+from uvms_ocp.scenarios import SCENARIOS
+from uvms_ocp.solvers import Daqp, Icat, LexicographicActiveSet, LexicographicQp
+
+SOLVERS: dict[str, type[HierarchySolver]] = {
+    "lexls": LexicographicActiveSet,
+    "lexqp": LexicographicQp,
+    "icat": Icat,
+    "daqp": Daqp,
+}
+DEFAULT_SOLVER = "lexls"
+BAD_INPUT, NOT_COMPLETED = 2, 3  # exit codes
+
+
+def folder(words: str | Path) -> Path:
+    """The folder of that name; raises `OutputError` for no name, which would mean the working directory."""
+    if not str(words).strip():
+        raise OutputError(f"{words!r} names no folder for the results; give one, or . for the working directory")
+    return Path(words)
+
+
+Name = Annotated[str, typer.Argument(metavar="SCENARIO", help="Scenario, see `uvms-ocp list`.")]
+RobotName = Annotated[str | None, typer.Option(help="Robot, see `uvms-ocp list`; default: the scenario's.")]
+Plant = Annotated[str | None, typer.Option(help=f"Plant: {', '.join(PLANTS)}; default: the scenario's.")]
+SolverName = Annotated[str, typer.Option(help=f"Hierarchy solver: {', '.join(SOLVERS)}.")]
+CurrentVelocity = Annotated[
+    tuple[float, float, float] | None,
+    typer.Option(metavar="X Y Z", help="Uniform current in W [m/s]; default: the scenario's."),
+]
+Seabed = Annotated[
+    float | None, typer.Option(metavar="Z", help="Height of the floor in W [m]; default: the scenario's.")
+]
+Seed = Annotated[int | None, typer.Option(help="Seed of everything random.")]
+Noise = Annotated[bool | None, typer.Option("--noise/--no-noise", help="Sensors with noise, rates and delays.")]
+Duration = Annotated[float | None, typer.Option(metavar="S", help="Time limit of the mission [s].")]
+Out = Annotated[Path | None, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the report on stdout, the rest on stderr.")]
+
+
+def given(**options: Any) -> dict[str, Any]:
+    """The options that were given on the command line."""
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def build_scenario(name: str, solver: str, options: dict[str, Any]) -> Scenario:
+    """The scenario with the options of the command line; raises `UvmsError` where one is wrong."""
+    if name not in SCENARIOS:
+        raise NameNotFound("scenario", name, (*SCENARIOS, *STUDIES))
+    if solver not in SOLVERS:
+        raise NameNotFound("solver", solver, SOLVERS)
+    build = SCENARIOS[name]
+    require_taken(name, build, options)
+    return build(solver=SOLVERS[solver](), **options)
+
+
+def require_taken(name: str, build: Callable[..., Any], options: Mapping[str, Any]) -> None:
+    """Raise `InvalidInput` for an option that the scenario or study of that name does not have."""
+    parameters = signature(build).parameters.values()
+    if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters):
+        return
+    for option in options:
+        if option not in {parameter.name for parameter in parameters}:
+            raise InvalidInput(f"{name} has no option --{option}; leave it out")

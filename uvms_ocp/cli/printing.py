@@ -1,0 +1,55 @@
+"""What commands print: tables, findings, paths, JSON."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from uvms_ocp.preflight import PreflightReport, Severity
+
+
+def print_json(value: Any) -> None:
+    """One JSON value on stdout."""
+    sys.stdout.write(json.dumps(value, indent=2) + "\n")
+
+
+def print_paths(console: Console, paths: Iterable[Path]) -> None:
+    """One path per line, as it is."""
+    for path in paths:
+        console.print(str(path), markup=False, highlight=False)
+
+
+def table_of(title: str, rows: Sequence[Mapping[str, Any]], columns: tuple[str, ...]) -> Table:
+    """A table of the given columns of all rows."""
+    table = Table(title=title)
+    for column in columns:
+        table.add_column(column, overflow="fold")
+    for row in rows:
+        table.add_row(*(cell(row[column]) for column in columns))
+    return table
+
+
+def cell(value: Any) -> str:
+    """A value as a table shows it."""
+    if value is None:
+        return "-"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def print_findings(console: Console, preflight: PreflightReport, *, notes: bool = False) -> None:
+    """Errors and warnings of pre-flight, one per line, and notes if wanted."""
+    styles = {Severity.ERROR: "red", Severity.WARNING: "yellow", Severity.NOTE: ""}
+    for finding in preflight.findings:
+        if notes or finding.severity is not Severity.NOTE:
+            where = f" (phase {finding.phase})" if finding.phase else ""
+            text = f"{finding.severity.value}: {finding.check}{where}: {finding.text}"
+            console.print(text, style=styles[finding.severity], markup=False, highlight=False, soft_wrap=True)
+    if notes:
+        verdict = "accepted" if preflight.accepted else "refused"
+        console.print(f"pre-flight: {verdict}", markup=False, highlight=False)

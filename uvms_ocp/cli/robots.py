@@ -1,0 +1,61 @@
+"""``check-robot`` and ``schema``: robot files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from uvms_ocp.cli.options import BAD_INPUT
+from uvms_ocp.cli.printing import print_json
+from uvms_ocp.model.check_robot import RobotReport, check_robot_files
+from uvms_ocp.model.description import RobotDescription
+from uvms_ocp.model.library import robot_folder
+
+
+def check_robot(
+    robot: Annotated[
+        str,
+        typer.Argument(help="URDF, a folder with robot.urdf and hydrodynamics.yaml, or a name, see `uvms-ocp list`."),
+    ],
+    hydrodynamics: Annotated[Path | None, typer.Option(metavar="YAML", help="Hydrodynamics file.")] = None,
+    fixed: Annotated[bool, typer.Option("--fixed", help="The base does not float.")] = False,
+    packages: Annotated[
+        list[Path] | None, typer.Option("--packages", metavar="DIR", help="Where package:// meshes are; repeatable.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Check a robot: inertias, trim, thruster rank, frames, meshes."""
+    report = check_robot_files(
+        _files(robot), hydrodynamics, base="fixed" if fixed else None, package_dirs=packages or ()
+    )
+    if as_json:
+        findings = [{"subject": f.subject, "verdict": f.verdict.value, "text": f.text} for f in report.findings]
+        print_json({"usable": report.usable, "findings": findings})
+    else:
+        _print_robot(report)
+    if not report.usable:
+        raise typer.Exit(BAD_INPUT)
+
+
+def schema() -> None:
+    """Print the JSON schema of hydrodynamics.yaml."""
+    print_json(RobotDescription.model_json_schema())
+
+
+def _files(robot: str) -> Path:
+    """The path as it is where there is one, or else the folder of the robot of that name."""
+    path = Path(robot)
+    is_name = robot == path.name and not path.suffix
+    return robot_folder(robot) if is_name and not path.exists() else path
+
+
+def _print_robot(report: RobotReport) -> None:
+    table = Table("", "what", "finding", box=None, title=report.name, title_justify="left")
+    for finding in report.findings:
+        table.add_row(finding.verdict.value, finding.subject, Text(finding.text))
+    Console().print(table)

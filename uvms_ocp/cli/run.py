@@ -1,0 +1,185 @@
+"""``run``: simulate a scenario or a study, and write what came of it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
+
+from uvms_ocp.campaign import STUDIES
+from uvms_ocp.cli.options import (
+    DEFAULT_SOLVER,
+    NOT_COMPLETED,
+    CurrentVelocity,
+    Duration,
+    Json,
+    Name,
+    Noise,
+    Out,
+    Plant,
+    RobotName,
+    Seabed,
+    Seed,
+    SolverName,
+    build_scenario,
+    given,
+    require_taken,
+)
+from uvms_ocp.cli.printing import cell, print_findings, print_json, print_paths, table_of
+from uvms_ocp.control.kinematic import KinematicController
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.state import Command
+from uvms_ocp.output import staged_folder
+from uvms_ocp.record import Record
+from uvms_ocp.report import summarize
+from uvms_ocp.scenario import Scenario
+
+_PROGRESS_EVERY = 40  # ticks between two updates of the progress bar
+
+
+def run(
+    name: Name = "case1",
+    robot: RobotName = None,
+    plant: Plant = None,
+    solver: SolverName = DEFAULT_SOLVER,
+    current: CurrentVelocity = None,
+    seabed: Seabed = None,
+    seed: Seed = None,
+    noise: Noise = None,
+    duration: Duration = None,
+    out: Out = None,
+    force: Annotated[bool, typer.Option("--force", help="Run even if pre-flight finds errors.")] = False,
+    n: Annotated[int | None, typer.Option(metavar="N", help="Number of missions of a study.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Run a scenario or a study; write its record, report, figures and 3-D scene, or its table.
+
+    What is left out is as the scenario has it.
+    """
+    console = Console(stderr=as_json)
+    options = given(robot=robot, plant=plant, current=current, seabed=seabed, seed=seed, noise=noise, duration=duration)
+    if name in STUDIES:
+        chosen = given(n=n, force=force or None, solver=None if solver == DEFAULT_SOLVER else solver)
+        _run_study(name, options | chosen, out, console, as_json)
+        return
+    if n is not None:
+        raise InvalidInput(f"{name} is no study: leave out --n")
+    scenario = build_scenario(name, solver, options)
+    folder = out or Path("uvms_runs") / f"{name}-{scenario.plant}-{solver}"
+    with staged_folder(folder) as staging:
+        preflight = scenario.check()
+        print_findings(console, preflight)
+        if not (preflight.accepted or force):
+            raise InvalidInput(
+                f"pre-flight refuses {name} ({len(preflight.errors)} errors); --force runs it all the same"
+            )
+        record = _simulate(scenario, console)
+        report = summarize(record) | {"preflight": preflight.to_dict()}
+        with console.status("writing record, report, figures and scene"):
+            _write(scenario, record, report, staging)
+        written = sorted(path.relative_to(staging) for path in staging.rglob("*") if path.is_file())
+    _print_summary(console, report, [folder / path for path in written])
+    if as_json:
+        print_json(report)
+    if not report["completed"]:
+        raise typer.Exit(NOT_COMPLETED)
+
+
+def _run_study(name: str, options: dict[str, Any], out: Path | None, console: Console, as_json: bool) -> None:
+    require_taken(name, STUDIES[name], options)
+    folder = out or Path("uvms_runs") / name
+    with staged_folder(folder) as staging, console.status(name) as status:
+        result = STUDIES[name](**options).run(progress=lambda done, n: status.update(f"{name}: {done} of {n} runs"))
+        (staging / "report.json").write_text(json.dumps(result.to_dict(), indent=2) + "\n")
+        result.write_csv(staging / "runs.csv")
+    console.print(table_of(result.title, result.table, tuple(result.table[0])))
+    print_paths(console, [folder])
+    if as_json:
+        print_json(result.to_dict())
+
+
+def _simulate(scenario: Scenario, console: Console) -> Record:
+    """Run with a progress bar that names the phase and what it waits for."""
+    with _progress(console) as progress:
+        task = progress.add_task("", total=scenario.duration, waiting="")
+
+        def show(t: float, command: Command, controller: KinematicController) -> None:
+            if round(t / scenario.dt) % _PROGRESS_EVERY == 0 or command.finished:
+                phase = scenario.mission.phases[controller.state.phase]
+                waiting = "complete" if command.finished else controller.pending()
+                done = scenario.duration if command.finished else t
+                progress.update(task, completed=done, description=f"{phase.name} {phase.title}", waiting=waiting)
+
+        return scenario.run(show)
+
+
+@contextmanager
+def _progress(console: Console) -> Iterator[Progress]:
+    columns = (
+        TextColumn("[bold]{task.description:<14}"),
+        BarColumn(bar_width=24),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[waiting]}", markup=False),
+    )
+    with Progress(*columns, console=console) as progress:
+        yield progress
+
+
+def _write(scenario: Scenario, record: Record, report: dict[str, Any], folder: Path) -> None:
+    from uvms_ocp.viz import write_figures, write_scene
+
+    record.save(folder / "record.npz")
+    (folder / "report.json").write_text(json.dumps(report, indent=2) + "\n")
+    (folder / "figures").mkdir()
+    write_figures(record, folder / "figures")
+    write_scene(record, scenario.robot, folder / "scene.html")
+
+
+def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) -> None:
+    table = Table(title=f"{report['scenario']}, {report['robot']}, {report['plant']} plant, {report['solver']}")
+    for column in ("phase", "start [s]", "end [s]", "J", "m"):
+        table.add_column(column, no_wrap=True, justify="left" if column == "phase" else "right")
+    table.add_column("why it ended, errors at its end")
+    for phase in report["phases"]:
+        times = (f"{phase['start_s']:.2f}", f"{phase['end_s']:.2f}")
+        energy = cell(phase["energy_j"])
+        why = Text("\n").join([Text(phase["reason"]), *(Text(error, style="dim") for error in _active_errors(phase))])
+        table.add_row(f"{phase['name']} {phase['title']}", *times, energy, f"{phase['path_length_m']:.2f}", why)
+    console.print(table)
+    for alarm in report["alarms"]:
+        console.print(f"alarm at {alarm['t']:.2f} s: {alarm['text']}", style="yellow", markup=False)
+    resources = _transposed(report["resources"])
+    console.print(table_of("resources", resources, tuple(resources[0])))
+    verdict = "complete" if report["completed"] else f"not completed: {report['pending']}"
+    console.print(
+        f"mission {verdict}; simulated {report['simulated_s']:.1f} s in {report['wall_s']:.1f} s, "
+        f"tick p50 {report['tick_us']['p50']:.0f} us",
+        markup=False,
+    )
+    if not report["completed"]:
+        console.print(f"cause: {report['cause']['kind']}: {report['cause']['text']}", markup=False)
+    print_paths(console, paths)
+
+
+def _active_errors(phase: dict[str, Any]) -> Iterator[str]:
+    """Errors of the tasks that the phase had turned on."""
+    for name, value in phase["final_errors"].items():
+        task, quantity = name.split(".")
+        if task in phase["tasks"] and "error" in quantity:
+            yield f"{name} {value:.3g}"
+
+
+def _transposed(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """One row per figure that some phase has, one column per visit to a phase."""
+    names = [row["phase"] if row["phase"] == "total" else f"{k + 1} {row['phase']}" for k, row in enumerate(rows)]
+    figures = [name for name in rows[0] if name != "phase" and any(row[name] is not None for row in rows)]
+    values = [[row[figure] for row in rows] for figure in figures]
+    return [{"figure": name, **dict(zip(names, row, strict=True))} for name, row in zip(figures, values, strict=True)]
