@@ -199,7 +199,9 @@ class Mission:
 
     def gates(self, state: MissionState, t: float) -> np.ndarray:
         """External activation (n_tasks,) of each task at time t [s] ([Gao2022] eq. 22 in time)."""
-        blend = float(Bell(0.0, self.ramp).increasing(t - state.since)) if self.ramp > 0 else 1.0
+        if t - state.since >= self.ramp:
+            return self._targets[state.phase].copy()
+        blend = float(Bell(0.0, self.ramp).increasing(t - state.since))
         return (1 - blend) * state.gates_before + blend * self._targets[state.phase]
 
     def reference(self, state: MissionState, t: float) -> np.ndarray:

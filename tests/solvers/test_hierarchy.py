@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from hierarchies import random_hierarchy, reference
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.solvers import Icat, Level, LexicographicQp, Status
 from uvms_ocp.solvers.level import stack
+from uvms_ocp.solvers.qp_tick import QpTick
 
 SOLVERS = [Icat(), LexicographicQp()]
 
@@ -210,3 +213,28 @@ def test_solvers_print_nothing(capfd: pytest.CaptureFixture[str]) -> None:
     captured = capfd.readouterr()
     assert captured.out == ""
     assert captured.err == ""
+
+
+class _Misled:
+    """A cascade whose plugins do not find the optimum until they are replaced ``cured`` times."""
+
+    failed = False
+
+    def __init__(self, honest: Callable[[Sequence[np.ndarray]], list[np.ndarray]], cured: int) -> None:
+        self.honest, self.cured, self.calls = honest, cured, 0
+
+    def __call__(self, inputs: Sequence[np.ndarray]) -> list[np.ndarray]:
+        self.calls += 1
+        v, status, *rest = self.honest(inputs)
+        return [v, np.ones(1) if self.calls <= self.cured else status, *rest]
+
+
+@pytest.mark.parametrize(("cured", "status", "calls"), [(1, Status.SOLVED, 4), (99, Status.INEXACT, 4)])
+def test_misled_plugins_are_replaced_once(cured: int, status: Status, calls: int) -> None:
+    levels = random_hierarchy(3)
+    tick = LexicographicQp().bind(_tick_function(13, 59), [level.n_rows for level in levels])
+    assert isinstance(tick, QpTick)
+    misled = tick._tick = _Misled(tick._tick, cured)
+    results = [tick(*_arguments(levels)) for _ in range(3)]
+    assert {result.status for result in results} == {status}
+    assert misled.calls == calls
