@@ -67,11 +67,6 @@ class Planner:
         start = self._start(guess)
         return self._nlp.solve(start, p=p, x_lower=self._lower, x_upper=self._upper)
 
-    def resumed(self, result: LexicographicResult, trajectory: Trajectory) -> LexicographicResult:
-        """An earlier result moved to another trajectory, with its multipliers: the start of the next solve."""
-        x = self.transcription.pack(trajectory)
-        return replace(result, points=tuple(replace(point, x=x) for point in result.points))
-
     def _start(self, guess: Trajectory | Plan | LexicographicResult) -> np.ndarray | LexicographicResult:
         if isinstance(guess, LexicographicResult):
             return guess
