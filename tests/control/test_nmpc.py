@@ -123,14 +123,14 @@ def test_strict_priority_of_the_tool_follows_more_closely_than_a_sum(robot: Robo
     assert largest_error(robot, strict, goal, 3.0) < 0.7 * largest_error(robot, summed, goal, 3.0)
 
 
-def test_plans_that_come_late_are_dropped_and_the_last_one_goes_on(robot: Robot) -> None:
+def test_while_a_plan_is_late_the_last_one_goes_on(robot: Robot) -> None:
     goal = circle(robot)
-    nmpc = Nmpc(following(robot, goal), clock=Stopwatch(17))
+    nmpc = Nmpc(following(robot, goal), clock=Stopwatch(7))
     assert largest_error(robot, nmpc, goal, 4.0) < 0.02
-    assert 8 <= nmpc.statistics.missed <= 25
+    assert 15 <= nmpc.statistics.missed < len(nmpc.statistics.solve_times) < 65
 
 
-def test_plans_that_break_constraints_are_dropped_and_mended_by_the_next_solve(robot: Robot) -> None:
+def test_plans_that_break_constraints_are_not_used_and_mended_by_the_next_solve(robot: Robot) -> None:
     goal = circle(robot)
     nmpc = Nmpc(following(robot, goal), clock=lambda: 0.0, options=SqpOptions(max_steps=1, accuracy=1e-4))
     assert largest_error(robot, nmpc, goal, 4.0) < 0.02

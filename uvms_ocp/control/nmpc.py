@@ -29,7 +29,7 @@ class NmpcStatistics:
 
     solve_times: tuple[float, ...]  # [s] by the controller's clock
     processor_times: tuple[float, ...]  # [s] the same without what other processes took
-    missed: int  # solves that took longer than the period: their plans came too late and were dropped
+    missed: int  # solves that took longer than the period
     rejected: int  # solves without a plan that keeps the constraints, so that the last plan went on
 
     @property
@@ -50,8 +50,9 @@ class Nmpc:
 
     Once per `period` a plan is made for the period to come: from the state in which the present plan will leave the
     measured one, and from the solution of the last problem moved on in time, by real-time SQP. The plan takes over when
-    that period begins. It is dropped if it came later, or if its best point breaks constraints; then the last plan goes
-    on, and the next solve starts from that point all the same: a second step mends what one step left. Between plans the newest is tracked at the control rate, against disturbances that an observer measures.
+    that period begins; if it comes later, when the next one begins, and until then the last plan goes on. So it does if
+    the best point found breaks constraints; the next solve starts from that point all the same, because a second step
+    mends what one step left. Between plans the newest is tracked at the control rate, against disturbances that an observer measures.
 
     The solve runs within the call that begins a period, so that simulations are reproducible. A robot whose control
     rate cannot wait for it has to run it beside.
@@ -77,7 +78,7 @@ class Nmpc:
         if problem.free_time:
             raise InvalidInput("receding-horizon control needs fixed durations; give every phase one number")
         self._problem = replace(problem, hessian=HessianKind.GAUSS_NEWTON)
-        self._period, self._clock = period, clock
+        self.period, self._clock = period, clock
         self._transcription = Transcription(self._problem)
         self._bounds = self._transcription.bounds()
         self._sqp = RealTimeSqp(self._transcription.program, options)
@@ -106,8 +107,9 @@ class Nmpc:
         now = self._now or self._first(state, t)
         if t >= self._next - 1e-9:
             now = self._coming or now
-            self._next = t + self._period
             self._coming = self._replanned(now, state, t)
+            # A late plan keeps its time stamps, so that it is still of use; planning is slower meanwhile.
+            self._next = t + self.period * max(1, int(np.ceil(self._times[-1][0] / self.period)))
         self._now = now
         disturbance = np.zeros(self._problem.robot.n_v)
         if self._observer is not None and self._tracker.applied is not None:
@@ -124,9 +126,9 @@ class Nmpc:
         return _Planned(trajectory=trajectory, begin=t)
 
     def _replanned(self, now: _Planned, state: State, t: float) -> _Planned | None:
-        """The plan for the next period, if it is there in time and fit for use."""
+        """The plan for the next period, if it is fit for use."""
         wall, processor = self._clock(), process_time()
-        begin = t + self._period
+        begin = t + self.period
         start = self._expected(now, state, t)
         last = self._newest or now
         result = self._sqp.solve(
@@ -134,21 +136,21 @@ class Nmpc:
             p=self._transcription.parameters(t0=begin, start=start),
             x_lower=self._bounds[0],
             x_upper=self._bounds[1],
-            time_limit=self._period,
+            time_limit=self.period,
             clock=self._clock,
         )
         self._times.append((self._clock() - wall, process_time() - processor))
-        late, unfit = self._times[-1][0] > self._period, result.status is not NlpStatus.SOLVED
-        self._missed += late
+        unfit = result.status is not NlpStatus.SOLVED
+        self._missed += self._times[-1][0] > self.period
         self._rejected += unfit
         found = _Planned(trajectory=self._transcription.unpack(result.x), begin=begin)
         # From a point of no use whatever, the present plan is the better guess.
         self._newest = found if np.isfinite(result.violation) else now
-        return None if late or unfit else found
+        return None if unfit else found
 
     def _expected(self, now: _Planned, state: State, t: float) -> State:
         """The state in which the next period will begin: the measured one, moved as planned."""
         model, age = self._problem.robot.model, t - now.begin
         q, v, _ = now.trajectory.state_at(model, age)
-        q_next, v_next, _ = now.trajectory.state_at(model, age + self._period)
+        q_next, v_next, _ = now.trajectory.state_at(model, age + self.period)
         return State(q=pin.integrate(model, state.q, pin.difference(model, q, q_next)), v=state.v + v_next - v)
