@@ -201,33 +201,24 @@ def markdown(table: list[Row], seconds: float) -> str:
     shown = summary(table)
     columns = max((list(row) for row in shown), key=len)
     packages = " ".join(f"{name} {version(name)}" for name in ("numpy", "casadi", "pin"))
-    lines = [
-        "# Receding-horizon control",
-        "",
+    text = (
         f"`python benchmarks/ocp/nmpc.py benchmarks/results`; {platform.machine()} {platform.system()} Python "
         f"{platform.python_version()} {packages}, {os.cpu_count()} cores, load average {os.getloadavg()[0]:.1f} at the "
         f"end of the run. {len(SEEDS)} runs of {seconds:g} s each, mean current 0.3 m/s, gusts of 0.05 m/s (double: 0.1 "
-        "m/s) standard deviation; 20 plans per second (else named) over 20 steps and 3 s, control at 200 Hz. A plan takes effect one "
-        "period after the state it starts from was measured, or later if it took longer by the wall. Errors and "
-        "thrust are the largest of all runs, energies and times their means, counts their sums; times are processor "
-        "time unless named otherwise. The targets: largest error 20 mm, late at most 1 % of the solves.",
-        "",
-        "| " + " | ".join(columns) + " |",
-        "|---" * len(columns) + "|",
-    ]
-    return "\n".join(
-        [*lines, *("| " + " | ".join(_text(row.get(key, "")) for key in columns) + " |" for row in shown), ""]
+        "m/s) standard deviation; 20 plans per second unless named otherwise, over 20 steps and 3 s; control at 200 Hz. "
+        "A plan takes effect one period after the state it starts from was measured, or later if it took longer by the "
+        "wall. Errors and thrust are the largest of all runs, but rms errors, energies and times their means, counts "
+        "their sums; times are processor time unless named otherwise. Targets: largest error 20 mm, at most 1 % late."
     )
+    rows_of_text = ["| " + " | ".join(_text(row.get(key, "")) for key in columns) + " |" for row in shown]
+    head = ["| " + " | ".join(columns) + " |", "|---" * len(columns) + "|"]
+    return "\n".join(["# Receding-horizon control", "", text, "", *head, *rows_of_text, ""])
 
 
 def _text(value: Any) -> str:
-    return (
-        f"{value:.3g}"
-        if isinstance(value, float) and value < 1e3
-        else f"{value:.0f}"
-        if isinstance(value, float)
-        else str(value)
-    )
+    if not isinstance(value, float):
+        return str(value)
+    return f"{value:.3g}" if value < 1e3 else f"{value:.0f}"
 
 
 def main(folder: Path, seconds: float = 20.0) -> None:

@@ -52,7 +52,8 @@ class Nmpc:
     measured one, and from the solution of the last problem moved on in time, by real-time SQP. The plan takes over when
     that period begins; if it comes later, when the next one begins, and until then the last plan goes on. So it does if
     the best point found breaks constraints; the next solve starts from that point all the same, because a second step
-    mends what one step left. Between plans the newest is tracked at the control rate, against disturbances that an observer measures.
+    mends what one step left. Between plans the newest is tracked at the control rate, against disturbances that an
+    observer measures.
 
     The solve runs within the call that begins a period, so that simulations are reproducible. A robot whose control
     rate cannot wait for it has to run it beside.

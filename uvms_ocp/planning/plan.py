@@ -48,9 +48,9 @@ _ADVICE = {
     OcpStatus.MISSED: "why is not known: give it more time, move the goal, or loosen the constraints and levels above it",
     OcpStatus.TOO_SHORT: "give the horizon more time, or loosen the limits",
     OcpStatus.UNREACHABLE: "more time would not help: move the goal, or loosen the constraints and levels above it",
-    OcpStatus.INFEASIBLE: "no motion near the guess keeps all limits and constraints: loosen them, weaken the current, or start slower",
+    OcpStatus.INFEASIBLE: "no motion near the guess keeps the constraints: loosen limits, weaken the current, or start slower",
     OcpStatus.OBSTRUCTED: "the start breaks a constraint: move the start or the obstacle, or lower the margin",
-    OcpStatus.UNFINISHED: "the solver stopped early: raise time_limit or max_iterations, loosen the limits, or give a better guess",
+    OcpStatus.UNFINISHED: "the solver stopped early: raise time_limit or max_iterations, loosen limits, or improve the guess",
 }
 
 
