@@ -14,8 +14,7 @@ from pathlib import Path
 from time import process_time
 from typing import Any
 
-import numpy as np
-from problems import tool_reach, weighted_reach
+from problems import tool_reach
 
 from uvms_ocp.control.plan_tracking import PlanTracker, carry_out
 from uvms_ocp.model.dynamics import robot_dynamics
@@ -63,19 +62,6 @@ def row(name: str, start: str, options: NlpOptions, plan: Plan, wall: float, cpu
     }
 
 
-def weighted_rows() -> list[Row]:
-    """A sum of weights instead of priorities: the tool's error at every weight."""
-    result = []
-    for weight in (1.0, 1e1, 1e2, 1e3, 1e4, 1e5):
-        planner = Planner(weighted_reach(weight), NlpOptions(max_iterations=300))
-        plan, wall, cpu = timed(lambda planner=planner: planner.plan(diagnose=False))  # type: ignore[misc]
-        goal = planner.problem.levels[0].terms[0]
-        values = np.concatenate(plan.result.values) if plan.result is not None else np.full(6, np.nan)
-        error = float(np.linalg.norm(values[-6:]) / goal.weight)
-        result.append({**row(f"weight {weight:g}", "cold", planner.options, plan, wall, cpu), "tool_error": error})
-    return result
-
-
 def simulated() -> Row:
     """The plan of `tool_reach` carried out on the physical plant."""
     problem = tool_reach()
@@ -113,7 +99,7 @@ def parts() -> list[Callable[[], list[Row]]]:
     ]
     newton = tool_reach(hessian=HessianKind.GAUSS_NEWTON)
     gauss_newton = [lambda: rows("tool reach N=40, Gauss-Newton", newton, NlpOptions())]
-    return [lambda: [machine()], *reaches, *gauss_newton, weighted_rows, lambda: [simulated()]]
+    return [lambda: [machine()], *reaches, *gauss_newton, lambda: [simulated()]]
 
 
 if __name__ == "__main__":
