@@ -11,9 +11,10 @@ import coal
 import numpy as np
 from numpy.typing import NDArray
 
+from uvms_ocp.model.obstacles import Obstacle, obstacle
 from uvms_ocp.model.robot import Robot, load_robot
 from uvms_ocp.planning.clearance import CoalDistances
-from uvms_ocp.planning.collision_scene import CollisionScene, Obstacle, collision_scene, obstacle
+from uvms_ocp.planning.collision_scene import CollisionScene, collision_scene
 from uvms_ocp.planning.coordinates import Coordinates, coordinates
 from uvms_ocp.planning.sampling import SamplingOptions, sampled_waypoints
 

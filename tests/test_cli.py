@@ -87,7 +87,7 @@ def test_a_mission_out_of_time_exits_with_3_and_says_why(tmp_path: Path) -> None
         (["plan", "--to", "3", "0", "0", "--out", ""], "names no folder"),
         (["export", "tick", " "], "names no folder"),
         (["run", "obstacle_field", "--seabed", "-39"], "obstacle_field has no option --seabed"),
-        (["run", "table2", "--plant", "dynamic"], "table2 has no option --plant"),
+        (["run", "table2", "--noise"], "table2 has no option --noise"),
         (["run", "case2", "--n", "3"], "case2 is no study"),
         (["run", "--current", "300", "0", "0", "--plant", "kinematic"], "300 m/s; give at most 10 m/s"),
         (["check-robot", "girona"], "unknown robot 'girona'; known: bluerov2_alpha5"),

@@ -23,9 +23,10 @@ from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
 from uvms_ocp.model.state import Command, Measurement, State
+from uvms_ocp.planning import ObstacleData
 from uvms_ocp.preflight import PreflightReport, Setup, check_mission
 from uvms_ocp.record import Record
-from uvms_ocp.sim import DynamicPlant, Environment, KinematicPlant, SensorSuite, simulate
+from uvms_ocp.sim import DynamicPlant, Environment, KinematicPlant, SensorSuite, floor_relief, simulate
 from uvms_ocp.sim.loop import Controller, Estimator, Plant
 from uvms_ocp.solvers import LexicographicActiveSet, Status
 from uvms_ocp.tasks.pose import ToolPose, ToolPosition
@@ -34,6 +35,7 @@ from uvms_ocp.version import __version__
 
 Progress = Callable[[float, Command, KinematicController], None]
 PLANTS = ("dynamic", "kinematic")
+_FLOOR_AROUND = 12.0  # [m] of a floor with protuberances that a record keeps around the mission
 _DEPENDENCIES = ("pin", "casadi", "coal", "numpy")
 
 
@@ -116,7 +118,8 @@ class Scenario:
         )
         wall = perf_counter() - begin
         truth = kinematic.evaluate(self._true_measurement(plant.state), recorder.last("t"))
-        return recorder.freeze(self._meta(kinematic, wall, truth))
+        around = self._surroundings(recorder.last("q"))
+        return recorder.freeze(self._meta(kinematic, wall, truth) | around)
 
     def _plant_and_controller(self, kinematic: KinematicController) -> tuple[Plant, Controller]:
         if self.plant == "kinematic":
@@ -146,6 +149,19 @@ class Scenario:
         if z <= floor:
             text = f"start position of the vehicle z = {z:g} m is below the seafloor z = {floor:g} m; raise it"
             raise InvalidInput(text)
+
+    def _surroundings(self, end: np.ndarray) -> dict[str, Any]:
+        """Obstacles, and the floor around the way from the start to the configuration `end` (n_q,), to draw."""
+        obstacles = [ObstacleData.of(item) for item in self.environment.obstacles]
+        ends = (self.start[:2], end[:2]) if self.robot.n_vehicle else np.zeros((1, 2))
+        points = np.array([*ends, *(point[:2] for point in self.markers.values())])
+        low, high = points.min(axis=0) - _FLOOR_AROUND, points.max(axis=0) + _FLOOR_AROUND
+        return {
+            "obstacles": [
+                item.model_dump(mode="json", exclude_defaults=True) for item in obstacles if item is not None
+            ],
+            "floor": floor_relief(self.environment.seafloor, low, high),
+        }
 
     def _meta(self, controller: KinematicController, wall: float, truth: dict[str, float]) -> dict[str, Any]:
         tasks = self.mission.hierarchy.tasks

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from uvms_ocp.campaign import random_missions
-from uvms_ocp.campaign.random_missions import random_mission, totals
+from uvms_ocp.campaign.random_missions import boulder_clearance, random_mission, totals
 from uvms_ocp.campaign.study import StudyResult
+from uvms_ocp.scenario import Scenario
 
 
 @pytest.fixture(scope="module")
@@ -21,10 +24,23 @@ def test_what_pre_flight_accepts_completes(result: StudyResult) -> None:
     assert total["share"] >= 0.95
 
 
-def test_nothing_collides_while_the_minimum_altitude_is_on(result: StudyResult) -> None:
+def test_nothing_collides_while_minimum_altitude_or_clearance_is_on(result: StudyResult) -> None:
     (total,) = result.table
     assert total["collided"] == 0
-    assert total["smallest_clearance_m"] > 0.5
+    assert total["smallest_clearance_m"] > 0.1
+    assert total["smallest_boulder_clearance_m"] > 0.1
+
+
+def test_the_boulder_would_be_hit_without_the_clearance_task() -> None:
+    """Else a clearance kept proves nothing; the first three missions with a boulder, without the task."""
+    scenarios = (random_mission(seed=seed, plant="kinematic") for seed in range(20))
+    with_boulder = [scenario for scenario in scenarios if scenario.environment.obstacles][:3]
+    assert any(boulder_clearance(blind(scenario), blind(scenario).run()) < 0.05 for scenario in with_boulder)
+
+
+def blind(scenario: Scenario) -> Scenario:
+    phases = tuple(replace(phase, gates={**phase.gates, "CL": 0.0}) for phase in scenario.mission.phases)
+    return replace(scenario, mission=replace(scenario.mission, phases=phases), duration=30.0)
 
 
 def test_what_is_refused_has_a_reason(result: StudyResult) -> None:
@@ -46,10 +62,33 @@ def test_the_same_seed_gives_the_same_mission() -> None:
 
 
 def test_totals_tell_failures_by_seed_and_cause() -> None:
-    common = {"accepted": True, "clearance_m": 1.0}
+    common = {"accepted": True, "clearance_m": 1.0, "boulder_clearance_m": None}
     rows = [
         {**common, "seed": 0, "completed": True, "cause": "completed", "text": ""},
         {**common, "seed": 1, "completed": False, "cause": "stalled", "text": "why"},
     ]
     (total,) = totals(rows)
     assert (total["share"], total["causes"]) == (0.5, "1: stalled, why")
+
+
+def test_totals_count_contact_with_the_floor_and_with_the_boulder() -> None:
+    common = {"accepted": True, "completed": True, "cause": "completed", "text": ""}
+    clearances = ((1.0, None), (0.0, None), (0.3, -0.01), (0.3, 0.2))
+    rows = [
+        {**common, "seed": k, "clearance_m": floor, "boulder_clearance_m": boulder}
+        for k, (floor, boulder) in enumerate(clearances)
+    ]
+    (total,) = totals(rows)
+    assert total["collided"] == 2
+    assert (total["smallest_clearance_m"], total["smallest_boulder_clearance_m"]) == (0.0, -0.01)
+
+
+def test_totals_count_refused_missions_that_complete_when_forced() -> None:
+    common = {"accepted": False, "clearance_m": 1.0, "boulder_clearance_m": None, "text": ""}
+    rows = [
+        {**common, "seed": 0, "completed": True, "cause": "completed"},
+        {**common, "seed": 1, "completed": False, "cause": "stalled"},
+        {**common, "seed": 2, "completed": False, "cause": "refused"},
+    ]
+    (total,) = totals(rows)
+    assert (total["refused_and_forced"], total["of_which_completed"]) == (2, 1)

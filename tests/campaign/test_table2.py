@@ -8,7 +8,7 @@ import pytest
 
 from uvms_ocp.campaign import table2
 from uvms_ocp.campaign.study import StudyResult
-from uvms_ocp.campaign.table2 import FLOORS, PAPER, THRESHOLDS, verdict
+from uvms_ocp.campaign.table2 import FLOORS, PAPER, THRESHOLDS, run_transit, verdict
 
 
 @pytest.fixture(scope="module")
@@ -30,6 +30,12 @@ def test_a_higher_threshold_never_comes_nearer_to_the_floor(result: StudyResult)
     for floor in FLOORS.values():
         cells = [row["smallest_clearance_m"] for row in result.table if row["floor"] == floor]
         assert cells == sorted(cells)
+
+
+def test_the_dynamic_plant_keeps_the_same_clearance() -> None:
+    case = {"floor": "small", "threshold_m": 1.0, "seed": 1, "length_m": 10.0}
+    kinematic, dynamic = (run_transit({**case, "plant": plant})["clearance_m"] for plant in ("kinematic", "dynamic"))
+    assert dynamic == pytest.approx(kinematic, abs=0.01)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,9 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.model.collision import CollisionModel
 from uvms_ocp.model.kinematics import Kinematics
+from uvms_ocp.model.obstacles import mesh_shape, obstacle
 from uvms_ocp.model.robot import Robot, load_robot
 from uvms_ocp.planning import (
     ObstacleData,
@@ -80,13 +82,49 @@ def test_words_and_files_build_the_same_obstacle(shape: str, size: int, kind: ty
     assert ObstacleData.model_validate(words.model_dump(mode="json")) == words
 
 
+ROOF = mesh_shape(np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.5]]), np.array([[0, 1, 2], [0, 2, 3]]))
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        coal.Sphere(0.3),
+        coal.Capsule(0.2, 0.7),
+        coal.Cylinder(0.2, 0.7),
+        coal.Cone(0.2, 0.7),
+        coal.Box(0.2, 0.4, 0.6),
+        coal.Ellipsoid(0.2, 0.4, 0.6),
+        ROOF,
+    ],
+)
+def test_data_of_an_obstacle_build_it_again(shape: coal.CollisionGeometry, robot: Robot) -> None:
+    """The same distances of the whole robot, after a detour through JSON."""
+    turned = pin.rpy.rpyToMatrix(0.3, -0.8, 2.0)
+    item = obstacle("thing", shape, (1.5, 1.0, -0.5), turned)
+    data = ObstacleData.of(item)
+    assert data is not None
+    built = ObstacleData.model_validate_json(data.model_dump_json(exclude_defaults=True)).build()
+    q = robot.configuration()
+    given, again = (CollisionModel(robot, [thing], self_collision=False).values(q) for thing in (item, built))
+    np.testing.assert_allclose(again, given, atol=1e-7)
+
+
+def test_a_shape_without_an_end_has_no_data() -> None:
+    assert ObstacleData.of(obstacle("wall", coal.Halfspace(np.array([0.0, 0, 1]), 0.0), (0, 0, 0))) is None
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("obstacles: [{name: a, shape: cone, size: [1], position: [0, 0, 0]}]", "obstacles.0.shape"),
+        ("obstacles: [{name: a, shape: prism, size: [1], position: [0, 0, 0]}]", "obstacles.0.shape"),
         ("obstacles: [{name: a, shape: sphere, size: [.nan], position: [0, 0, 0]}]", "obstacles.0.size.0"),
         ("obstacles: [{name: a, shape: sphere, size: [1], position: [0, 0]}]", "obstacles.0.position"),
         ("obstacles: [{name: a, shape: sphere, size: [1], position: [0, 0, 0], colour: red}]", "obstacles.0.colour"),
+        ("obstacles: [{name: a, shape: mesh, position: [0, 0, 0]}]", "a mesh, and only a mesh, has triangles"),
+        (
+            "obstacles: [{name: a, shape: mesh, vertices: [[0, 0, 0]], triangles: [[0, 0, 1]], position: [0, 0, 0]}]",
+            "indices from 0 below",
+        ),
         ("", "valid dictionary"),
         ("obstacles: [", "cannot be read as YAML"),
     ],

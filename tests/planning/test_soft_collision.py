@@ -8,13 +8,14 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.exceptions import FrameNotFound, InvalidInput, NameNotFound
+from uvms_ocp.model.obstacles import obstacle
 from uvms_ocp.model.robot import Robot, load_robot
 from uvms_ocp.planning.block_tridiagonal import BlockTridiagonal
 from uvms_ocp.planning.capsules import capsule_robot
 from uvms_ocp.planning.certificate import check_clearance
 from uvms_ocp.planning.clearance import CoalDistances
 from uvms_ocp.planning.closed_forms import ClosedFormDistances, collision_density, density_hessian
-from uvms_ocp.planning.collision_scene import CollisionScene, collision_scene, obstacle
+from uvms_ocp.planning.collision_scene import CollisionScene, collision_scene
 from uvms_ocp.planning.coordinates import Coordinates, coordinates
 from uvms_ocp.planning.free_derivatives import pieces_of
 from uvms_ocp.planning.inverse_kinematics import ToolGoalOptions, tool_goal
@@ -353,7 +354,7 @@ def test_an_end_point_in_collision_or_out_of_limits_is_refused(
         plan_soft_collision(on_goal, ends[:, :5], limits=limits_of(robot))
     with pytest.raises(InvalidInput, match="way points 0 and 1 are equal"):
         plan_soft_collision(on_goal, ends[[0, 0]], limits=limits_of(robot))
-    with pytest.raises(InvalidInput, match="obstacle 'x' has position"):
+    with pytest.raises(InvalidInput, match="pose of obstacle 'x' has NaN"):
         obstacle("x", coal.Sphere(1.0), [0.0, np.nan, 0.0])
 
 

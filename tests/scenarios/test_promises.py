@@ -80,6 +80,7 @@ def test_a_transit_ends_above_its_way_point(relief: str, threshold: float) -> No
     altitude = quantity(record, "MAC.altitude")
     assert altitude is not None
     assert record.meta["completed"]
+    assert np.ptp(record.meta["floor"]["z"]) > 0.0
     assert altitude[len(altitude) // 2 :].min() > 0.7 * threshold
     assert np.isfinite(record["q"]).all()
 
@@ -147,6 +148,7 @@ def test_clearance_keeps_the_whole_robot_away_from_the_obstacles_that_it_would_h
     kept = scenario.run()
     lost = obstacle_field(with_clearance=False, dt=0.02, duration=12.0).run()
     assert kept.meta["completed"]
+    assert [item["name"] for item in kept.meta["obstacles"]] == ["boulder", "pillar", "wreck"]
     closest = closest_approach(scenario.robot, scenario.environment, kept["q"][::5], self_collision=True)
     assert closest.distance > 0.02
     assert closest_approach(scenario.robot, scenario.environment, kept["q"][::5]).distance > 0.1

@@ -20,10 +20,12 @@ from uvms_ocp.exceptions import InvalidInput, OutputError
 from uvms_ocp.model.robot import Robot, load_robot
 from uvms_ocp.record import Record
 from uvms_ocp.viz import show, write_scene
+from uvms_ocp.viz.series import floor_heights
 from uvms_ocp.viz.shapes import draw_shape, tube
 from uvms_ocp.viz.viewer import CommandLog
 
 _FPS = 25
+_KINDS = ("set_object", "set_transform")
 
 
 def _commands(page: str) -> list[Any]:
@@ -39,6 +41,12 @@ def _tracks(page: str) -> dict[tuple[str, str], Any]:
         for animation in command["animations"]
         for track in animation["clip"]["tracks"]
     }
+
+
+def _details(page: str) -> dict[str, Any]:
+    found = re.search(r"^const DETAILS = (\{.*\});$", page, re.MULTILINE)
+    assert found is not None
+    return json.loads(found[1])
 
 
 def _positions(page: str, end: str) -> Any:
@@ -114,6 +122,37 @@ def test_frames_of_the_record_become_triads(record: Record, robot: Robot) -> Non
     meta = {**record.meta, "frames": {"tool goal": [2.5, 1.0, -39.9, 1.0, 0.0, 0.0, 0.0]}}
     page = show(Record(series=record.series, meta=meta), robot).html
     assert "/meshcat/scene/goals/frame tool goal/x" in {command["path"] for command in _commands(page)}
+
+
+def _with_meta(record: Record, **meta: Any) -> Record:
+    return Record(series=record.series, meta={**record.meta, **meta})
+
+
+def test_obstacles_of_the_record_are_drawn_where_they_are(record: Record, robot: Robot) -> None:
+    ball = {"name": "ball", "shape": "sphere", "size": [0.5], "position": [1.0, 2.0, -38.0]}
+    pages = [_commands(show(item, robot).html) for item in (record, _with_meta(record, obstacles=[ball]))]
+    drawn, placed = ([c for c in pages[1] if c["type"] == kind and "/obstacles/" in c["path"]] for kind in _KINDS)
+    assert not any("/obstacles/" in command.get("path", "") for command in pages[0])
+    assert drawn[0]["object"]["geometries"][0]["radius"] == 0.5
+    moved = next(c for c in placed if c["path"].endswith("/obstacles/000"))
+    np.testing.assert_allclose(np.array(moved["matrix"])[12:15], ball["position"], atol=1e-6)
+
+
+def test_a_floor_with_protuberances_is_part_of_the_page(record: Record, robot: Robot) -> None:
+    floor = {"x": [-5.0, 0.0, 5.0], "y": [-5.0, 5.0], "z": [[-40.0, -39.0, -40.0], [-40.0, -38.5, -40.0]]}
+    details = _details(show(_with_meta(record, floor=floor), robot).html)
+    heights = np.array(details["relief"]["z"])
+    assert heights.shape == (2, 3)
+    np.testing.assert_allclose(heights - heights.min(), np.array(floor["z"]) + 40.0, atol=2e-3)
+    assert details["floor"] == pytest.approx(heights.min(), abs=2e-3)
+    assert _details(show(record, robot).html)["relief"] is None
+
+
+def test_markers_stand_on_the_floor_below_them(record: Record) -> None:
+    floor = {"x": [0.0, 2.0], "y": [0.0, 2.0], "z": [[-40.0, -40.0], [-39.0, -39.0]]}
+    heights = floor_heights(_with_meta(record, floor=floor), np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 9.0]]))
+    np.testing.assert_allclose(heights, [-40.0, -39.5, -39.0])
+    np.testing.assert_allclose(floor_heights(record, np.zeros((2, 2))), -40.0)
 
 
 def test_no_server_and_no_browser_are_started(

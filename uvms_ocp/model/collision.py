@@ -44,13 +44,9 @@ class CollisionModel:
     ) -> None:
         """links: names of the shapes that are checked against obstacles, all by default. Raises `InvalidInput`."""
         self._model, self._data, self.n_v = robot.model, robot.model.createData(), robot.n_v
-        self._geometry = pin.GeometryModel(robot.collision_model)
-        self._geometry.removeAllCollisionPairs()
-        n_links = self._geometry.ngeoms
-        names = [shape.name for shape in self._geometry.geometryObjects]
+        self._geometry, n_links = shapes_among(robot, obstacles), robot.collision_model.ngeoms
+        names = [shape.name for shape in robot.collision_model.geometryObjects]
         checked = [names.index(name) for name in _known(links, names)]
-        for obstacle in obstacles:
-            self._geometry.addGeometryObject(pin.GeometryObject(obstacle.name, 0, obstacle.X_WO, obstacle.shape))
         pairs = [(o, i) for o in range(n_links, self._geometry.ngeoms) for i in checked]
         pairs += self_pairs(robot) if self_collision else []
         for first, second in pairs:
@@ -102,10 +98,18 @@ class CollisionModel:
         return row
 
 
-def self_pairs(robot: Robot) -> list[tuple[int, int]]:
-    """Pairs of shapes on links that are no neighbours and stay apart in the stowed posture."""
+def shapes_among(robot: Robot, obstacles: Sequence[Obstacle]) -> pin.GeometryModel:
+    """The robot's collision shapes, then the obstacles, and no pairs yet."""
     geometry = pin.GeometryModel(robot.collision_model)
     geometry.removeAllCollisionPairs()
+    for item in obstacles:
+        geometry.addGeometryObject(pin.GeometryObject(item.name, 0, item.X_WO, item.shape))
+    return geometry
+
+
+def self_pairs(robot: Robot) -> list[tuple[int, int]]:
+    """Pairs of shapes on links that are no neighbours and stay apart in the stowed posture: others are built to touch."""
+    geometry = shapes_among(robot, ())
     joints = [int(shape.parentJoint) for shape in geometry.geometryObjects]
     parents = list(robot.model.parents)
     far = [

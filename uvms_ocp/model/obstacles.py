@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import coal
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from uvms_ocp.exceptions import InvalidInput
 
@@ -24,6 +25,17 @@ class Obstacle:
             raise InvalidInput("an obstacle needs a name; give one that is not empty")
         if not np.isfinite(self.X_WO.homogeneous).all():
             raise InvalidInput(f"pose of obstacle {self.name!r} has NaN or infinite entries; give finite numbers")
+
+
+def obstacle(
+    name: str, shape: coal.CollisionGeometry, position: ArrayLike, rotation: ArrayLike | None = None
+) -> Obstacle:
+    """An obstacle at p_WO (3,) [m] with R_WO (3, 3), identity by default. Raises `InvalidInput`."""
+    p = np.asarray(position, dtype=float)
+    R = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)
+    if p.shape != (3,) or R.shape != (3, 3):
+        raise InvalidInput(f"obstacle {name!r} has position {p} and rotation {R.tolist()}; give (3,) and (3, 3)")
+    return Obstacle(name=name, shape=shape, X_WO=pin.SE3(R, p))
 
 
 def mesh_shape(vertices: np.ndarray, triangles: np.ndarray) -> coal.BVHModelOBBRSS:

@@ -1,12 +1,12 @@
 """Ahead of time: trajectories and their clearance, and optimal control with strict priorities."""
 
+from uvms_ocp.model.obstacles import Obstacle as Obstacle
+from uvms_ocp.model.obstacles import obstacle as obstacle
 from uvms_ocp.planning.certificate import check_clearance as check_clearance
 from uvms_ocp.planning.certificate import clearance_along as clearance_along
 from uvms_ocp.planning.clearance import CoalDistances as CoalDistances
 from uvms_ocp.planning.collision_scene import CollisionScene as CollisionScene
-from uvms_ocp.planning.collision_scene import Obstacle as Obstacle
 from uvms_ocp.planning.collision_scene import collision_scene as collision_scene
-from uvms_ocp.planning.collision_scene import obstacle as obstacle
 from uvms_ocp.planning.coordinates import Coordinates as Coordinates
 from uvms_ocp.planning.coordinates import coordinates as coordinates
 from uvms_ocp.planning.inverse_kinematics import tool_goal as tool_goal

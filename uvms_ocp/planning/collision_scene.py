@@ -5,27 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import coal
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.collision import self_pairs, shapes_among
+from uvms_ocp.model.obstacles import Obstacle
 from uvms_ocp.model.robot import Robot
 
 from .coordinates import Coordinates
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Obstacle:
-    """A fixed shape in the world."""
-
-    name: str
-    shape: coal.ShapeBase
-    """coal shape, for instance ``coal.Sphere(0.3)``."""
-    X_WO: pin.SE3
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -64,36 +54,17 @@ class CollisionScene:
         return len(self.pairs)
 
 
-def obstacle(name: str, shape: coal.ShapeBase, position: ArrayLike, rotation: ArrayLike | None = None) -> Obstacle:
-    """An obstacle at p_WO (3,) [m] with R_WO (3, 3), identity by default. Raises InvalidInput for NaN or shapes."""
-    p = np.asarray(position, dtype=float)
-    R = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)
-    if p.shape != (3,) or R.shape != (3, 3) or not (np.isfinite(p).all() and np.isfinite(R).all()):
-        raise InvalidInput(
-            f"obstacle {name!r} has position {p} and rotation {R.tolist()}; allowed are finite (3,), (3, 3)."
-        )
-    return Obstacle(name=name, shape=shape, X_WO=pin.SE3(R, p))
-
-
 def collision_scene(
     coordinates: Coordinates, obstacles: Sequence[Obstacle], *, self_collision: bool = True
 ) -> CollisionScene:
-    """All pairs link - obstacle, and all pairs of links two or more joints apart.
-
-    Pairs of links that touch at ``robot.home`` are built to touch and are left out; so are pairs that no planned axis
-    moves.
-    """
+    """All pairs link - obstacle, and the pairs of links of `self_pairs`, except those that no planned axis moves."""
     robot = coordinates.robot
-    geometry = pin.GeometryModel(robot.collision_model)
-    geometry.removeAllCollisionPairs()
-    n_links = geometry.ngeoms
-    for item in obstacles:
-        geometry.addGeometryObject(pin.GeometryObject(item.name, 0, item.X_WO, item.shape))
+    geometry, n_links = shapes_among(robot, obstacles), robot.collision_model.ngeoms
     names = [shape.name for shape in geometry.geometryObjects]
     joints = [shape.parentJoint for shape in geometry.geometryObjects]
     indices = [(o, i) for o in range(n_links, geometry.ngeoms) for i in range(n_links)]
     if self_collision:
-        indices += _self_pairs(robot, joints[:n_links])
+        indices += self_pairs(robot)
     pairs = [
         Pair(first=a, second=b, first_joint=joints[a], second_joint=joints[b], name=f"{names[a]} - {names[b]}")
         for a, b in indices
@@ -125,24 +96,6 @@ def _with_moving_pairs(
         gyration=radii * np.sqrt(0.4),
         room=_room(coordinates.robot, geometry, pairs),
     )
-
-
-def _self_pairs(robot: Robot, joints: Sequence[int]) -> list[tuple[int, int]]:
-    model, geometry = robot.model, pin.GeometryModel(robot.collision_model)
-    geometry.removeAllCollisionPairs()
-    far = [
-        (a, b)
-        for a in range(len(joints))
-        for b in range(a + 1, len(joints))
-        if joints[a] != joints[b]
-        and joints[a] not in model.parents[joints[b] : joints[b] + 1]
-        and joints[b] not in model.parents[joints[a] : joints[a] + 1]
-    ]
-    for a, b in far:
-        geometry.addCollisionPair(pin.CollisionPair(a, b))
-    data = geometry.createData()
-    pin.computeDistances(model, model.createData(), geometry, data, robot.configuration())
-    return [pair for k, pair in enumerate(far) if data.distanceResults[k].min_distance > 0.0]
 
 
 def _room(robot: Robot, geometry: pin.GeometryModel, pairs: Sequence[Pair]) -> Array:

@@ -42,7 +42,7 @@ class Stance:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Visit:
-    """One phase on the way, with the stances that the vehicle may have at its end; the first is the nominal one."""
+    """One phase on the way, with the stances that the vehicle may have at its end; the first is the likeliest."""
 
     index: int
     phase: Phase
@@ -110,7 +110,8 @@ def _stances_after(setup: Setup, visit: Visit) -> tuple[Stance, ...]:
     if pose is not None:
         goal, _ = evaluate_pose(pose.name, pose.goal, 0.0)
         radius = limit_of(visit.phase, f"{pose.name}.position_error") or 0.0
-        stances = way_point_stances(goal, radius, towards=_next_target(setup, visit))
+        origin = visit.stances[0].position
+        stances = way_point_stances(goal, radius, origin=origin, towards=_next_target(setup, visit))
     alignment = visit.active(Alignment)
     if alignment is not None:
         target, _ = evaluate_vector(alignment.name, alignment.goal, 0.0)
@@ -123,10 +124,19 @@ def _stances_after(setup: Setup, visit: Visit) -> tuple[Stance, ...]:
     return stances
 
 
-def way_point_stances(goal: pin.SE3, radius: float, towards: np.ndarray | None = None) -> tuple[Stance, ...]:
-    """Stances in a ball around a way point; the rim begins in the direction of `towards` (3,) [m] in W."""
+def way_point_stances(
+    goal: pin.SE3, radius: float, *, origin: np.ndarray, towards: np.ndarray | None = None
+) -> tuple[Stance, ...]:
+    """Stances in a ball around a way point; the first is where the straight way from `origin` (3,) [m] enters it.
+
+    Then the centre and the rim, which begins in the direction of `towards` (3,) [m] in W.
+    """
     yaw = float(pin.rpy.matrixToRpy(goal.rotation)[2])
-    return tuple(Stance(position=point, yaw=yaw) for point in _ball_towards(goal.translation, radius, towards))
+    offset = origin - goal.translation
+    arrival = goal.translation + offset * min(1.0, radius / max(float(np.linalg.norm(offset)), 1e-9))
+    around = _ball_towards(goal.translation, radius, towards)
+    points = (arrival, *around) if radius > 0 else tuple(around)
+    return tuple(Stance(position=point, yaw=yaw) for point in points)
 
 
 def _ball_towards(centre: np.ndarray, radius: float, towards: np.ndarray | None) -> Iterator[np.ndarray]:

@@ -26,22 +26,23 @@ _N_NEAR, _N_FEW = 3, 4  # starts from solved neighbours, and random ones beside 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Distances:
-    """What is missing over all stances."""
+    """What is missing over all stances, and from the first, where the vehicle is likeliest to stand."""
 
     best: Reach
     worst: Reach
-    nominal: Reach
+    likeliest: Reach
 
-    def figures(self, prefix: str = "") -> dict[str, float]:
-        names = ("best", "worst", "nominal")
-        values = (self.best, self.worst, self.nominal)
-        return {f"{prefix}missing_{name}_m": value.position for name, value in zip(names, values, strict=True)} | {
-            f"{prefix}missing_{name}_rad": value.orientation for name, value in zip(names, values, strict=True)
-        }
+    def figures(self) -> dict[str, float]:
+        found = {"best": self.best, "worst": self.worst, "likeliest": self.likeliest}
+        lengths = {f"missing_{name}_m": value.position for name, value in found.items()}
+        return lengths | {f"missing_{name}_rad": value.orientation for name, value in found.items()}
 
 
 def check_tool(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
-    """One finding per tool task that has to be fulfilled while the vehicle stands still."""
+    """One finding per tool task that has to be fulfilled while the vehicle stands still.
+
+    A note where the goal is reached from every stance, a warning where it is from the likeliest, else an error.
+    """
     for visit in visits:
         task = visit.active(ToolPose) or visit.active(ToolPosition)
         if task is None or visit.active(NullVelocity) is None or not _awaited(visit, task):
@@ -56,12 +57,16 @@ def distances_missing(
     found: list[Reach] = []
     for stance in stances:
         for goal in goals:
-            near = [reach.joints for reach in sorted(found, key=lambda reach: reach.cost)[:_N_NEAR]]
+            near = [reach.joints for reach in sorted(found, key=_cost)[:_N_NEAR]]
             found.append(robot_reach.solve(stance.X_WB, goal, near, n_random=_N_FEW if near else None))
         if found[-1].position > stop_at:
             break
-    ranked = sorted(found, key=lambda reach: reach.cost)
-    return Distances(best=ranked[0], worst=ranked[-1], nominal=found[0])
+    likeliest = max(found[: len(goals)], key=_cost)
+    return Distances(best=min(found, key=_cost), worst=max(found, key=_cost), likeliest=likeliest)
+
+
+def _cost(reach: Reach) -> float:
+    return reach.cost
 
 
 def _awaited(visit: Visit, task: ToolPose | ToolPosition) -> bool:
@@ -85,7 +90,7 @@ def _finding(setup: Setup, visit: Visit, task: ToolPose | ToolPosition) -> Findi
     if suggestion is not None:
         figures["suggested_way_point"] = [round(float(x), 3) for x in suggestion]
     return Finding(
-        severity=Severity.ERROR,
+        severity=Severity.WARNING if distances.likeliest.reached else Severity.ERROR,
         check=CHECK,
         phase=visit.phase.name,
         text=_text(task.name, distances, suggestion),
@@ -98,9 +103,11 @@ def _text(name: str, distances: Distances, suggestion: np.ndarray | None) -> str
     if suggestion is not None:
         advice = "try the way point ({:.2f}, {:.2f}, {:.2f})".format(*suggestion)
     best, worst = distances.best, distances.worst
+    from_likeliest = ", reaches it from the likeliest of them" if distances.likeliest.reached else ""
     return (
         f"{name}: the arm misses the goal by {best.position:.3f} m ({best.orientation:.2f} rad) at best and "
-        f"{worst.position:.3f} m ({worst.orientation:.2f} rad) at worst over the vehicle positions foreseen; {advice}"
+        f"{worst.position:.3f} m ({worst.orientation:.2f} rad) at worst over the vehicle positions foreseen"
+        f"{from_likeliest}; {advice}"
     )
 
 
@@ -160,6 +167,6 @@ def _with_goal(mission: Mission, phase: int, name: str, goal: pin.SE3) -> Missio
 
 def _reached_from(setup: Setup, arm: ArmReach, visit: Visit, goals: Sequence[pin.SE3]) -> bool:
     stances = next(later.stances for later in forecast(setup) if later.index == visit.index)
-    # The rim begins towards the goal: the farthest stance is half way around.
+    # Arrival, centre, then the rim from the direction of the goal on: the farthest stance is half way around it.
     ordered = [stances[len(stances) // 2 + 1], *stances] if len(stances) > 1 else list(stances)
     return distances_missing(arm, ordered, goals, stop_at=REACHED).worst.reached

@@ -13,7 +13,7 @@ import pinocchio as pin
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.mission import Phase
 from uvms_ocp.model.kinematics import Kinematics
-from uvms_ocp.model.obstacles import Obstacle
+from uvms_ocp.model.obstacles import Obstacle, obstacle
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.planning import (
     CoalDistances,
@@ -23,7 +23,6 @@ from uvms_ocp.planning import (
     SoftCollisionOptions,
     collision_scene,
     coordinates,
-    obstacle,
     plan_soft_collision,
     tool_goal,
 )
@@ -34,7 +33,7 @@ from uvms_ocp.scenarios.case1 import case1
 from uvms_ocp.sim import floor_obstacle
 from uvms_ocp.tasks import JointTracking, NullVelocity, ToolPose
 
-ROCK = Obstacle(name="rock", shape=coal.Sphere(0.12), X_WO=pin.SE3(np.eye(3), np.array([12.25, 37.1, -39.8])))
+ROCK = obstacle("rock", coal.Sphere(0.12), (12.25, 37.1, -39.8))
 """Stands beside the target, in the way of the elbow."""
 _SHARE = 0.4  # of the joint limits that the plan uses: the rest is for the tool task to correct
 
@@ -65,7 +64,7 @@ def plan_arm(scenario: Scenario, clearance: float = 0.05) -> CollisionPlan:
     robot, base = scenario.robot, landed_configuration(scenario)
     x, y, _ = base[:3]
     floor = floor_obstacle(scenario.environment.seafloor, centre=(x, y), extent=6.0)
-    around = [_named(item) for item in (*scenario.environment.obstacles, floor)]
+    around = (*scenario.environment.obstacles, floor)
     planned = coordinates(robot, reference=base, axes=robot.joint_names)
     distances = CoalDistances(collision_scene(planned, around))
     goal = next(task for task in scenario.mission.hierarchy.tasks if isinstance(task, ToolPose))
@@ -121,7 +120,3 @@ def _following(scenario: Scenario, phase: Phase, joints: PiecewisePolynomial, wi
     if not with_mp:
         return replace(phase, gates={**phase.gates, posture.name: 0.0})
     return replace(phase, goals={**phase.goals, tool.name: path, posture.name: joints.axes(wrist)})
-
-
-def _named(item: Obstacle) -> Any:
-    return obstacle(item.name, item.shape, item.X_WO.translation, item.X_WO.rotation)

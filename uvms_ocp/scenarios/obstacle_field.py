@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import coal
-import numpy as np
-import pinocchio as pin
 
 from uvms_ocp.control.kinematic import HierarchySolver
 from uvms_ocp.mission import DONE, Below, Mission, Phase, Transition
 from uvms_ocp.model.collision import CollisionModel
-from uvms_ocp.model.obstacles import Obstacle
+from uvms_ocp.model.obstacles import Obstacle, obstacle
 from uvms_ocp.model.robot import Robot, load_robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, sensors_of
 from uvms_ocp.scenario import Scenario, pose_at
@@ -31,14 +29,10 @@ from uvms_ocp.tasks import (
 _SELF = 0.03  # [m] between links, some of which are stowed 0.05 m apart
 
 
-def _at(name: str, shape: coal.CollisionGeometry, x: float, y: float, z: float) -> Obstacle:
-    return Obstacle(name=name, shape=shape, X_WO=pin.SE3(np.eye(3), np.array([x, y, z])))
-
-
 FIELD = (
-    _at("boulder", coal.Sphere(0.6), 3.0, 0.8, -37.0),
-    _at("pillar", coal.Capsule(0.25, 3.0), 5.5, -0.7, -37.5),
-    _at("wreck", coal.Box(0.8, 0.8, 0.8), 8.0, 0.9, -37.2),
+    obstacle("boulder", coal.Sphere(0.6), (3.0, 0.8, -37.0)),
+    obstacle("pillar", coal.Capsule(0.25, 3.0), (5.5, -0.7, -37.5)),
+    obstacle("wreck", coal.Box(0.8, 0.8, 0.8), (8.0, 0.9, -37.2)),
 )
 """None of them straight ahead, all of them in the way of the hull."""
 
@@ -50,7 +44,7 @@ def obstacle_field(
     with_clearance: bool = True,
     threshold: float = 0.15,
     solver: HierarchySolver | None = None,
-    plant: str = "kinematic",
+    plant: str = "dynamic",
     current: Current | Sequence[float] | None = None,
     noise: bool = False,
     seed: int = 0,

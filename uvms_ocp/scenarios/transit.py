@@ -28,7 +28,7 @@ def transit(
     length: float = 30.0,
     robot: Robot | str = "girona_maris7_full",
     solver: HierarchySolver | None = None,
-    plant: str = "kinematic",
+    plant: str = "dynamic",
     current: Any = None,
     noise: bool = False,
     seed: int = 0,

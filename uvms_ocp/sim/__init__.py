@@ -19,5 +19,6 @@ from uvms_ocp.sim.seafloor import HeightField as HeightField
 from uvms_ocp.sim.seafloor import Seafloor as Seafloor
 from uvms_ocp.sim.seafloor import floor_mesh as floor_mesh
 from uvms_ocp.sim.seafloor import floor_obstacle as floor_obstacle
+from uvms_ocp.sim.seafloor import floor_relief as floor_relief
 from uvms_ocp.sim.sensors import Altimeter as Altimeter
 from uvms_ocp.sim.sensors import SensorSuite as SensorSuite

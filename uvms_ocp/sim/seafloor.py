@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import coal
 import numpy as np
@@ -18,6 +18,7 @@ _LEVEL = 1e-9  # sine of the angle to the horizon below which a ray counts as le
 _SAMPLES_PER_RADIUS = 12  # of the smallest protuberance, when a ray looks for the floor
 _MAX_SAMPLES = 20_000
 _RANGE_TOLERANCE = 1e-10  # [m]
+_RELIEF_POINTS = 81  # along each side
 _SLAB = 2.0  # [m] thickness of a flat floor as an obstacle
 
 
@@ -251,6 +252,18 @@ def _highest(centres: np.ndarray, heights: np.ndarray, radii: np.ndarray) -> flo
         return 0.0
     distances = np.linalg.norm(centres[:, None] - centres, axis=2)
     return float(((distances < radii[:, None] + radii) @ heights).max())
+
+
+def floor_relief(seafloor: Seafloor, low: np.ndarray, high: np.ndarray) -> dict[str, list[Any]] | None:
+    """Heights of a rectangle of the floor from `low` (2,) to `high` (2,) [m], for records: ``x`` (n), ``y`` (m), ``z`` (m, n).
+
+    [m] in W, rounded to a millimetre; `None` for a plane.
+    """
+    if isinstance(seafloor, FlatSeafloor):
+        return None
+    x, y = (np.linspace(a, b, _RELIEF_POINTS) for a, b in zip(low, high, strict=True))
+    z = [[round(seafloor.height(float(u), float(v)), 3) for u in x] for v in y]
+    return {"x": x.round(3).tolist(), "y": y.round(3).tolist(), "z": z}
 
 
 def floor_mesh(

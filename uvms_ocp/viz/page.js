@@ -80,6 +80,22 @@ function layFloor() {
   floor.position.z = DETAILS.floor;
   floor.receiveShadow = true;
   viewer.set_object(["Sea floor"], floor);
+  if (DETAILS.relief !== null) layRelief(DETAILS.relief, sandTexture(tile), tile);
+}
+
+// A floor that is not flat: a grid of measured heights, a little above the plane that goes on around it.
+function layRelief({x, y, z}, texture, tile) {
+  const geometry = new THREE.PlaneGeometry(1, 1, x.length - 1, y.length - 1);
+  const place = geometry.attributes.position, uv = geometry.attributes.uv;
+  y.forEach((v, row) => x.forEach((u, column) => {
+    const k = (y.length - 1 - row) * x.length + column;
+    place.setXYZ(k, u, v, z[row][column] + 0.01);
+    uv.setXY(k, u / tile, v / tile);
+  }));
+  geometry.computeVertexNormals();
+  const relief = new THREE.Mesh(geometry, new THREE.MeshLambertMaterial({map: texture}));
+  relief.castShadow = relief.receiveShadow = true;
+  viewer.set_object(["Sea floor relief"], relief);
 }
 
 // Trails, goals and the altimeter's beam are annotations: they cast no shadow.

@@ -17,6 +17,7 @@ from matplotlib.lines import Line2D
 from uvms_ocp.exceptions import OutputError
 from uvms_ocp.record import Record
 from uvms_ocp.viz.efforts import figure_efforts, figure_tracking
+from uvms_ocp.viz.path import figure_path
 from uvms_ocp.viz.series import (
     PhaseSpan,
     has_vehicle,
@@ -48,6 +49,7 @@ from uvms_ocp.viz.style import (
     styled,
     threshold,
 )
+from uvms_ocp.viz.tick_time import figure_tick_time
 
 _LOG_FLOOR = 1e-9  # [m, rad] below this an error is rounding
 _ZOOM = 1.0  # [s] on each side of a transition
@@ -289,65 +291,6 @@ def _joint_column(axes: Sequence[Axes], record: Record, values: np.ndarray, limi
         for bound in bounds:
             if np.isfinite(bound[i]):
                 axis.axhline(bound[i], color=VERMILLION, lw=0.8, ls="--")
-
-
-@styled
-def figure_tick_time(record: Record) -> Figure | None:
-    """How long one control tick took, over time and as a distribution."""
-    if "tick_time" not in record.series:
-        return None
-    tick = np.maximum(record["tick_time"] * 1e6, 1e-3)
-    figure = RecordFigure(figsize=(WIDTH, 2.6))
-    figure.suptitle("Computation time of one control tick", fontsize=10, fontweight="bold", x=0.01, ha="left")
-    over_time, spread = figure.subplots(1, 2, sharey=True, width_ratios=(3, 1))
-    over_time.semilogy(record["t"], tick, ".", ms=1.4, color=BLUE, rasterized=True)
-    over_time.set(xlabel="time [s]", ylabel="tick [µs]")
-    spread.hist(tick, bins=np.geomspace(tick.min(), tick.max() * 1.01, 50), orientation="horizontal", color=BLUE)
-    spread.set_xlabel("ticks")
-    lines = [_percentile_line((over_time, spread), tick, *entry) for entry in ((50, BLACK), (99, VERMILLION))]
-    if "dt" in record.meta:
-        threshold(over_time, 1e6 * record.meta["dt"], "control period")
-    heading_legend(figure, lines)
-    shade_phases([over_time], phase_spans(record), share=0.77)
-    return figure
-
-
-def _percentile_line(axes: Sequence[Axes], tick: np.ndarray, share: int, color: str) -> Line2D:
-    value = float(np.percentile(tick, share))
-    label = f"p{share}  {value:.0f} µs"
-    return [axis.axhline(value, color=color, lw=0.9, ls="--", label=label) for axis in axes][-1]
-
-
-@styled
-def figure_path(record: Record) -> Figure | None:
-    """The vehicle's path from above and from the side, coloured by phase, with the markers of the scenario."""
-    if not has_vehicle(record):
-        return None
-    figure = RecordFigure(figsize=(WIDTH, 3.3))
-    figure.suptitle("Path of the vehicle", fontsize=10, fontweight="bold", x=0.01, ha="left")
-    above, side = figure.subplots(1, 2)
-    for axis, (i, j) in ((above, (0, 1)), (side, (0, 2))):
-        _path_panel(axis, record, i, j)
-        axis.set(xlabel="x [m]", ylabel=f"{'xyz'[j]} [m]")
-        axis.set_aspect("equal", adjustable="datalim")
-        axis.margins(0.14)
-    if "floor_z" in record.meta:
-        side.axhline(record.meta["floor_z"], color="#8C6D46", lw=2, label="floor")
-    above.set_title("from above")
-    side.set_title("from the side")
-    side.legend(loc="best")
-    return figure
-
-
-def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
-    t, p = record["t"], record["q"][:, :3]
-    for k, span in enumerate(phase_spans(record)):
-        part = (t >= span.start) & (t <= span.end)
-        axis.plot(p[part, i], p[part, j], color=LINES[k % len(LINES)], lw=2, label=span.label)
-    axis.plot(p[0, i], p[0, j], "o", color=BLACK, ms=4)
-    for name, point in record.meta.get("markers", {}).items():
-        axis.plot(point[i], point[j], "*", color=BLACK, ms=7)
-        axis.annotate(name, (point[i], point[j]), xytext=(5, 4), textcoords="offset points", fontsize=7)
 
 
 FIGURES: Mapping[str, Callable[[Record], Figure | None]] = MappingProxyType(

@@ -11,12 +11,13 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.obstacles import Obstacle
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.planning import Obstacle, ObstacleData
+from uvms_ocp.planning import ObstacleData
 from uvms_ocp.record import Record
 from uvms_ocp.viz.meshcat_parts import AnimationClip, AnimationTrack, Visualizer
 from uvms_ocp.viz.meshcat_parts import geometry as mg
-from uvms_ocp.viz.series import phase_spans, quantity, require_rows
+from uvms_ocp.viz.series import floor_heights, phase_spans, quantity, require_rows
 from uvms_ocp.viz.shapes import Y_TO_Z, draw_shape, draw_triad, material, shifted, tube
 from uvms_ocp.viz.viewer import CommandLog, ScenePage, build_page
 
@@ -212,13 +213,13 @@ def _spaced(points: np.ndarray) -> np.ndarray:
 
 
 def _draw_goals(node: Visualizer, record: Record) -> None:
-    floor = record.meta.get("floor_z")
     for i, (name, point) in enumerate(record.meta.get("markers", {}).items()):
         rgb = _MARKERS[i % len(_MARKERS)]
         node[name]["ball"].set_object(mg.Sphere(0.06), material((*rgb, 0.75)))
         node[name].set_transform(shifted(np.asarray(point)))
-        if floor is not None and point[2] - floor > 0.2:
-            _draw_plumb(node[name]["plumb"], point[2] - floor, rgb)
+        floor = floor_heights(record, np.array([point[:2]]))
+        if floor is not None and point[2] - floor[0] > 0.2:
+            _draw_plumb(node[name]["plumb"], point[2] - floor[0], rgb)
     for name, pose in record.meta.get("frames", {}).items():
         draw_triad(node[f"frame {name}"], 0.35)
         node[f"frame {name}"].set_transform(pin.XYZQUATToSE3(np.asarray(pose, dtype=float)).homogeneous)
@@ -249,7 +250,8 @@ def _details(record: Record, robot: Robot, frames: Frames, centre: np.ndarray) -
         "duration": duration,
         "speed": next((s for s in _SPEEDS if duration / s <= _LONGEST_SHOW), _SPEEDS[-1]),
         "speeds": _SPEEDS,
-        "floor": None if "floor_z" not in meta else float(meta["floor_z"] - centre[2]),
+        "floor": None if "floor_z" not in meta else float(_lowest_floor(record) - centre[2]),
+        "relief": _relief(record, centre),
         "phases": [
             {"name": s.name, "title": s.title, "index": s.index, "start": s.start - start, "end": s.end - start}
             for s in phase_spans(record)
@@ -268,6 +270,21 @@ def _details(record: Record, robot: Robot, frames: Frames, centre: np.ndarray) -
         "hand": ["meshcat", "scene", "robot", _joint_node(robot.model, robot.model.njoints - 1)],
         "readouts": _readouts(record, frames),
     }
+
+
+def _lowest_floor(record: Record) -> float:
+    """Height [m] of the plane around a floor that is not flat, or of the flat floor."""
+    relief = record.meta.get("floor")
+    return float(record.meta["floor_z"]) if relief is None else float(np.min(relief["z"]))
+
+
+def _relief(record: Record, centre: np.ndarray) -> dict[str, Any] | None:
+    """The floor that is not flat, in the frame of the page."""
+    relief = record.meta.get("floor")
+    if relief is None:
+        return None
+    values = {axis: (np.array(relief[axis]) - centre[k]).round(3) for k, axis in enumerate("xyz")}
+    return {axis: value.tolist() for axis, value in values.items()}
 
 
 def _thinned(points: np.ndarray, limit: int = 400) -> np.ndarray:

@@ -3,7 +3,8 @@
 Entries of `Record.meta` that add to a figure or scene where they exist:
 ``thresholds`` list of {quantity, limit}; ``limits`` {position_lower, position_upper, velocity} as lists, joints last;
 ``frames`` {name: [p_WF (3), quaternion xyzw (4)]} drawn as triads; ``markers`` {name: point (3)}; ``floor_z``; ``dt``;
-``obstacles`` list of `uvms_ocp.planning.ObstacleData` as JSON.
+``obstacles`` list of `uvms_ocp.planning.ObstacleData` as JSON; ``floor`` {x (n), y (m), z (m, n)} of a floor that is not flat,
+as `uvms_ocp.sim.floor_relief` gives it.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import RegularGridInterpolator
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.record import Record
@@ -97,3 +99,16 @@ def joint_limits(record: Record, name: str) -> np.ndarray | None:
     """One of ``position_lower``, ``position_upper``, ``velocity`` (n_joints,) from ``meta["limits"]``."""
     values = record.meta.get("limits", {}).get(name)
     return None if values is None else np.asarray(values, dtype=float)[-n_joints(record) :]
+
+
+def floor_heights(record: Record, points: np.ndarray) -> np.ndarray | None:
+    """Height (n,) [m] of the floor at points (n, 2) [m] in W; `None` where the record knows no floor."""
+    relief = record.meta.get("floor")
+    if relief is not None:
+        grid = RegularGridInterpolator((relief["x"], relief["y"]), np.transpose(relief["z"]))
+        return np.asarray(grid(np.clip(points, *_corners(relief))))
+    return None if "floor_z" not in record.meta else np.full(len(points), float(record.meta["floor_z"]))
+
+
+def _corners(relief: Mapping[str, Any]) -> tuple[list[float], list[float]]:
+    return [relief["x"][0], relief["y"][0]], [relief["x"][-1], relief["y"][-1]]
