@@ -15,7 +15,6 @@ from uvms_ocp.control.plan_tracking import PlanTracker, carry_out
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.hydrodynamics import Water
-from uvms_ocp.model.kinematics import Kinematics
 from uvms_ocp.model.limits import Limits
 from uvms_ocp.model.robot import Robot, load_robot
 from uvms_ocp.model.state import State
@@ -35,7 +34,6 @@ from uvms_ocp.planning import (
     Smoothness,
     TaskTerm,
     hold,
-    plan_tool_motion,
     single_phase,
     through,
 )
@@ -322,10 +320,3 @@ def test_misuse_is_refused(robot: Robot) -> None:
         Transcription(reach(robot, constraints=(TaskTerm(task=UnderActuation(axes=(3,))),)))
     with pytest.raises(NameNotFound, match="phase"):
         reach(robot, constraints=(TaskTerm(task=NullVelocity(), phase="landing"),))
-
-
-def test_the_ready_made_plan_moves_the_tool_by_what_was_asked(robot: Robot) -> None:
-    plan = plan_tool_motion(robot, move=(0.5, 0.2, -0.3), duration=6.0, n_steps=10)
-    assert plan.status is OcpStatus.SOLVED
-    ends = [Kinematics(robot, plan.trajectory.q[k]).pose("tool") for k in (0, -1)]
-    np.testing.assert_allclose(ends[1].translation - ends[0].translation, [0.5, 0.2, -0.3], atol=1e-5)
