@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import casadi as ca
@@ -15,11 +15,12 @@ from uvms_ocp.control.plan_tracking import PlanTracker, carry_out
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.hydrodynamics import Water
-from uvms_ocp.model.kinematics import Kinematics
+from uvms_ocp.model.limits import Limits
 from uvms_ocp.model.robot import Robot, load_robot
 from uvms_ocp.model.state import State
 from uvms_ocp.model.thrusters import thruster_matrix
 from uvms_ocp.planning import (
+    Actuation,
     AtRest,
     Ball,
     BallClearance,
@@ -33,7 +34,6 @@ from uvms_ocp.planning import (
     Smoothness,
     TaskTerm,
     hold,
-    plan_tool_motion,
     single_phase,
     through,
 )
@@ -74,13 +74,25 @@ def robot() -> Robot:
 
 
 @pytest.fixture(scope="module")
+def weightless(robot: Robot) -> Robot:
+    model = pin.Model(robot.model)
+    model.gravity = pin.Motion.Zero()
+    return replace(robot, model=model)
+
+
+@pytest.fixture(scope="module")
 def planner(robot: Robot) -> Planner:
     return Planner(reach(robot))
 
 
+DRY: dict[str, object] = {"water": False, "limited": False, "actuation": Actuation.WRENCH}
+"""Nothing limits the forces, so that they are no variables."""
+
+
+@pytest.mark.parametrize("options", [{}, DRY, DRY | {"integrator": Integrator.EULER}], ids=["wet", "dry", "euler"])
 @pytest.mark.parametrize("plugin", ["ipopt", "fatrop"])
-def test_derivatives_equal_finite_differences(robot: Robot, plugin: str) -> None:
-    transcription = Transcription(reach(robot, n_steps=3), plugin=plugin)
+def test_derivatives_equal_finite_differences(robot: Robot, plugin: str, options: dict[str, object]) -> None:
+    transcription = Transcription(reach(robot, n_steps=3, **options), plugin=plugin)
     rng, p = np.random.default_rng(1), transcription.parameters()
     x = transcription.pack(hold(transcription.problem)) + 0.05 * rng.standard_normal(transcription.n_x)
     d, e = rng.standard_normal(transcription.n_x), 1e-6
@@ -124,6 +136,38 @@ def test_forces_are_those_of_the_motion_in_the_middle_of_every_step(robot: Robot
         wanted = dynamics.inverse_dynamics(q, v, a, Water(velocity=problem.current))
         given = np.concatenate([matrix @ trajectory.thrust[k], trajectory.torque[k]])
         np.testing.assert_allclose(given, wanted, atol=1e-3)
+
+
+def test_forces_that_are_no_variables_are_those_of_the_motion(weightless: Robot) -> None:
+    trajectory = Planner(reach(weightless, n_steps=10, **DRY)).plan().trajectory
+    data = weightless.model.createData()
+    for k, h in enumerate(np.diff(trajectory.t)):
+        wanted = pin.rnea(weightless.model, data, *trajectory.state_at(weightless.model, trajectory.t[k] + h / 2))
+        given = np.concatenate([trajectory.thrust[k], trajectory.torque[k]])
+        np.testing.assert_allclose(given, wanted, atol=1e-8)
+
+
+def test_plans_with_and_without_forces_as_variables_are_the_same(weightless: Robot) -> None:
+    unlimited = {field.name: np.full_like(getattr(weightless.limits, field.name), np.inf) for field in fields(Limits)}
+    unlimited["position_lower"] = -unlimited["position_lower"]
+    free = replace(weightless, limits=Limits(**unlimited))
+    problems = [reach(free, n_steps=10, **DRY | {"limited": limited}) for limited in (False, True)]
+    without, with_forces = (Planner(problem).plan().trajectory for problem in problems)
+    np.testing.assert_allclose(without.q, with_forces.q, atol=1e-5)
+    np.testing.assert_allclose(without.thrust, with_forces.thrust, atol=1e-2)
+
+
+def test_a_semi_implicit_step_moves_with_the_new_velocity_under_the_forces_of_the_old_state(weightless: Robot) -> None:
+    trajectory = Planner(reach(weightless, n_steps=10, **DRY, integrator=Integrator.EULER)).plan().trajectory
+    data = weightless.model.createData()
+    for k, h in enumerate(np.diff(trajectory.t)):
+        given = np.concatenate([trajectory.thrust[k], trajectory.torque[k]])
+        a = pin.aba(weightless.model, data, trajectory.q[k], trajectory.v[k], given)
+        v = trajectory.v[k] + h * a
+        np.testing.assert_allclose(trajectory.v[k + 1], v, atol=1e-7)
+        np.testing.assert_allclose(
+            trajectory.q[k + 1], pin.integrate(weightless.model, trajectory.q[k], h * v), atol=1e-7
+        )
 
 
 def test_both_solvers_find_the_same_cost(robot: Robot, planner: Planner) -> None:
@@ -319,10 +363,3 @@ def test_misuse_is_refused(robot: Robot) -> None:
         Transcription(reach(robot, constraints=(TaskTerm(task=UnderActuation(axes=(3,))),)))
     with pytest.raises(NameNotFound, match="phase"):
         reach(robot, constraints=(TaskTerm(task=NullVelocity(), phase="landing"),))
-
-
-def test_the_ready_made_plan_moves_the_tool_by_what_was_asked(robot: Robot) -> None:
-    plan = plan_tool_motion(robot, move=(0.5, 0.2, -0.3), duration=6.0, n_steps=10)
-    assert plan.status is OcpStatus.SOLVED
-    ends = [Kinematics(robot, plan.trajectory.q[k]).pose("tool") for k in (0, -1)]
-    np.testing.assert_allclose(ends[1].translation - ends[0].translation, [0.5, 0.2, -0.3], atol=1e-5)

@@ -96,20 +96,26 @@ class Plan:
         """Largest thrust of any thruster [N]."""
         return float(np.abs(self.trajectory.thrust).max(initial=0.0))
 
+    def powers(self) -> tuple[np.ndarray, np.ndarray]:
+        """Electrical power of every thruster (N, n_thrusters) and of every joint (N, n_joints) at the steps [W].
+
+        Thrusters take none where the plan is for a wrench instead, or the description knows no power.
+        """
+        description, thrust = self.robot.description, np.abs(self.trajectory.thrust)
+        thrusters = np.zeros_like(thrust)
+        if thrust.shape[1] == len(description.thrusters):
+            for i, thruster in enumerate(description.thrusters):
+                if thruster.power is not None:
+                    share = thrust[:, i] / thruster.power.thrust
+                    thrusters[:, i] = thruster.power.watts * share**thruster.power.exponent
+        rates = self.trajectory.v[:, self.robot.joint_v]
+        middle = (rates[:-1] + rates[1:]) / 2
+        return thrusters, np.abs(self.trajectory.torque * middle) / description.joint_efficiency
+
     @property
     def energy(self) -> float:
         """Electrical energy of thrusters and joints [J]."""
-        h, thrust = np.diff(self.trajectory.t), np.abs(self.trajectory.thrust)
-        description = self.robot.description
-        power = np.zeros(len(h))
-        for i, thruster in enumerate(description.thrusters):
-            if thruster.power is not None:
-                share = thrust[:, i] / thruster.power.thrust
-                power += thruster.power.watts * share**thruster.power.exponent
-        rates = self.trajectory.v[:, self.robot.joint_v]
-        middle = (rates[:-1] + rates[1:]) / 2
-        power += np.abs(self.trajectory.torque * middle).sum(axis=1) / description.joint_efficiency
-        return float(h @ power)
+        return float(np.diff(self.trajectory.t) @ np.hstack(self.powers()).sum(axis=1))
 
     def summary(self) -> dict[str, Any]:
         """Plain numbers and texts, ready for JSON."""

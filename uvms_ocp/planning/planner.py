@@ -11,7 +11,7 @@ import numpy as np
 from uvms_ocp.planning.first_step import impossible_start
 from uvms_ocp.planning.ocp import OcpPhase, OcpProblem
 from uvms_ocp.planning.plan import LevelReport, OcpStatus, Plan
-from uvms_ocp.planning.terms import Duration, Effort, Energy, Smoothness
+from uvms_ocp.planning.terms import Duration, Effort, Energy, Posture, Smoothness
 from uvms_ocp.planning.trajectory import Trajectory, hold
 from uvms_ocp.planning.transcription import Transcription
 from uvms_ocp.solvers.lexicographic import LexicographicNlp, LexicographicResult, NlpOptions
@@ -20,7 +20,7 @@ from uvms_ocp.solvers.nlp_status import NlpStatus
 _MISSED = 1e-3  # weighted residual of a goal level from which it counts as missed
 _LONGER = (2.0, 4.0)  # shares of the horizon that are tried to tell "too short" from "unreachable"
 _HELPS = 0.9  # share of the residual that more time must leave at most to count as a help
-_COSTS = (Effort, Energy, Smoothness, Duration)
+_COSTS = (Effort, Energy, Smoothness, Duration, Posture)
 
 
 Verdict: TypeAlias = tuple[OcpStatus, str]

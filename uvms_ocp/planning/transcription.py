@@ -131,7 +131,8 @@ class Transcription:
         for k in range(self.N + 1):
             j = min(k, self.N - 1)
             shares = (trajectory.thrust[j] / actuators.thrust_unit, trajectory.torque[j] / actuators.torque_unit)
-            z = np.concatenate([trajectory.q[k], trajectory.v[k], [h[j]], trajectory.a[j], *shares])
+            inputs = shares if self.model.decides_forces else ()
+            z = np.concatenate([trajectory.q[k], trajectory.v[k], [h[j]], trajectory.a[j], *inputs])
             columns = self.columns(k)
             x[columns[columns >= 0]] = z[columns >= 0]
         return x
@@ -144,13 +145,15 @@ class Transcription:
             columns = self.columns(k)
             Z[k, columns >= 0] = x[columns[columns >= 0]]
         steps = Z[:-1, layout.h] if self._free else np.diff(self.problem.nominal_times())
+        Z[:-1, layout.h] = steps
+        thrust, torque = (np.array(part).T for part in self.model.inputs_function.map(self.N)(Z[:-1].T))
         return Trajectory(
             t=np.concatenate([[0.0], np.cumsum(steps)]),
             q=Z[:, layout.q],
             v=Z[:, layout.v],
             a=Z[:-1, layout.a],
-            thrust=Z[:-1, layout.thrust] * actuators.thrust_unit,
-            torque=Z[:-1, layout.torque] * actuators.torque_unit,
+            thrust=thrust * actuators.thrust_unit,
+            torque=torque * actuators.torque_unit,
         )
 
     # --- blocks and rows --------------------------------------------------------------------------
@@ -165,7 +168,7 @@ class Transcription:
         self._Z_last = ca.vertcat(last, tail)
         self._next = ca.horzcat(W[: self.n_state, 1:], last)
         self._water = self._p[n_q_v : n_q_v + 3]
-        self._n_dynamics = layout.n_q + 2 * layout.n_v
+        self._n_dynamics = n_q_v + layout.n_v * self.model.decides_forces
         self._first_init = self.N * self._n_dynamics
         self._first_steps = self._first_init + n_q_v
         self._blocks: list[Block] = []
