@@ -34,7 +34,7 @@ from uvms_ocp.planning import (
     solve_ocp,
 )
 from uvms_ocp.record import Record
-from uvms_ocp.solvers.lexicographic import PLUGINS
+from uvms_ocp.solvers.nlp_options import PLUGINS
 
 _PLAN_PERIOD = 0.02  # [s] between rows of plan.csv
 _Triple = tuple[float, float, float]
