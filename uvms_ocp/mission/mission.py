@@ -1,158 +1,21 @@
-"""Which tasks act when: phases, their transitions, and the log of why ([Gao2022] figures 3 and 4).
-
-`Mission` is a value without memory. Its memory is `MissionState`, another value: `Mission.step` maps one to the next.
-"""
+"""Phases over one hierarchy, and how the state of a mission follows from what is measured."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.mission.conditions import ABORT, DONE, Transition
+from uvms_ocp.mission.diagram import closure, mermaid, successors, text_table
+from uvms_ocp.mission.phase import Event, MissionState, Phase
 from uvms_ocp.tasks.activation import Bell
 from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.task import StopAhead, Task
-
-DONE, ABORT = "done", "abort"
-"""Where a mission ends: as wanted, or given up."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Below:
-    """True once a measured quantity, named ``task.quantity``, is below `limit`, until it reaches `release` again.
-
-    Without `release` there is no hysteresis: both are the same.
-    """
-
-    quantity: str
-    limit: float
-    release: float | None = None
-
-    def __post_init__(self) -> None:
-        _check_threshold(self.quantity, self.limit)
-        if self.release is not None and not (math.isfinite(self.release) and self.release >= self.limit):
-            raise InvalidInput(f"release of {self.quantity} = {self.release}; give at least the limit {self.limit:g}")
-
-    def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
-        """Whether it is true now, given whether it was `held` to be true before."""
-        limit = self.limit if self.release is None or not held else self.release
-        return quantities[self.quantity] < limit
-
-    def describe(self, quantities: Mapping[str, float]) -> str:
-        """One clause with the measured value, true or not."""
-        sign = "<" if self.holds(quantities) else "not <"
-        return f"{self.quantity} = {quantities[self.quantity]:.4g} {sign} {self.limit:g}"
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Above:
-    """True once a measured quantity exceeds `limit`, and until it falls to `release`; mirror of `Below`."""
-
-    quantity: str
-    limit: float
-    release: float | None = None
-
-    def __post_init__(self) -> None:
-        _check_threshold(self.quantity, self.limit)
-        if self.release is not None and not (math.isfinite(self.release) and self.release <= self.limit):
-            raise InvalidInput(f"release of {self.quantity} = {self.release}; give at most the limit {self.limit:g}")
-
-    def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
-        """Whether it is true now, given whether it was `held` to be true before."""
-        limit = self.limit if self.release is None or not held else self.release
-        return quantities[self.quantity] > limit
-
-    def describe(self, quantities: Mapping[str, float]) -> str:
-        """One clause with the measured value, true or not."""
-        sign = ">" if self.holds(quantities) else "not >"
-        return f"{self.quantity} = {quantities[self.quantity]:.4g} {sign} {self.limit:g}"
-
-
-Condition: TypeAlias = Below | Above
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Transition:
-    """Leads to phase `to` (or `DONE`, or `ABORT`) once every condition has held for `hold` seconds without a gap.
-
-    A transition to an earlier phase is a back-step. It fires at most `retries` times; the next time the mission is
-    given up, with that as the reason.
-    """
-
-    to: str
-    when: tuple[Condition, ...]
-    hold: float = 0.0  # [s]
-    retries: int | None = None  # None: as often as it likes
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.when, tuple):
-            raise InvalidInput(f"transition to {self.to!r}: when = {self.when!r}; give a tuple of conditions")
-        if not self.when:
-            raise InvalidInput(f"transition to {self.to!r} has no conditions; give at least one")
-        if not (math.isfinite(self.hold) and self.hold >= 0):
-            raise InvalidInput(f"transition to {self.to!r}: hold = {self.hold} s; give a finite time >= 0")
-        if self.retries is not None and self.retries < 0:
-            raise InvalidInput(f"transition to {self.to!r}: retries = {self.retries}; give 0 or more")
-
-    def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
-        return all(condition.holds(quantities, held) for condition in self.when)
-
-    def describe(self, quantities: Mapping[str, float]) -> str:
-        return ", ".join(condition.describe(quantities) for condition in self.when)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Phase:
-    """One action: the external activation of each task, and what ends it.
-
-    `gates` maps task names to values in [0, 1]; tasks that are not named are off. `goals` maps task names to goals that
-    replace the task's own during this phase; those that move count their time from the start of the phase.
-    """
-
-    name: str
-    title: str = ""
-    gates: Mapping[str, float]
-    transitions: tuple[Transition, ...]
-    goals: Mapping[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.transitions, tuple):
-            raise InvalidInput(f"phase {self.name!r}: transitions = {self.transitions!r}; give a tuple of transitions")
-        bad = {name: gate for name, gate in self.gates.items() if not 0 <= gate <= 1}
-        if bad:
-            raise InvalidInput(f"phase {self.name!r}: activations {bad}; give values from 0 to 1")
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class MissionState:
-    """Where a mission is."""
-
-    phase: int
-    since: float  # [s] start of the phase
-    gates_before: np.ndarray  # (n_tasks,) gates when the phase began; the bell leads on from them
-    held_since: tuple[float | None, ...]  # [s] since when each transition of the phase holds
-    completed: bool = False
-    aborted: str = ""  # why the mission was given up
-    fired: Mapping[tuple[int, int], int] = field(default_factory=dict)  # how often, by phase and transition
-
-    @property
-    def over(self) -> bool:
-        """The mission has ended, one way or the other."""
-        return self.completed or bool(self.aborted)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Event:
-    """Why a phase ended."""
-
-    t: float  # [s]
-    source: str
-    target: str
-    reason: str
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -250,14 +113,7 @@ class Mission:
 
     def __str__(self) -> str:
         """The table of `table` as text, 1 for on and a dot for off, with the titles of the phases below."""
-        width = max(len(name) for name in (*self.hierarchy.names, "task"))
-        columns = [max(len(name), 4) for name in self.phase_names]
-        head = [name.rjust(size) for name, size in zip(self.phase_names, columns, strict=True)]
-        lines = [f"{'task'.ljust(width)}  {'type':<9} {' '.join(head)}"]
-        for task, gates in zip(self.hierarchy.tasks, self._targets.T, strict=True):
-            cells = [(f"{gate:g}" if gate else ".").rjust(size) for gate, size in zip(gates, columns, strict=True)]
-            lines.append(f"{task.name.ljust(width)}  {task.label:<9} {' '.join(cells)}")
-        return "\n".join([*lines, *(f"{phase.name}: {phase.title}" for phase in self.phases if phase.title)])
+        return text_table(self.hierarchy, self.phases, self._targets)
 
     def _clock(self, state: MissionState, task: Task, t: float) -> float:
         """Time [s] that a task's goal sees: since the start of the phase where the goal is the phase's own."""
@@ -265,23 +121,17 @@ class Mission:
 
     def unreachable_phases(self) -> tuple[str, ...]:
         """Names of the phases that no chain of transitions leads to from the first."""
-        reached = _closure({self.phase_names[0]}, self._successors())
+        reached = closure({self.phase_names[0]}, successors(self.phases))
         return tuple(name for name in self.phase_names if name not in reached)
 
     def phases_without_exit(self) -> tuple[str, ...]:
         """Names of the phases from which no chain of transitions leads to `DONE`."""
-        return tuple(name for name in self.phase_names if DONE not in _closure({name}, self._successors()))
+        edges = successors(self.phases)
+        return tuple(name for name in self.phase_names if DONE not in closure({name}, edges))
 
     def mermaid(self) -> str:
         """The phases and transitions as a state diagram in Mermaid's notation."""
-        lines = ["stateDiagram-v2", f"    [*] --> {self.phase_names[0]}"]
-        for phase in self.phases:
-            lines.append(f"    {phase.name} : {phase.name} {phase.title}".rstrip())
-            lines += [f"    {phase.name} --> {_arrow(transition)}" for transition in phase.transitions]
-        return "\n".join(lines) + "\n"
-
-    def _successors(self) -> dict[str, set[str]]:
-        return {phase.name: {transition.to for transition in phase.transitions} for phase in self.phases}
+        return mermaid(self.phases)
 
     def _follow(
         self, state: MissionState, index: int, t: float, quantities: Mapping[str, float]
@@ -335,26 +185,3 @@ def _held(transition: Transition, since: float | None, t: float, quantities: Map
 def _reason(transition: Transition, quantities: Mapping[str, float]) -> str:
     held = f" for {transition.hold:g} s" if transition.hold else ""
     return transition.describe(quantities) + held
-
-
-def _check_threshold(quantity: str, limit: float) -> None:
-    if not (math.isfinite(limit) and limit > 0):
-        raise InvalidInput(f"threshold of {quantity} = {limit}; give a finite value > 0")
-
-
-def _closure(names: set[str], successors: Mapping[str, set[str]]) -> set[str]:
-    """Everything that can be reached from `names`, themselves included."""
-    reached, fresh = set(names), set(names)
-    while fresh:
-        fresh = set().union(*(successors.get(name, set()) for name in fresh)) - reached
-        reached |= fresh
-    return reached
-
-
-def _arrow(transition: Transition) -> str:
-    signs = {Below: "<", Above: ">"}
-    conditions = ", ".join(f"{c.quantity} {signs[type(c)]} {c.limit:g}" for c in transition.when)
-    held = f" for {transition.hold:g} s" if transition.hold else ""
-    retries = "" if transition.retries is None else f" (at most {transition.retries} times)"
-    target = "[*]" if transition.to in (DONE, ABORT) else transition.to
-    return f"{target} : {conditions}{held}{retries}"
