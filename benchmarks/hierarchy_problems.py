@@ -13,8 +13,6 @@ from uvms_ocp.scenarios import case1
 from uvms_ocp.solvers import Level, LexicographicActiveSet, Tick, TickResult
 from uvms_ocp.solvers.level import gated_bounds, row_slices
 
-EVERY = 4  # of the recorded ticks
-
 
 @dataclass(frozen=True, kw_only=True)
 class Problem:
@@ -75,9 +73,9 @@ def _gated(level: Level) -> Level:
 
 
 def problems(n_random: int) -> list[Problem]:
-    """All problems; the recorded ticks are every `EVERY`-th of the run."""
+    """All problems."""
     problem, inputs = recorded_ticks()
-    case = [levels_of(problem, given) for given in inputs[::EVERY]]
+    case = [levels_of(problem, given) for given in inputs]
     found = [Problem(name="case1", warm=True, sets=case)]
     for n, sizes in ((7, (7, 2, 3, 2, 7)), (13, (13, 3, 6, 1, 1, 6, 4, 6, 3, 3, 13)), (60, (60, 9, 20, 12, 30, 60))):
         sets = [random_hierarchy(np.random.default_rng(seed), n, sizes) for seed in range(n_random)]
@@ -88,6 +86,39 @@ def problems(n_random: int) -> list[Problem]:
         ]
         found.append(Problem(name=name, warm=False, sets=sets))
     return found
+
+
+def exactness_problems(count: int) -> list[Problem]:
+    """`count` hierarchies whose rows are independent, dependent, or separated by 1e-4."""
+    share, structures = count // 5, ((7, (7, 2, 3, 2, 7)), (13, (13, 3, 6, 1, 1, 6, 4, 6, 3, 3, 13)))
+    kinds = [
+        Problem(
+            name=f"exactness, random n={n}",
+            warm=False,
+            sets=[random_hierarchy(np.random.default_rng([7, seed]), n, sizes) for seed in range(share)],
+        )
+        for n, sizes in structures
+    ]
+    for nearly in (0.0, 1e-4, 1e-3):
+        sets = [
+            dependent_hierarchy(np.random.default_rng([7, seed]), 13, (6, 6, 6, 3, 13), nearly) for seed in range(share)
+        ]
+        kinds.append(Problem(name=f"exactness, dependent to {nearly:g}", warm=False, sets=sets))
+    return kinds
+
+
+def random_states(inputs: Sequence[tuple[np.ndarray, ...]], count: int = 3000) -> list[tuple[np.ndarray, ...]]:
+    """Recorded ticks with another attitude, place, posture and velocity."""
+    rng, states = np.random.default_rng(0), []
+    for _ in range(count):
+        q, v, _, altitude, *rest = (x.copy() for x in inputs[rng.integers(len(inputs))])
+        q[:3] += rng.uniform(-2.0, 2.0, 3)
+        q[3:7] = rng.standard_normal(4)
+        q[3:7] /= np.linalg.norm(q[3:7])
+        q[7:] += rng.uniform(-0.5, 0.5, len(q) - 7)
+        v = rng.uniform(-0.3, 0.3, len(v))
+        states.append((q, v, v, altitude * rng.uniform(0.2, 2.0), *rest))
+    return states
 
 
 def random_hierarchy(rng: np.random.Generator, n: int, sizes: tuple[int, ...]) -> list[Level]:

@@ -15,7 +15,7 @@ import numpy as np
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.tasks.activation import Bell
 from uvms_ocp.tasks.hierarchy import Hierarchy
-from uvms_ocp.tasks.task import Task
+from uvms_ocp.tasks.task import StopAhead, Task
 
 DONE, ABORT = "done", "abort"
 """Where a mission ends: as wanted, or given up."""
@@ -199,14 +199,16 @@ class Mission:
 
     def gates(self, state: MissionState, t: float) -> np.ndarray:
         """External activation (n_tasks,) of each task at time t [s] ([Gao2022] eq. 22 in time)."""
-        blend = float(Bell(0.0, self.ramp).increasing(t - state.since)) if self.ramp > 0 else 1.0
+        if t - state.since >= self.ramp:
+            return self._targets[state.phase].copy()
+        blend = float(Bell(0.0, self.ramp).increasing(t - state.since))
         return (1 - blend) * state.gates_before + blend * self._targets[state.phase]
 
     def reference(self, state: MissionState, t: float) -> np.ndarray:
         """Goals of all tasks at time t [s], one after the other, as `Task.reference` gives them."""
         return np.concatenate([task.reference(self._clock(state, task, t)) for task in self._tasks[state.phase]])
 
-    def parameters(self, state: MissionState, t: float, q: np.ndarray) -> np.ndarray:
+    def parameters(self, state: MissionState, t: float, q: np.ndarray, stop: StopAhead | None = None) -> np.ndarray:
         """Parameters of all tasks at time t [s] and measured configuration q (n_q,), as `Task.parameters` gives them.
 
         Tasks that are off, and stay off, are not asked for what they would have to measure.
@@ -214,7 +216,7 @@ class Mission:
         off = (self._targets[state.phase] == 0) & (self.gates(state, t) == 0)
         return np.concatenate(
             [
-                task.reference(time) if idle else task.parameters(time, q)
+                task.reference(time) if idle else task.parameters(time, q, stop)
                 for task, idle in zip(self._tasks[state.phase], off, strict=True)
                 for time in [self._clock(state, task, t)]
             ]

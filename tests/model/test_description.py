@@ -33,7 +33,7 @@ MISTAKES = {
     "misspelt key": ("water_densty: 1000", "water_densty", "unknown key; did you mean 'water_density'?"),
     "true for a number": ("water_density: true", "water_density: given 'true';", "allowed: a valid number"),
     "millimetres": (coefficients("volume: 1, centre_of_buoyancy: [0, 0, 100]"), "centre_of_buoyancy.2", "50"),
-    "unknown key": ("qqq: 1000", "qqq", "unknown key; known keys of all sections"),
+    "unknown key": ("qqq: 1000", "qqq", "unknown key; known here: altimeter, base"),
     "unknown key in a thruster": (f"thrusters: [{{{THRUSTER}, colour: red}}]", r"thrusters.0.colour", "unknown key"),
     "word for a number": ("water_density: heavy", "water_density", "'heavy'"),
     "density in g/cm3": ("water_density: 1", "water_density: given 1;", "greater than or equal to 900"),
@@ -101,6 +101,17 @@ def test_a_mistake_is_one_line_that_names_file_key_and_range(mistake: str, tmp_p
     assert allowed in message
     assert "hydrodynamics.yaml" in message
     assert "\n" not in message
+
+
+def test_several_mistakes_are_told_at_once_and_a_section_knows_its_own_keys(tmp_path: Path) -> None:
+    text = "water_density: heavy\n" + coefficients("volumn: 1, qqq: 2")
+    with pytest.raises(RobotDataError) as caught:
+        read(tmp_path, text)
+    first, second, third = str(caught.value).split("; and ")
+    assert "water_density: given 'heavy'" in first
+    assert second == "links.hull.coefficients.volumn: unknown key; did you mean 'volume'?"
+    assert third.startswith("links.hull.coefficients.qqq: unknown key; known here: added_mass, centre_of_buoyancy, ")
+    assert "water_density" not in third
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

@@ -37,6 +37,7 @@ from uvms_ocp.planning import (
     single_phase,
     through,
 )
+from uvms_ocp.planning.first_step import impossible_start
 from uvms_ocp.planning.stage import StageModel
 from uvms_ocp.planning.transcription import Transcription
 from uvms_ocp.sim import DynamicPlant, Environment, FlatSeafloor
@@ -269,20 +270,62 @@ def test_a_clearance_is_kept_on_the_way(robot: Robot) -> None:
     assert distance.min() >= 0.9 + 0.5 + 0.1 - 1e-5
 
 
-def test_limits_that_cannot_be_kept_name_the_constraint(planner: Planner, robot: Robot) -> None:
+def test_a_start_that_is_too_fast_for_the_limits_is_proven_impossible(planner: Planner, robot: Robot) -> None:
     tumbling = np.zeros(robot.n_v)
     tumbling[4] = 5.0
     plan = planner.plan(replace(planner.problem, start=State(q=planner.problem.start.q, v=tumbling)))
     assert plan.status is OcpStatus.INFEASIBLE
-    assert "cannot be kept" in plan.reason
+    assert "pitch rate starts at 5" in plan.reason
+    assert plan.iterations == 0
     assert np.isfinite(plan.trajectory.q).all()
 
 
-def test_a_time_limit_ends_the_solve_without_a_nan(robot: Robot) -> None:
-    plan = Planner(reach(robot), NlpOptions(time_limit=0.02)).plan()
+def test_a_joint_that_runs_into_its_stop_is_proven_impossible(planner: Planner, robot: Robot) -> None:
+    q, v, joint = planner.problem.start.q.copy(), np.zeros(robot.n_v), 3
+    q[7 + joint] = robot.limits.position_upper[joint] - 1e-3
+    v[6 + joint] = robot.limits.velocity[6 + joint]
+    plan = planner.plan(replace(planner.problem, start=State(q=q, v=v)))
+    assert plan.status is OcpStatus.INFEASIBLE
+    assert "'joint4'" in plan.reason
+    assert "first step" in plan.reason
+
+
+def test_the_limits_of_the_first_step_condemn_no_start_that_has_a_plan(planner: Planner, robot: Robot) -> None:
+    moving = np.zeros(robot.n_v)
+    moving[0], moving[9] = 0.3, 0.2
+    problem = replace(planner.problem, start=State(q=planner.problem.start.q, v=moving))
+    assert planner.plan(problem).status is OcpStatus.SOLVED
+    assert impossible_start(problem) is None
+
+
+def test_a_current_that_thrusters_cannot_hold_against_names_level_and_constraint(robot: Robot) -> None:
+    problem = reach(robot, current=np.array([3.0, 0.0, 0.0]), n_steps=10)
+    plan = Planner(problem, NlpOptions(time_limit=10.0)).plan()
+    assert plan.status in (OcpStatus.INFEASIBLE, OcpStatus.UNFINISHED)
+    assert "level 'tool'" in plan.reason
+    assert "broken by" in plan.reason
+    assert "loosen" in plan.advice
+    assert np.isfinite(plan.trajectory.q).all()
+
+
+@pytest.mark.parametrize("limit", [0.02, 0.6])
+def test_the_time_limit_holds_for_the_whole_plan_without_a_nan(robot: Robot, planner: Planner, limit: float) -> None:
+    far = TaskTerm(task=tool_goal(robot, planner.problem.start.q, (100.0, 0.0, 0.0)))
+    problem = reach(robot, levels=[OcpLevel(name="tool", terms=(far,)), CHEAP])
+    plan = Planner(problem, NlpOptions(time_limit=limit, max_iterations=3000)).plan()
+    assert plan.status in (OcpStatus.UNFINISHED, OcpStatus.MISSED, OcpStatus.TOO_SHORT)
+    assert plan.solve_time < limit + 2.0
+    assert np.isfinite(plan.trajectory.q).all()
+
+
+def test_a_limit_of_iterations_is_no_proof_of_infeasibility(robot: Robot) -> None:
+    plan = Planner(reach(robot), NlpOptions(max_iterations=3)).plan()
     assert plan.status is OcpStatus.UNFINISHED
-    assert plan.solve_time < 2.0
-    assert np.isfinite(plan.trajectory.q).all()
+    assert "iteration limit" in plan.reason
+
+
+def test_a_missed_goal_is_not_called_unreachable_before_more_time_was_tried(planner: Planner, robot: Robot) -> None:
+    assert planner.plan(reach(robot, duration=1.2), diagnose=False).status is OcpStatus.MISSED
 
 
 def test_the_magnus_integrator_follows_constant_acceleration_more_closely(robot: Robot) -> None:

@@ -60,16 +60,44 @@ def test_dependent_and_conflicting_rows_are_solved_exactly(n: int, sizes: tuple[
         assert solution.certificate(levels) < 1e-9, seed
 
 
-@pytest.mark.parametrize("nearly", [1e-9, 1e-8, 1e-7, 1e-6, 1e-5])
+@pytest.mark.parametrize("nearly", [1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5])
 @pytest.mark.parametrize("compiled", [True, False])
 def test_nearly_dependent_rows_end_with_a_truthful_status(nearly: float, compiled: bool) -> None:
     solver = LexicographicActiveSet(cascade=False, compiled=compiled)
-    for seed in range(40 if compiled else 8):
-        levels = _dependent_hierarchy(seed, 7, (1, 0, 6, 2, 7), nearly)
+    for n, sizes in ((4, (3, 2, 2)), (7, (1, 0, 6, 2, 7))):
+        for seed in range(60 if compiled else 8):
+            levels = _dependent_hierarchy(seed, n, sizes, nearly)
+            solution = solver.solve(levels)
+            assert np.isfinite(solution.v).all()
+            if solution.status.exact:
+                assert solution.certificate(levels) < 2e-8, (n, seed)
+
+
+def test_rows_dependent_to_1e_5_are_solved() -> None:
+    for seed in range(60):
+        levels = _dependent_hierarchy(seed, 7, (1, 0, 6, 2, 7), 1e-5)
+        assert LexicographicActiveSet(cascade=False).solve(levels).status.exact, seed
+
+
+@pytest.mark.parametrize(
+    "solver", [LexicographicActiveSet(cascade=False), LexicographicActiveSet(cascade=False, compiled=False)]
+)
+@pytest.mark.parametrize("decades", [1, 4])
+def test_rows_of_very_different_scale_end_with_a_truthful_status(solver: LexicographicActiveSet, decades: int) -> None:
+    exact = 0
+    for seed in range(40 if solver.compiled else 8):
+        rng = np.random.default_rng(seed)
+        sizes = [
+            10.0 ** rng.uniform(-decades, decades, level.n_rows) for level in random_hierarchy(seed, 8, (8, 2, 4, 2, 8))
+        ]
+        levels = [
+            Level(jacobian=level.jacobian * f[:, None], lower=level.lower * f, upper=level.upper * f)
+            for level, f in zip(random_hierarchy(seed, 8, (8, 2, 4, 2, 8)), sizes, strict=True)
+        ]
         solution = solver.solve(levels)
-        assert np.isfinite(solution.v).all()
-        if solution.status.exact:
-            assert solution.certificate(levels) < 1e-7, seed
+        exact += solution.status.exact
+        assert not solution.status.exact or solution.certificate(levels) < 2e-8, seed
+    assert exact > 0
 
 
 def test_what_is_given_up_on_nearly_dependent_rows_is_never_the_box_on_top() -> None:
@@ -202,6 +230,21 @@ def test_the_cascade_takes_over_where_the_method_gives_up(monkeypatch: pytest.Mo
     assert solution.certificate(levels) < 1e-9
     monkeypatch.undo()
     np.testing.assert_allclose(solution.v, COMPILED.solve(levels).v, atol=1e-8)
+
+
+def test_no_fallback_begins_after_the_time_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    def lost(J: np.ndarray, low: np.ndarray, up: np.ndarray, state: np.ndarray, sizes: tuple[int, ...]) -> tuple:
+        return np.zeros(J.shape[1]), state, Outcome.LIMIT, 1
+
+    def never(*_: object) -> None:
+        raise AssertionError("the cascade began after the time limit")
+
+    monkeypatch.setattr(active_set_tick, "lexicographic_least_squares", lost)
+    monkeypatch.setattr(LexicographicQp, "solve", never)
+    solution = LexicographicActiveSet(compiled=False, time_limit=1e-9).solve(random_hierarchy(1))
+    assert solution.status is Status.INEXACT
+    with pytest.raises(InvalidInput, match="time_limit = 0"):
+        LexicographicActiveSet(time_limit=0.0)
 
 
 def test_a_velocity_that_is_not_certified_is_called_inexact(monkeypatch: pytest.MonkeyPatch) -> None:

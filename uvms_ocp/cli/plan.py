@@ -34,6 +34,7 @@ from uvms_ocp.planning import (
     solve_ocp,
 )
 from uvms_ocp.record import Record
+from uvms_ocp.solvers.nlp_options import PLUGINS
 
 _PLAN_PERIOD = 0.02  # [s] between rows of plan.csv
 _Triple = tuple[float, float, float]
@@ -67,7 +68,7 @@ def plan(
     current: Annotated[
         _Triple | None, typer.Option(metavar="X Y Z", help="ocp: current in W [m/s]; default: none.")
     ] = None,
-    nlp: Annotated[str | None, typer.Option(help="ocp: NLP solver, ipopt or fatrop; default: ipopt.")] = None,
+    nlp: Annotated[str | None, typer.Option(help=f"ocp: {' or '.join(PLUGINS)}; default: {PLUGINS[0]}.")] = None,
     out: Annotated[Path, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")] = Path(
         "uvms_runs/plan"
     ),

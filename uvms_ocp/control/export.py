@@ -15,7 +15,8 @@ from uvms_ocp.control.kinematic import HierarchySolver
 from uvms_ocp.control.levels import LevelsProblem
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers import Tick, TickResult
-from uvms_ocp.solvers.active_set import core_source, gated_levels
+from uvms_ocp.solvers.active_set import core_source
+from uvms_ocp.solvers.tick import dense
 
 TEMPLATES = ("tick.c", "example.c", "CMakeLists.txt")
 _WINDOW = 25  # ticks recorded from the start and from every change of the gates
@@ -66,7 +67,7 @@ def write_tick(problem: LevelsProblem, ticks: Sequence[RecordedTick], folder: Pa
     """
     if not ticks:
         raise InvalidInput("no recorded tick to compare with; run the scenario for at least one tick")
-    levels = gated_levels(problem.function)
+    levels = dense(problem.function)
     for name, text in {
         "levels.c": _generated(levels),
         "active_set.c": core_source(problem.function.size2_out(0), problem.sizes),

@@ -6,7 +6,6 @@ SI units throughout; angles in rad. Vectors are in the link's own frame, forward
 
 from __future__ import annotations
 
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -15,6 +14,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from uvms_ocp.exceptions import InvalidInput, RobotDataError
+from uvms_ocp.model.validation import one_line
 
 NonNegative = Annotated[float, Field(ge=0.0)]
 Positive = Annotated[float, Field(gt=0.0)]
@@ -267,7 +267,7 @@ def read_description(path: Path, variant: Path | None = None) -> RobotDescriptio
     try:
         return RobotDescription.model_validate(content)
     except ValidationError as error:
-        raise RobotDataError(variant or path, _one_line(error)) from None
+        raise RobotDataError(variant or path, one_line(error, RobotDescription)) from None
 
 
 def _read_mapping(path: Path) -> dict[str, Any]:
@@ -290,7 +290,7 @@ def checked_copy(description: RobotDescription, **changes: object) -> RobotDescr
     try:
         return RobotDescription.model_validate({**dict(description), **changes})
     except ValidationError as error:
-        raise InvalidInput(_one_line(error)) from None
+        raise InvalidInput(one_line(error, RobotDescription)) from None
 
 
 def _read_yaml(path: Path) -> object:
@@ -321,37 +321,3 @@ def _word(loader: _UniqueKeys, node: yaml.ScalarNode) -> str:
 
 _UniqueKeys.add_constructor("tag:yaml.org,2002:bool", _word)
 _UniqueKeys.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping_with_unique_keys)
-
-
-def _one_line(error: ValidationError) -> str:
-    problems = error.errors(include_url=False)
-    worst = _best_match(problems)
-    key = ".".join(str(part) for part in worst["loc"] if "[" not in str(part)) or "file"
-    more = f" ({len(problems) - 1} more)" if len(problems) > 1 else ""
-    return f"{key}: {_problem(worst)}{more}"
-
-
-def _problem(problem: Any) -> str:
-    if problem["type"] == "missing":
-        return "missing; give it a value"
-    if problem["type"] == "extra_forbidden":
-        return f"unknown key{_did_you_mean(str(problem['loc'][-1]))}"
-    message = problem["msg"].removeprefix("Value error, ").replace("Input should be", "allowed:")
-    return f"given {_short(problem['input'])}; {message.partition(', unable to parse')[0]}"
-
-
-def _did_you_mean(key: str) -> str:
-    sections = (*_Section.__subclasses__(), *_Shape.__subclasses__())
-    known = {name for section in sections for name in section.model_fields}
-    close = get_close_matches(key, sorted(known), n=1)
-    return f"; did you mean {close[0]!r}?" if close else f"; known keys of all sections: {', '.join(sorted(known))}"
-
-
-def _best_match(problems: list[Any]) -> Any:
-    # A value that fits no alternative of "diagonal or matrix" is reported for each; the deepest helps most.
-    return max(problems, key=lambda problem: len(problem["loc"])) if len(problems) > 1 else problems[0]
-
-
-def _short(value: object) -> str:
-    text = " ".join(repr(value).split())
-    return text if len(text) <= 60 else text[:57] + "..."

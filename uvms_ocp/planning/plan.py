@@ -17,9 +17,15 @@ from uvms_ocp.solvers.lexicographic import LexicographicResult
 
 
 class OcpStatus(Enum):
-    """Verdict on a plan; ``advice`` says what to change."""
+    """Verdict on a plan; ``advice`` says what to change.
+
+    MISSED: a goal is not met, and longer horizons were not tried. UNREACHABLE: they were, up to four times the time, and
+    did not help. INFEASIBLE: the start is proven impossible, or the solver ended where no small change brings the
+    constraints any nearer. UNFINISHED proves nothing.
+    """
 
     SOLVED = "solved"
+    MISSED = "goal missed"
     TOO_SHORT = "horizon too short"
     UNREACHABLE = "unreachable"
     INFEASIBLE = "infeasible"
@@ -34,16 +40,17 @@ class OcpStatus(Enum):
     @property
     def usable(self) -> bool:
         """True if the trajectory keeps all constraints; goals may still be missed."""
-        return self in (OcpStatus.SOLVED, OcpStatus.TOO_SHORT, OcpStatus.UNREACHABLE)
+        return self in (OcpStatus.SOLVED, OcpStatus.MISSED, OcpStatus.TOO_SHORT, OcpStatus.UNREACHABLE)
 
 
 _ADVICE = {
     OcpStatus.SOLVED: "nothing to do",
+    OcpStatus.MISSED: "why is not known: give it more time, move the goal, or loosen the constraints and levels above it",
     OcpStatus.TOO_SHORT: "give the horizon more time, or loosen the limits",
     OcpStatus.UNREACHABLE: "more time would not help: move the goal, or loosen the constraints and levels above it",
-    OcpStatus.INFEASIBLE: "no motion keeps all limits and constraints: loosen them, weaken the current, start slower",
+    OcpStatus.INFEASIBLE: "no motion near the guess keeps the constraints: loosen limits, weaken the current, or start slower",
     OcpStatus.OBSTRUCTED: "the start breaks a constraint: move the start or the obstacle, or lower the margin",
-    OcpStatus.UNFINISHED: "the solver stopped early: raise time_limit or max_iterations, or give a better guess",
+    OcpStatus.UNFINISHED: "the solver stopped early: raise time_limit or max_iterations, loosen limits, or improve the guess",
 }
 
 

@@ -8,18 +8,9 @@
    The reduction is an LQ factorisation with reflectors shared by all levels: a row a becomes t = a H_0 H_1 ..., and
    y are the coordinates of v behind the same reflectors. active_set.py is the same algorithm; keep both in step.
 
-   Compiled with LEX_N, LEX_M, LEX_L and LEX_SIZES; needs libm only. */
+   Compiled with LEX_N, LEX_M, LEX_L and LEX_SIZES, in one piece with certificate.c and entry.c; needs libm only. */
 #include <math.h>
 #include <string.h>
-
-#ifndef casadi_int
-#define casadi_int long long int
-#endif
-#if defined(_WIN32)
-#define EXPORT __declspec(dllexport)
-#else
-#define EXPORT __attribute__((visibility("default")))
-#endif
 
 #define N LEX_N
 #define M LEX_M
@@ -29,16 +20,18 @@
 #define RANK_NOISE 1e-14
 /* Rows smaller than this part of the largest row are what is left of a cancellation: nothing. */
 #define VANISHED 1e-13
-#define FEASIBLE 1e-10
-#define CONSISTENT 1e-9
+#define FEASIBLE 1e-12
+#define CONSISTENT 1e-10
 #define BALANCED 5e-8
 /* Pivots below CLEAR and dependent rows above NOTHING leave open what depends on what. */
 #define CLEAR 1e-5
 #define NOTHING 1e-11
+/* Largest over smallest row; beyond, what is rounding to one row decides about another. */
+#define EVEN 1e3
 /* Of a multiplier, relative to MULTIPLIER. */
 #define DECISIVE 1e4
 /* Far below FEASIBLE: else a row dropped for the sake of lower levels blocks at once for the sake of this slack. */
-#define SIGNIFICANT 1e-12
+#define SIGNIFICANT 1e-14
 #define MOVED 1e-9
 #define MULTIPLIER 1e-10
 /* Multipliers smaller than this are rounding, however small the slack they balance. */
@@ -47,7 +40,7 @@
 enum { FREE = 0, LOWER = -1, UPPER = 1, EQUAL = 2 };
 enum { GREEDY = 0, BLAND = 1, TABU = 2 };
 enum { OPEN = 0, WEAKLY = 1, FIRMLY = 2 };
-enum { SOLVED = 0, STALLED = 1, LIMIT = 2, DOUBTFUL = 3 };
+enum { SOLVED = 0, STALLED = 1, LIMIT = 2, DOUBTFUL = 3, INVALID = 4 };
 
 static const int SIZES[L] = {LEX_SIZES};
 
@@ -60,7 +53,7 @@ typedef struct {
   double smallest, rejected;
   double v[N], target[N], unbalanced;
   char decided[M], tabu[M];
-  int skipped, contradicted;
+  int skipped, contradicted, uneven;
 } Work;
 
 static double dot(const double *x, const double *y, int n) {
@@ -335,24 +328,11 @@ static void start(Work *k, const double *state) {
   }
 }
 
-static void load(Work *k, const double *J, const double *lower, const double *upper) {
-  double largest = 0;
-  for (int row = 0; row < M; ++row) {
-    for (int c = 0; c < N; ++c) k->a[row][c] = J[c * M + row];
-    k->norm[row] = sqrt(dot(k->a[row], k->a[row], N));
-    largest = fmax(largest, k->norm[row]);
-    k->lower[row] = lower[row];
-    k->upper[row] = upper[row];
-    double size = fmax(fabs(lower[row]) < 1e300 ? fabs(lower[row]) : 0, fabs(upper[row]) < 1e300 ? fabs(upper[row]) : 0);
-    k->tolerance[row] = FEASIBLE * (k->norm[row] + size);
-  }
-  for (int row = 0; row < M; ++row)
-    if (k->norm[row] <= VANISHED * largest) k->norm[row] = 0;
-}
-
 /* True if v does to the active rows what the factorisation promised, and the multipliers, applied to the rows as given,
-   balance every level. False where that cannot be known, because rows are nearly but not quite dependent. */
+   balance every level. False where that cannot be known, because rows are nearly but not quite dependent, or of very
+   different size. */
 static int is_consistent(const Work *k) {
+  if (k->uneven) return 0;
   if (!(k->unbalanced <= BALANCED) || k->contradicted || k->smallest < CLEAR || k->rejected > NOTHING) return 0;
   for (int j = 0; j < k->first[L]; ++j) {
     int row = k->order[j];
@@ -393,47 +373,4 @@ static int run(Work *k, int limit, int *iterations) {
     pending = 1;
   }
   return LIMIT;
-}
-
-static int is_warm(const double *state) {
-  for (int row = 0; row < M; ++row)
-    if (state && state[row] != 0) return 1;
-  return 0;
-}
-
-/* J (M, N) column-major, lower, upper, active set -> v, active set, [outcome, iterations, 1 if started anew cold] */
-EXPORT int lexls(const double **arg, double **res, casadi_int *iw, double *w, int mem) {
-  static _Thread_local Work k;
-  int iterations = 0, more = 0, row, cold = 0;
-  (void)iw, (void)w, (void)mem;
-  load(&k, arg[0], arg[1], arg[2]);
-  start(&k, arg[3]);
-  int outcome = run(&k, 20 + 10 * M, &iterations);
-  if (outcome != SOLVED && is_warm(arg[3])) {
-    cold = 1;
-    start(&k, 0);
-    outcome = run(&k, 20 + 10 * M, &more);
-  }
-  if (res[0]) memcpy(res[0], k.v, sizeof(k.v));
-  for (row = 0; res[1] && row < M; ++row) res[1][row] = k.state[row];
-  if (res[2]) res[2][0] = outcome, res[2][1] = iterations + more, res[2][2] = cold;
-  return 0;
-}
-
-EXPORT casadi_int lexls_n_in(void) { return 4; }
-EXPORT casadi_int lexls_n_out(void) { return 3; }
-
-EXPORT const casadi_int *lexls_sparsity_in(casadi_int i) {
-  static const casadi_int jacobian[] = {M, N, 1}, rows[] = {M, 1, 1};
-  return i == 0 ? jacobian : rows;
-}
-
-EXPORT const casadi_int *lexls_sparsity_out(casadi_int i) {
-  static const casadi_int velocity[] = {N, 1, 1}, rows[] = {M, 1, 1}, report[] = {3, 1, 1};
-  return i == 0 ? velocity : i == 1 ? rows : report;
-}
-
-EXPORT int lexls_work(casadi_int *n_arg, casadi_int *n_res, casadi_int *n_iw, casadi_int *n_w) {
-  *n_arg = 4, *n_res = 3, *n_iw = 0, *n_w = 0;
-  return 0;
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,11 +12,13 @@ from time import perf_counter
 import casadi as ca
 
 from uvms_ocp.compile import compile_function, compile_library
+from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.active_set_tick import ActiveSetFunctions, ActiveSetTick
 from uvms_ocp.solvers.level import Level, stack
-from uvms_ocp.solvers.qp_graph import outcome, sanitised
 from uvms_ocp.solvers.solution import Solution, row_residuals
-from uvms_ocp.solvers.tick import LEVEL_OUTPUTS, check_levels_function, dense_inputs, dense_outputs
+from uvms_ocp.solvers.tick import LEVEL_OUTPUTS, check_levels_function, dense, dense_inputs, dense_outputs
+
+_SOURCES = ("active_set.c", "certificate.c", "entry.c")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -29,6 +32,13 @@ class LexicographicActiveSet:
     """False keeps to NumPy."""
     cascade: bool = True
     """Fall back on ``LexicographicQp``, polished by one more run, where the method gives up."""
+    time_limit: float = math.inf
+    """[s] after which a call begins no further fallback; the runs themselves are limited in iterations."""
+
+    def __post_init__(self) -> None:
+        """Raise ``InvalidInput`` for a time limit that is not positive."""
+        if not self.time_limit > 0.0:
+            raise InvalidInput(f"time_limit = {self.time_limit} s; give a time > 0, math.inf for none")
 
     def solve(self, levels: Sequence[Level]) -> Solution:
         """From a cold start; raise ``InvalidInput`` where ``levels`` is empty or of mixed width."""
@@ -54,48 +64,33 @@ class LexicographicActiveSet:
             ActiveSetFunctions(
                 tick=function,
                 core=None if function is None else _core(levels_function.size2_out(0), tuple(sizes)),
-                levels=gated_levels(levels_function),
+                levels=dense(levels_function),
                 sizes=tuple(sizes),
                 cascade=self.cascade,
+                time_limit=self.time_limit,
             )
         )
 
     def function(self, levels_function: ca.Function, sizes: Sequence[int]) -> ca.Function | None:
-        """(inputs, active_set) -> v, active_set, report, status, residual, *extras: pure, for ``map`` and export.
+        """(inputs, active_set) -> v, active_set, report, residual, *extras: pure, for ``map`` and export.
 
-        ``report`` is [outcome of the run, iterations, 1 if it had to start anew cold]; status is 0 for valid input and
-        2 otherwise. None where the core cannot be compiled.
+        ``report`` is [``Outcome``, iterations, 1 if it had to start anew cold]; v is 0 where the input is invalid.
+        None where the core cannot be compiled.
         """
         core = _core(levels_function.size2_out(0), tuple(sizes)) if self.compiled else None
         if core is None:
             return None
         inputs, names = dense_inputs(levels_function), levels_function.name_in()
         J, lower, upper, _, _, gate, *extras = dense_outputs(levels_function, inputs)
-        valid, J_safe, low, up = sanitised(J, lower, upper, gate)
         active = ca.MX.sym("active_set", J.shape[0])
-        v, reached, report = core(J_safe, low, up, active)
-        status, residual = outcome(valid, v, ca.MX.zeros(1), J, lower, upper, gate)
-        outputs = [v, reached, report, status, residual, *extras]
-        labels = ["v", "active_set_out", "report", "status", "residual", *_extra_names(len(extras))]
+        outputs = [*core(J, lower, upper, gate, active), *extras]
+        labels = ["v", "active_set_out", "report", "residual", *(f"extra_{i}" for i in range(len(extras)))]
         return ca.Function("tick", [*inputs, active], outputs, [*names, "active_set"], labels)
-
-
-def _extra_names(count: int) -> list[str]:
-    return [f"extra_{i}" for i in range(count)]
-
-
-def gated_levels(levels_function: ca.Function) -> ca.Function:
-    """inputs -> valid, J, lower, upper (harmless where not valid, gated), lower, upper, gate, *extras."""
-    inputs = dense_inputs(levels_function)
-    J, lower, upper, _, _, gate, *extras = dense_outputs(levels_function, inputs)
-    outputs = [*sanitised(J, lower, upper, gate), lower, upper, gate, *extras]
-    labels = ["valid", "J", "low", "up", "lower", "upper", "gate", *_extra_names(len(extras))]
-    return ca.Function("levels", inputs, outputs, levels_function.name_in(), labels)
 
 
 @lru_cache(maxsize=64)
 def _core(n: int, sizes: tuple[int, ...]) -> ca.Function | None:
-    """(J, lower, upper, active set) -> (v, active set, [outcome, iterations])."""
+    """(J, lower, upper, gate, active set) -> v, active set, report, residual; see entry.c."""
     if sum(sizes) == 0:
         return None
     path = compile_library(core_source(n, sizes))
@@ -107,7 +102,8 @@ def core_source(n: int, sizes: Sequence[int]) -> str:
     filled = [size for size in sizes if size]
     constants = {"N": n, "M": sum(filled), "L": len(filled), "SIZES": ", ".join(map(str, filled))}
     defines = "".join(f"#define LEX_{name} {value}\n" for name, value in constants.items())
-    return defines + files("uvms_ocp.solvers").joinpath("active_set.c").read_text(encoding="utf-8")
+    folder = files("uvms_ocp.solvers")
+    return "\n".join([defines, *(folder.joinpath(name).read_text(encoding="utf-8") for name in _SOURCES)])
 
 
 @lru_cache(maxsize=64)

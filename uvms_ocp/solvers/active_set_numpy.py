@@ -15,16 +15,18 @@ _RANK_TOLERANCE = 1e-8
 _RANK_NOISE = 1e-14
 # Rows smaller than this part of the largest row are what is left of a cancellation: nothing.
 _VANISHED = 1e-13
-_FEASIBLE = 1e-10
-_CONSISTENT = 1e-9
+_FEASIBLE = 1e-12
+_CONSISTENT = 1e-10
 _BALANCED = 5e-8
 # Pivots below _CLEAR and dependent rows above _NOTHING leave open what depends on what.
 _CLEAR, _NOTHING = 1e-5, 1e-11
+# Largest over smallest row; beyond, what is rounding to one row decides about another.
+_EVEN = 1e3
 # Of a multiplier, relative to _MULTIPLIER.
 _DECISIVE = 1e4
 _WEAKLY, _FIRMLY = 1, 2
 # Far below _FEASIBLE: else a row dropped for the sake of lower levels blocks at once for the sake of this slack.
-_SIGNIFICANT = 1e-12
+_SIGNIFICANT = 1e-14
 _MOVED = 1e-9
 _MULTIPLIER = 1e-10
 # Multipliers smaller than this are rounding, however small the slack they balance.
@@ -33,12 +35,13 @@ _FREE, _LOWER, _UPPER, _EQUAL = 0, -1, 1, 2
 
 
 class Outcome(IntEnum):
-    """Of one run, as in active_set.c."""
+    """Of one run, as in active_set.c and entry.c."""
 
     SOLVED = 0
     STALLED = 1
     LIMIT = 2
     DOUBTFUL = 3
+    INVALID = 4
 
 
 class _Rule(IntEnum):
@@ -124,11 +127,18 @@ def lexicographic_least_squares(
 def _is_consistent(work: _Work, equalities: _Equalities) -> bool:
     """True if v and the multipliers do what the factorisation promised; false where that cannot be known."""
     rejected, smallest = equalities.rejected, equalities.blocks[-1].smallest
-    if not work.unbalanced <= _BALANCED or work.contradicted or smallest < _CLEAR or rejected > _NOTHING:
+    if _is_uneven(work.norm) or work.contradicted or smallest < _CLEAR or rejected > _NOTHING:
+        return False
+    if not work.unbalanced <= _BALANCED:
         return False
     rows = np.concatenate([block.rows for block in equalities.blocks])
     error = work.A[rows] @ work.v - _bound(work, rows) - equalities.slack[rows]
     return bool((np.abs(error) <= _CONSISTENT / _FEASIBLE * work.tolerance[rows]).all())
+
+
+def _is_uneven(norm: Array) -> bool:
+    real = norm[norm > 0.0]
+    return real.size > 0 and bool(real.max() > _EVEN * real.min())
 
 
 def _rule(stalled: int, iteration: int, rows: int, rule: _Rule) -> _Rule:

@@ -13,12 +13,13 @@ from numpy.typing import ArrayLike
 from uvms_ocp.solvers.active_set_numpy import Outcome, lexicographic_least_squares
 from uvms_ocp.solvers.cascade import LexicographicQp
 from uvms_ocp.solvers.certificate import certificate
-from uvms_ocp.solvers.level import Array, Level, row_slices
+from uvms_ocp.solvers.level import Array, Level, gated, row_slices
 from uvms_ocp.solvers.solution import Status, distance
 from uvms_ocp.solvers.tick import Buffered, TickResult
 
-# A run that did not end by itself counts as solved if its certificate is below this.
+# A run that does not vouch for itself counts as solved if its certificate is below this; as in entry.c.
 _CERTIFIED = 1e-8
+_STATUS = {(Outcome.SOLVED, 0): Status.SOLVED, (Outcome.SOLVED, 1): Status.COLD_STARTED}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -26,13 +27,14 @@ class ActiveSetFunctions:
     """What a tick evaluates."""
 
     tick: ca.Function | None
-    """(inputs, active set) -> v, active set, report, status, residual, *extras; None without C."""
+    """(inputs, active set) -> v, active set, report, residual, *extras; None without C."""
     core: ca.Function | None
-    """(J, lower, upper, active set) -> v, active set, report [outcome, iterations, 1 if cold]; None without C."""
+    """(J, lower, upper, gate, active set) -> v, active set, report, residual; None without C."""
     levels: ca.Function
-    """inputs -> valid, J, lower, upper (gated), lower, upper, gate (as given), *extras"""
+    """inputs -> J, lower, upper, rate, activation, gate, *extras; dense"""
     sizes: tuple[int, ...]
     cascade: bool
+    time_limit: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,45 +69,46 @@ class ActiveSetTick:
     def __call__(self, *inputs: ArrayLike) -> TickResult:
         """Raise ``InvalidInput`` for a wrong number or shape of inputs."""
         start = perf_counter()
-        v, status, residual, extras = self._evaluated(inputs)
+        if self._tick is None:
+            return self._recovered(inputs, start)
+        v, active_set, report, residual, *extras = self._tick((*inputs, self._active_set))
+        outcome, _, cold = report.tolist()
+        status = _STATUS.get((outcome, cold))
+        if status is None:
+            return self._recovered(inputs, start)
+        self._active_set = active_set
         return TickResult(
             v=v, status=status, residual=residual, extras=tuple(extras), solve_time=perf_counter() - start
         )
 
-    def _evaluated(self, inputs: Sequence[ArrayLike]) -> tuple[Array, Status, Array, list[Array]]:
-        if self._tick is None:
-            return self._recovered(inputs)
-        v, active_set, report, status, residual, *extras = self._tick((*inputs, self._active_set))
-        if status[0] != 0.0:
-            return v, Status.INVALID_INPUT, residual, extras
-        if report[0] != Outcome.SOLVED or not np.isfinite(v).all():
-            return self._recovered(inputs)
-        self._active_set = active_set
-        return v, Status.COLD_STARTED if report[2] else Status.SOLVED, residual, extras
-
-    def _recovered(self, inputs: Sequence[ArrayLike]) -> tuple[Array, Status, Array, list[Array]]:
+    def _recovered(self, inputs: Sequence[ArrayLike], start: float) -> TickResult:
         """The chain in Python, whose first link is the whole tick where there is no compiler."""
-        valid, J, low, up, lower, upper, gate, *extras = self._levels(inputs)
-        J = J.reshape(-1, self._functions.levels.size2_out(1))
-        if not valid[0]:
-            return np.zeros(J.shape[1]), Status.INVALID_INPUT, np.zeros(len(low)), extras
-        run = self._chain(J, low, up)
-        self._active_set = run.active_set
-        residual = np.where(gate > 0.0, distance(J @ run.v, lower, upper), 0.0)
-        return run.v, run.status, residual, extras
+        J, lower, upper, _, _, gate, *extras = self._levels(inputs)
+        J = J.reshape(-1, self._functions.levels.size2_out(0))
+        v, status, residual = np.zeros(J.shape[1]), Status.INVALID_INPUT, np.zeros(len(lower))
+        if _is_valid(J, lower, upper, gate):
+            run = self._chain(J, *gated(J, lower, upper, gate), start + self._functions.time_limit)
+            self._active_set, v, status = run.active_set, run.v, run.status
+            residual = np.where(gate > 0.0, distance(J @ v, lower, upper), 0.0)
+        return TickResult(
+            v=v, status=status, residual=residual, extras=tuple(extras), solve_time=perf_counter() - start
+        )
 
-    def _chain(self, J: Array, low: Array, up: Array) -> _Run:
+    def _chain(self, J: Array, low: Array, up: Array, deadline: float) -> _Run:
         warm = self._run(J, low, up, self._active_set)
         if warm.outcome is Outcome.SOLVED:
             return warm
-        cold = self._cold(J, low, up)
-        if cold.outcome is Outcome.SOLVED:
-            return cold
         levels = [Level(jacobian=J[r], lower=low[r], upper=up[r]) for r in row_slices(self._functions.sizes)]
-        for run in (warm, cold):
-            if certificate(levels, run.v) <= _CERTIFIED:
-                return run
-        return self._best(levels, [warm, cold, *self._cascaded(levels, J, low, up), self._shortened(J, low, up)])
+        if certificate(levels, warm.v) <= _CERTIFIED:
+            return warm
+        cold = self._cold(J, low, up)
+        if cold.outcome is Outcome.SOLVED or certificate(levels, cold.v) <= _CERTIFIED:
+            return cold
+        runs = [warm, cold]
+        for more in (self._cascaded, self._shortened):
+            if perf_counter() < deadline:
+                runs += more(levels, J, low, up)
+        return self._best(levels, runs)
 
     def _best(self, levels: list[Level], runs: list[_Run]) -> _Run:
         """The best of all runs; exact only if its certificate says so."""
@@ -122,15 +125,15 @@ class ActiveSetTick:
         active = np.where(J @ v >= up - near, 1.0, np.where(J @ v <= low + near, -1.0, 0.0))
         return [self._run(J, low, up, active), _Run(v, active, Outcome.STALLED, Status.CASCADED)]
 
-    def _shortened(self, J: Array, low: Array, up: Array) -> _Run:
+    def _shortened(self, levels: list[Level], J: Array, low: Array, up: Array) -> list[_Run]:
         """As many of the first levels as can be solved: what is given up is given up from the bottom."""
         low, up = low.copy(), up.copy()
         for rows in reversed(list(row_slices(self._functions.sizes))[1:]):
             low[rows], up[rows] = -np.inf, np.inf
             run = self._cold(J, low, up)
             if run.outcome is Outcome.SOLVED:
-                return run
-        return self._cold(J, low, up)
+                return [run]
+        return [self._cold(J, low, up)]
 
     def _cold(self, J: Array, low: Array, up: Array) -> _Run:
         return replace(self._run(J, low, up, np.zeros(len(low))), status=Status.COLD_STARTED)
@@ -140,11 +143,17 @@ class ActiveSetTick:
             v, reached, outcome, _ = lexicographic_least_squares(J, low, up, active_set, self._functions.sizes)
             cold = False
         else:
-            v, reached, report = self._core((J, low, up, active_set))
+            v, reached, report, _ = self._core((J, low, up, np.ones(len(low)), active_set))
             outcome, cold = Outcome(int(report[0])), bool(report[2])
         if np.isfinite(v).all():
             return _Run(v, reached, outcome, Status.COLD_STARTED if cold else Status.SOLVED)
         return _Run(np.zeros(len(v)), np.zeros(len(low)), Outcome.LIMIT, Status.INEXACT)
+
+
+def _is_valid(J: Array, lower: Array, upper: Array, gate: Array) -> bool:
+    # Comparisons with NaN are false.
+    ordered = (lower <= upper) & (lower < np.inf) & (upper > -np.inf)
+    return bool((np.abs(J) < 1e15).all() and (ordered & (gate >= 0.0) & (gate <= 1.0)).all())
 
 
 class _Badness:

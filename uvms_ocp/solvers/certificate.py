@@ -13,6 +13,8 @@ from uvms_ocp.solvers.level import Array, Level, gated_bounds
 _ACTIVE = 1e-9
 # Slack above rounding, if the level it belongs to is balanced to this part of it.
 _SLIGHT, _BALANCED = 1e-12, 1e-4
+# Of |a| |v| and the number of velocities: what rounding leaves open of a v.
+_ROUNDING = 2.2e-16
 # Rows smaller than this part of the largest row are what is left of a cancellation.
 _VANISHED = 1e-13
 
@@ -40,7 +42,13 @@ def certificate(levels: Sequence[Level], v: Array) -> float:
 def _slack(level: Level, v: Array) -> Array:
     lower, upper = gated_bounds(level)
     y = level.jacobian @ v
-    return np.asarray(y - np.clip(y, lower, upper))
+    slack = y - np.clip(y, lower, upper)
+    return np.where(np.abs(slack) > _noise(level, v), slack, 0.0)
+
+
+def _noise(level: Level, v: Array) -> Array:
+    lengths = np.linalg.norm(level.jacobian, axis=1)
+    return np.asarray(_ROUNDING * len(v) * lengths * np.linalg.norm(v))
 
 
 def _pushes(level: Level, v: Array, least: float, vanished: float) -> Array:
@@ -48,9 +56,10 @@ def _pushes(level: Level, v: Array, least: float, vanished: float) -> Array:
     lower, upper = gated_bounds(level)
     y, length = level.jacobian @ v, np.linalg.norm(level.jacobian, axis=1)
     reached = np.clip(y, lower, upper)
-    size = length + np.abs(reached)
-    fixed = (lower >= upper) | (np.abs(y - reached) > least * size)
-    up, down = fixed | (y >= upper - _ACTIVE * size), fixed | (y <= lower + _ACTIVE * size)
+    size, noise = length + np.abs(reached), _noise(level, v)
+    fixed = (lower >= upper) | (np.abs(y - reached) > least * size + noise)
+    near = _ACTIVE * size + noise
+    up, down = fixed | (y >= upper - near), fixed | (y <= lower + near)
     real = length > vanished
     units = np.where(real[:, None], level.jacobian / np.where(real, length, 1.0)[:, None], 0.0)
     return np.vstack([units[up], -units[down]])

@@ -115,11 +115,16 @@ def stack(levels: Sequence[Level]) -> Stack:
 
 
 def gated_bounds(level: Level) -> tuple[Array, Array]:
+    """(m,) bounds of a level as its gates leave them."""
+    return gated(level.jacobian, level.lower, level.upper, level.gate)
+
+
+def gated(J: Array, lower: Array, upper: Array, gate: Array) -> tuple[Array, Array]:
     """(m,) bounds that leave to infinity as the gate goes from 1 to 0; ``sum |J_row|`` is J v's range for |v| <= 1."""
-    removed = level.gate <= 0.0
-    gate = np.where(removed, 1.0, level.gate)
-    width = (1.0 - gate) / gate * np.abs(level.jacobian).sum(axis=1)
-    return np.where(removed, -np.inf, level.lower - width), np.where(removed, np.inf, level.upper + width)
+    removed = gate <= 0.0
+    gate = np.where(removed, 1.0, gate)
+    width = (1.0 - gate) / gate * np.abs(J).sum(axis=1)
+    return np.where(removed, -np.inf, lower - width), np.where(removed, np.inf, upper + width)
 
 
 def row_slices(sizes: Sequence[int]) -> Iterator[slice]:

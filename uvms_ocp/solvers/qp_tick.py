@@ -18,6 +18,7 @@ from uvms_ocp.solvers.solution import Status, distance
 from uvms_ocp.solvers.tick import Buffered, TickResult
 
 _STATUS = (Status.SOLVED, Status.INEXACT, Status.INVALID_INPUT)
+_INEXACT = 1
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -36,14 +37,16 @@ class QpTick:
 
     CasADi abandons a Function as soon as a plugin inside it fails, and a plugin such as qpOASES that failed once
     on a warm start fails from then on, until its memory is replaced: a memory that is checked out and not released is
-    never handed to the cascade again, and CasADi frees it with the Function.
+    never handed to the cascade again, and CasADi frees it with the Function. The same cures a plugin that reports success but
+    whose warm start no longer leads to the optimum, as after a jump to another problem.
     """
 
-    __slots__ = ("_functions", "_levels", "_tick")
+    __slots__ = ("_fresh", "_functions", "_levels", "_tick")
 
     def __init__(self, functions: QpFunctions) -> None:
         self._functions = functions
         self._tick, self._levels = Buffered(functions.tick), Buffered(functions.levels)
+        self._fresh = False
         with contextlib.redirect_stdout(io.StringIO()):
             self._set_up()
 
@@ -53,8 +56,10 @@ class QpTick:
         # Plugins report their troubles through Python's stdout, whatever their options say.
         with contextlib.redirect_stdout(io.StringIO()):
             outputs = self._tick(inputs)
-            if self._tick.failed:
+            if self._tick.failed or (outputs[1][0] == _INEXACT and not self._fresh):
                 outputs = self._rescued(inputs)
+        # Where fresh plugins do not help either, they would not at the next tick.
+        self._fresh = bool(outputs[1][0] == _INEXACT)
         v, status, residual, *extras = outputs
         return TickResult(
             v=v,

@@ -72,12 +72,16 @@ class Buffered:
         return bool(self._buffer.ret())
 
     def _write(self, i: int, value: ArrayLike) -> None:
+        target = self._inputs[i]
+        if type(value) is not np.ndarray or value.shape != target.shape:
+            value = self._shaped(i, value)
+        target[...] = value
+
+    def _shaped(self, i: int, value: ArrayLike) -> Array:
         target, array = self._inputs[i], np.asarray(value, dtype=np.float64)
-        if array.shape != target.shape:
-            if array.size != target.size or array.squeeze().shape != target.squeeze().shape:
-                raise InvalidInput(f"input {self._function.name_in(i)!r} has shape {array.shape}; give {target.shape}")
-            array = array.reshape(target.shape)
-        target[...] = array
+        if array.size != target.size or array.squeeze().shape != target.squeeze().shape:
+            raise InvalidInput(f"input {self._function.name_in(i)!r} has shape {array.shape}; give {target.shape}")
+        return array.reshape(target.shape)
 
 
 def check_levels_function(levels: ca.Function, sizes: Sequence[int]) -> None:
@@ -97,6 +101,14 @@ def dense_inputs(function: ca.Function) -> list[ca.MX]:
 def dense_outputs(function: ca.Function, symbols: Sequence[ca.MX]) -> list[ca.MX]:
     """Outputs of ``function`` at ``symbols``, without structural zeros."""
     return [ca.densify(output) for output in function.call(list(symbols))]
+
+
+def dense(function: ca.Function) -> ca.Function:
+    """``function`` with the same names and dense inputs and outputs."""
+    inputs = dense_inputs(function)
+    return ca.Function(
+        function.name(), inputs, dense_outputs(function, inputs), function.name_in(), function.name_out()
+    )
 
 
 def _storage(shape: tuple[int, int]) -> Array:

@@ -9,10 +9,25 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from uvms_ocp.record import Record
-from uvms_ocp.viz.series import n_joints, phase_spans, task_activity
-from uvms_ocp.viz.style import BLUE, GREEN, ORANGE, VERMILLION, heading_legend, shade_phases, stacked, styled
+from uvms_ocp.viz.series import n_joints, phase_spans, task_activity, task_gate
+from uvms_ocp.viz.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    VERMILLION,
+    WIDTH,
+    RecordFigure,
+    activation_legend,
+    heading_legend,
+    shade_phases,
+    stacked,
+    styled,
+)
 
 _COLORS = (BLUE, VERMILLION, GREEN, ORANGE)
+_LEAST = {"step": 1e-4, "jerk": 1e-2, "lost": 1e-18}
+"""What is drawn of the figures of a phase change on a logarithmic axis."""
 
 
 @styled
@@ -22,14 +37,25 @@ def figure_row_activations(record: Record, task: str = "JL") -> Figure | None:
     if rows is None or not rows.shape[1]:
         return None
     figure, axes = stacked(rows.shape[1], 0.5, f"Activation of the rows of {task}")
-    names = record.meta["joints"] if rows.shape[1] == len(record.meta["joints"]) else range(rows.shape[1])
+    names = _row_names(record, task, rows.shape[1])
+    gate = task_gate(record, task)
     for axis, name, row in zip(axes, names, rows.T, strict=True):
         axis.fill_between(record["t"], row, color=BLUE, alpha=0.25, lw=0)
         axis.plot(record["t"], row, color=BLUE, lw=0.8)
+        if gate is not None:
+            axis.plot(record["t"], gate, color=VERMILLION, lw=0.9, ls="--")
         axis.set(ylim=(-0.08, 1.12), yticks=(0, 1))
         axis.set_ylabel(str(name), rotation=0, ha="right", va="center")
     shade_phases(axes, phase_spans(record))
+    activation_legend(figure)
     return figure
+
+
+def _row_names(record: Record, task: str, n: int) -> list[str]:
+    joints = record.meta["joints"]
+    if n == len(joints):
+        return list(joints)
+    return [task] if n == 1 else [str(k + 1) for k in range(n)]
 
 
 @styled
@@ -46,6 +72,7 @@ def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> 
             axis.plot(record["t"][rows] - span.start, column, color=color, lw=1.0)
     for axis, name in zip(axes, joints, strict=True):
         axis.set_ylabel(name, rotation=0, ha="right", va="center")
+    axes[-1].set_xlabel(f"time since phase {phase} began [s]")
     heading_legend(
         figure, [Line2D([], [], color=color, label=name) for name, color in zip(records, _COLORS, strict=False)]
     )
@@ -55,11 +82,45 @@ def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> 
 @styled
 def figure_paths(paths: Mapping[str, np.ndarray]) -> Figure:
     """Paths (n, 3) [m] in W by name, seen from above and from the side, such as a tool's planned and tracked one."""
-    figure = Figure(figsize=(7.0, 3.2), layout="constrained")
+    figure = RecordFigure(figsize=(WIDTH, 3.3))
+    figure.suptitle("Paths", fontsize=10, fontweight="bold", x=0.01, ha="left")
     views = figure.subplots(1, 2)
     for axis, (i, j), labels in zip(views, ((0, 1), (0, 2)), (("x [m]", "y [m]"), ("x [m]", "z [m]")), strict=True):
         for k, (name, path) in enumerate(paths.items()):
-            axis.plot(path[:, i], path[:, j], color=_COLORS[k % len(_COLORS)], ls="-" if k else "--", label=name)
-        axis.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
-    views[0].legend()
+            color = _COLORS[k % len(_COLORS)]
+            axis.plot(path[:, i], path[:, j], color=color, ls="-" if k else "--", label=name, zorder=3 - k)
+            axis.plot(path[0, i], path[0, j], "o", color=color, ms=4)
+            axis.plot(path[-1, i], path[-1, j], "*", color=color, ms=8)
+        axis.set(xlabel=labels[0], ylabel=labels[1])
+        axis.set_aspect("equal", adjustable="datalim")
+    for axis, title in zip(views, ("from above", "from the side"), strict=True):
+        axis.set_title(title)
+    ends = [
+        Line2D([], [], color=BLACK, ls="", marker=mark, label=text) for mark, text in (("o", "start"), ("*", "end"))
+    ]
+    heading_legend(figure, [*views[0].get_lines()[::3], *ends])
+    return figure
+
+
+@styled
+def figure_transitions(runs: Mapping[str, Mapping[str, np.ndarray]]) -> Figure:
+    """How smoothly runs by name change phase, from what `uvms_ocp.report.transition_series` gives; thin lines: changes."""
+    figure, axes = stacked(3, 1.5, "Smoothness of phase changes")
+    for (_, run), color in zip(runs.items(), _COLORS, strict=False):
+        for axis, name in zip(axes, ("step", "jerk", "lost"), strict=True):
+            axis.plot(run["t"], np.maximum(run[name], _LEAST[name]), color=color, lw=0.8)
+            for time in run["changes"]:
+                axis.axvline(time, color=color, lw=0.6, alpha=0.6)
+    for axis, name, label in zip(
+        axes,
+        ("step", "jerk", "lost"),
+        ("step of v / ($a_{max}$ dt)", "jerk [m/s³, rad/s³]", "lost above [m/s, rad/s]"),
+        strict=True,
+    ):
+        axis.set(yscale="log", ylabel=label)
+        axis.set_ylim(bottom=_LEAST[name])
+    axes[0].axhline(1.0, color=BLACK, lw=0.6, ls="--")
+    heading_legend(
+        figure, [Line2D([], [], color=color, label=name) for name, color in zip(runs, _COLORS, strict=False)]
+    )
     return figure

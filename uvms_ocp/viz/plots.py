@@ -43,6 +43,7 @@ from uvms_ocp.viz.style import (
     VERMILLION,
     WIDTH,
     RecordFigure,
+    activation_legend,
     heading_legend,
     shade_phases,
     stacked,
@@ -172,13 +173,7 @@ def figure_activations(record: Record) -> Figure | None:
     for axis, entry in zip(axes, tasks, strict=True):
         _activation_panel(axis, record, entry)
     shade_phases(axes, phase_spans(record))
-    heading_legend(
-        figure,
-        [
-            Line2D([], [], color=BLUE, lw=0.9, label="rows: own bell × phase"),
-            Line2D([], [], color=VERMILLION, lw=0.9, ls="--", label="phase"),
-        ],
-    )
+    activation_legend(figure)
     return figure
 
 
@@ -224,7 +219,7 @@ def _whole_run(parent: Figure, record: Record, spans: Sequence[PhaseSpan]) -> No
     for axis, (part, label, names) in zip(axes, _VELOCITY_PANELS, strict=True):
         _velocity_lines(axis, record, part, names)
         axis.set_ylabel(label)
-        axis.legend(ncols=3, loc="upper right")
+        axis.legend(ncols=3, loc="best")
     axes[-1].set_xlabel("time [s]")
     shade_phases(axes, spans)
 

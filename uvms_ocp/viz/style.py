@@ -107,6 +107,12 @@ def heading_legend(figure: Figure, handles: Sequence[Line2D]) -> None:
     figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
 
 
+def activation_legend(figure: Figure) -> None:
+    """What the two lines of a panel of activations are."""
+    rows = Line2D([], [], color=BLUE, lw=0.9, label="rows: own bell × phase")
+    heading_legend(figure, [rows, Line2D([], [], color=VERMILLION, lw=0.9, ls="--", label="phase")])
+
+
 def shade_phases(axes: Sequence[Axes], spans: Sequence[PhaseSpan], *, named: bool = True, share: float = 1.0) -> None:
     """Colour the phases behind every panel and name them above the first; `share` of the page's width is theirs."""
     for axis in axes:

@@ -1,0 +1,75 @@
+"""What pydantic found wrong, in one line: each key with what was given and what is allowed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from difflib import get_close_matches
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+_SHOWN = 3  # mistakes
+
+
+def one_line(error: ValidationError, model: type[BaseModel]) -> str:
+    """The mistakes of a file read as ``model``, the first few in full."""
+    problems = _by_key(error)
+    shown = [f"{key}: {_problem(problem, model)}" for key, problem in list(problems.items())[:_SHOWN]]
+    left = len(problems) - len(shown)
+    return "; and ".join(shown) + (f"; and {left} more" if left else "")
+
+
+def _by_key(error: ValidationError) -> dict[str, Any]:
+    """One problem per key: of the alternatives that a value does not fit, the one that it got furthest with."""
+    found: dict[str, Any] = {}
+    for problem in error.errors(include_url=False):
+        key = ".".join(_path(problem["loc"])) or "file"
+        if key not in found or len(problem["loc"]) > len(found[key]["loc"]):
+            found[key] = problem
+    # What is wrong inside a value is told by the deepest key.
+    return {key: found[key] for key in found if not any(other.startswith(f"{key}.") for other in found)}
+
+
+def _path(location: Sequence[int | str]) -> list[str]:
+    # pydantic names the alternative that it tried, in brackets.
+    return [str(part) for part in location if "[" not in str(part)]
+
+
+def _problem(problem: Any, model: type[BaseModel]) -> str:
+    if problem["type"] == "missing":
+        return "missing; give it a value"
+    if problem["type"] == "extra_forbidden":
+        return f"unknown key; {_advice(_path(problem['loc']), model)}"
+    message = problem["msg"].removeprefix("Value error, ").replace("Input should be", "allowed:")
+    return f"given {_short(problem['input'])}; {message.partition(', unable to parse')[0]}"
+
+
+def _advice(path: Sequence[str], model: type[BaseModel]) -> str:
+    *section, key = path
+    known = sorted(_keys(section, model))
+    close = get_close_matches(key, known, n=1)
+    return f"did you mean {close[0]!r}?" if close else f"known here: {', '.join(known)}"
+
+
+def _keys(section: Sequence[str], model: type[BaseModel]) -> set[str]:
+    """Keys that may stand in a section, given by its path in the file."""
+    models = [model]
+    for part in section:
+        fields = [m.model_fields[part] for m in models if part in m.model_fields]
+        # Any other part is the name or the number of an entry, whose model is known already.
+        if fields:
+            models = [m for field in fields for m in _models(field.annotation)]
+    return {name for m in models for name in m.model_fields}
+
+
+def _models(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Models that occur in an annotation such as ``dict[str, A | B]``."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for argument in get_args(annotation):
+        yield from _models(argument)
+
+
+def _short(value: object) -> str:
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 60 else text[:57] + "..."

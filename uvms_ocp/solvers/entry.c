@@ -1,0 +1,128 @@
+/* The solver as an external function of CasADi: checks and gates the rows, runs warm, then cold. */
+
+#ifndef casadi_int
+#define casadi_int long long int
+#endif
+#if defined(_WIN32)
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+
+/* A run that does not vouch for itself counts as solved below this. */
+#define CERTIFIED 1e-8
+
+enum { JACOBIAN, LOWER_BOUND, UPPER_BOUND, GATE, ACTIVE_SET, INPUTS };
+enum { VELOCITY, ACTIVE_SET_OUT, REPORT, RESIDUAL, OUTPUTS };
+
+/* Comparisons with NaN are false. */
+static int is_valid(const double *const *arg) {
+  for (int i = 0; i < M * N; ++i)
+    if (!(fabs(arg[JACOBIAN][i]) < 1e15)) return 0;
+  for (int row = 0; row < M; ++row) {
+    double low = arg[LOWER_BOUND][row], up = arg[UPPER_BOUND][row], gate = arg[GATE][row];
+    if (!(low <= up && low < INFINITY && up > -INFINITY && gate >= 0 && gate <= 1)) return 0;
+  }
+  return 1;
+}
+
+/* Bounds leave to infinity as the gate goes from 1 to 0; the sum of |a| is the range of a v for |v| <= 1. */
+static void gate_bounds(Work *k, int row, double gate) {
+  if (gate >= 1) return;
+  double range = 0;
+  for (int c = 0; c < N; ++c) range += fabs(k->a[row][c]);
+  k->lower[row] = gate > 0 ? k->lower[row] - (1 - gate) / gate * range : -INFINITY;
+  k->upper[row] = gate > 0 ? k->upper[row] + (1 - gate) / gate * range : INFINITY;
+}
+
+static void load(Work *k, const double *const *arg) {
+  double largest = 0;
+  for (int row = 0; row < M; ++row) {
+    for (int c = 0; c < N; ++c) k->a[row][c] = arg[JACOBIAN][c * M + row];
+    k->norm[row] = sqrt(dot(k->a[row], k->a[row], N));
+    largest = fmax(largest, k->norm[row]);
+    k->lower[row] = arg[LOWER_BOUND][row];
+    k->upper[row] = arg[UPPER_BOUND][row];
+    gate_bounds(k, row, arg[GATE][row]);
+    double low = fabs(k->lower[row]), up = fabs(k->upper[row]);
+    double size = fmax(low < 1e300 ? low : 0, up < 1e300 ? up : 0);
+    k->tolerance[row] = FEASIBLE * (k->norm[row] + size);
+  }
+  k->uneven = 0;
+  for (int row = 0; row < M; ++row) {
+    if (k->norm[row] <= VANISHED * largest) k->norm[row] = 0;
+    k->uneven |= k->norm[row] > 0 && EVEN * k->norm[row] < largest;
+  }
+}
+
+static int is_finite(const double *x) {
+  for (int c = 0; c < N; ++c)
+    if (!(fabs(x[c]) < 1e300)) return 0;
+  return 1;
+}
+
+static int attempt(Work *k, const double *state, double *iterations) {
+  int count, outcome;
+  start(k, state);
+  outcome = run(k, 20 + 10 * M, &count);
+  *iterations += count;
+  if (!is_finite(k->v)) {
+    memset(k->v, 0, sizeof(k->v));
+    return LIMIT;
+  }
+  return outcome != SOLVED && certificate(k, CERTIFIED) <= CERTIFIED ? SOLVED : outcome;
+}
+
+static int is_warm(const double *state) {
+  for (int row = 0; row < M; ++row)
+    if (state && state[row] != 0) return 1;
+  return 0;
+}
+
+static void write_residual(const Work *k, const double *const *arg, double *residual) {
+  for (int row = 0; row < M; ++row) {
+    double y = dot(k->a[row], k->v, N), low = arg[LOWER_BOUND][row], up = arg[UPPER_BOUND][row];
+    residual[row] = arg[GATE][row] > 0 ? y - fmin(fmax(y, low), up) : 0;
+  }
+}
+
+/* J (M, N) column-major, lower, upper, gate, active set
+   -> v, active set, [outcome, iterations, 1 if started anew cold], distance of J v to [lower, upper] where gated in. */
+EXPORT int lexls(const double **arg, double **res, casadi_int *iw, double *w, int mem) {
+  static _Thread_local Work k;
+  double report[3] = {INVALID, 0, 0};
+  (void)iw, (void)w, (void)mem;
+  for (int i = 0; i < OUTPUTS; ++i)
+    if (res[i]) memset(res[i], 0, (i == VELOCITY ? N : i == REPORT ? 3 : M) * sizeof(double));
+  if (is_valid(arg)) {
+    load(&k, arg);
+    report[0] = attempt(&k, arg[ACTIVE_SET], &report[1]);
+    if (report[0] != SOLVED && is_warm(arg[ACTIVE_SET])) {
+      report[2] = 1;
+      report[0] = attempt(&k, 0, &report[1]);
+    }
+    if (res[VELOCITY]) memcpy(res[VELOCITY], k.v, sizeof(k.v));
+    for (int row = 0; res[ACTIVE_SET_OUT] && row < M; ++row) res[ACTIVE_SET_OUT][row] = k.state[row];
+    if (res[RESIDUAL]) write_residual(&k, arg, res[RESIDUAL]);
+  }
+  if (res[REPORT]) memcpy(res[REPORT], report, sizeof(report));
+  return 0;
+}
+
+EXPORT casadi_int lexls_n_in(void) { return INPUTS; }
+EXPORT casadi_int lexls_n_out(void) { return OUTPUTS; }
+
+EXPORT const casadi_int *lexls_sparsity_in(casadi_int i) {
+  static const casadi_int jacobian[] = {M, N, 1}, rows[] = {M, 1, 1};
+  return i == JACOBIAN ? jacobian : rows;
+}
+
+EXPORT const casadi_int *lexls_sparsity_out(casadi_int i) {
+  static const casadi_int velocity[] = {N, 1, 1}, rows[] = {M, 1, 1}, report[] = {3, 1, 1};
+  return i == VELOCITY ? velocity : i == REPORT ? report : rows;
+}
+
+EXPORT int lexls_work(casadi_int *n_arg, casadi_int *n_res, casadi_int *n_iw, casadi_int *n_w) {
+  *n_arg = INPUTS, *n_res = OUTPUTS, *n_iw = 0, *n_w = 0;
+  return 0;
+}
