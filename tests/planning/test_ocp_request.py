@@ -74,6 +74,18 @@ def test_a_posture_moves_what_was_asked_and_ends_at_rest(planar: Robot) -> None:
     np.testing.assert_allclose(trajectory.v[-1], 0.0, atol=1e-6)
 
 
+def test_a_start_nearer_than_the_clearance_is_a_verdict_and_one_that_touches_is_refused(planar: Robot) -> None:
+    near = BALL.model_copy(update={"position": (0.0, 0.45, 0.0)})
+    result = solve_ocp(asked(planar, PostureGoal(joints={"x0": 0.5}), obstacles=(near,), clearance=0.2))
+    assert result.plan.status is OcpStatus.OBSTRUCTED
+    assert result.collision_free
+    assert "lower the margin" in ocp_report(result)["advice"]
+    with pytest.raises(InvalidInput, match="the start is in collision: ball"):
+        solve_ocp(
+            asked(planar, PostureGoal(joints={"x0": 0.5}), obstacles=(BALL.model_copy(update={"position": (0, 0, 0)}),))
+        )
+
+
 def test_a_goal_out_of_reach_is_a_verdict_with_a_motion(planar: Robot) -> None:
     result = solve_ocp(asked(planar, ToolGoal(position=(1.0, 0.0, 2.0)), n_steps=10))
     report = ocp_report(result)
