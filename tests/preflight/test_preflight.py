@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -14,10 +15,12 @@ from scipy.optimize import minimize
 
 from uvms_ocp import pose_at
 from uvms_ocp.mission import DONE, Below, Mission, Phase, Transition
+from uvms_ocp.model.obstacles import obstacle
 from uvms_ocp.preflight import PreflightReport, Severity
 from uvms_ocp.preflight.forecast import forecast, main_path
 from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios import case1, case1_unreachable
+from uvms_ocp.scenarios import case1, case1_unreachable, obstacle_field
+from uvms_ocp.scenarios.obstacle_field import FIELD
 
 
 def with_phases(scenario: Scenario, phases: Sequence[Phase]) -> Scenario:
@@ -160,6 +163,18 @@ def test_a_current_on_the_plant_without_water_is_a_warning() -> None:
     report = case1(plant="kinematic", current=(0.2, 0.0, 0.0)).check()
     assert report.accepted
     assert "ignores the current of 0.2 m/s" in texts(report, Severity.WARNING)
+
+
+@pytest.mark.parametrize(
+    ("x", "place"), [(0.3, "the start"), (11.2, "the place where the vehicle is likeliest to stop")]
+)
+def test_an_obstacle_where_the_robot_stands_is_refused(x: float, place: str) -> None:
+    around = (*FIELD, obstacle("rock", coal.Sphere(0.3), (x, 0.0, -37.0)))
+    (finding,) = obstacle_field(plant="kinematic", obstacles=around).check().of_check("obstacles")
+    assert finding.severity is Severity.ERROR
+    assert finding.text.startswith(place)
+    assert "rock - " in finding.text
+    assert not obstacle_field(plant="kinematic").check().of_check("obstacles")
 
 
 def test_standing_still_and_going_to_a_way_point_at_once_is_a_contradiction() -> None:

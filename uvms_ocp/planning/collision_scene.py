@@ -18,6 +18,8 @@ from .coordinates import Coordinates
 
 Array = NDArray[np.float64]
 
+_LINKS = "its own links"
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Pair:
@@ -53,6 +55,18 @@ class CollisionScene:
     @property
     def n_pairs(self) -> int:
         return len(self.pairs)
+
+    def is_obstacle(self, shape: int) -> bool:
+        """True for the index of an obstacle; the robot's own shapes come first."""
+        return shape >= self.coordinates.robot.collision_model.ngeoms
+
+    def groups(self) -> dict[str, list[int]]:
+        """Indices of pairs by the obstacle they are with, and those of two links."""
+        groups: dict[str, list[int]] = {}
+        for index, pair in enumerate(self.pairs):
+            name = self.geometry.geometryObjects[pair.first].name if self.is_obstacle(pair.first) else _LINKS
+            groups.setdefault(name, []).append(index)
+        return groups
 
 
 def collision_scene(

@@ -11,6 +11,7 @@ from uvms_ocp.preflight.altitude import check_altitude, check_goals
 from uvms_ocp.preflight.findings import Finding, PreflightReport, Severity
 from uvms_ocp.preflight.forces import check_forces
 from uvms_ocp.preflight.forecast import Visit, forecast
+from uvms_ocp.preflight.obstacles import check_obstacles
 from uvms_ocp.preflight.setup import Setup
 from uvms_ocp.preflight.structure import check_structure
 from uvms_ocp.preflight.tool import check_tool
@@ -30,6 +31,7 @@ def check_mission(setup: Setup) -> PreflightReport:
         *check_structure(setup.mission),
         *check_altitude(setup, visits),
         *check_goals(setup),
+        *check_obstacles(setup, visits),
         *check_freedom(setup, visits, problem),
         *check_forces(setup, visits),
     ]

@@ -17,6 +17,7 @@ from uvms_ocp.tasks.reference import evaluate_pose, evaluate_vector
 from uvms_ocp.tasks.task import Task
 
 _N_RIM = 8  # positions on the rim of the ball in which a phase may end
+_BEND = 0.3  # [rad] by which a way point may be entered beside the straight way
 _OVERHEAD = 1e-3  # [m] nearer to the target its direction is not defined
 
 AnyTask = TypeVar("AnyTask", bound=Task)
@@ -28,6 +29,7 @@ class Stance:
 
     position: np.ndarray  # (3,) [m] p_WB
     yaw: float  # [rad]
+    likely: bool = True  # not merely possible
 
     @property
     def X_WB(self) -> pin.SE3:
@@ -129,14 +131,17 @@ def way_point_stances(
 ) -> tuple[Stance, ...]:
     """Stances in a ball around a way point; the first is where the straight way from `origin` (3,) [m] enters it.
 
-    Then the centre and the rim, which begins in the direction of `towards` (3,) [m] in W.
+    Likely are those too to either side of it, as currents and obstacles bend the way. Then come, merely possible, the
+    centre and the rim, which begins in the direction of `towards` (3,) [m] in W.
     """
     yaw = float(pin.rpy.matrixToRpy(goal.rotation)[2])
     offset = origin - goal.translation
-    arrival = goal.translation + offset * min(1.0, radius / max(float(np.linalg.norm(offset)), 1e-9))
+    arrival = offset * min(1.0, radius / max(float(np.linalg.norm(offset)), 1e-9))
+    turned = (pin.rpy.rpyToMatrix(0.0, 0.0, angle) @ arrival for angle in (0.0, _BEND, -_BEND))
+    likely = [Stance(position=goal.translation + point, yaw=yaw) for point in turned]
     around = _ball_towards(goal.translation, radius, towards)
-    points = (arrival, *around) if radius > 0 else tuple(around)
-    return tuple(Stance(position=point, yaw=yaw) for point in points)
+    possible = [Stance(position=point, yaw=yaw, likely=radius == 0) for point in around]
+    return (*likely, *possible) if radius > 0 else tuple(possible)
 
 
 def _ball_towards(centre: np.ndarray, radius: float, towards: np.ndarray | None) -> Iterator[np.ndarray]:
@@ -166,7 +171,7 @@ def _aligned(stance: Stance, target: np.ndarray) -> Stance:
     theta = math.remainder(bearing - stance.yaw, 2 * math.pi)
     walk = -theta / (d**2 + 1.0)
     R = pin.rpy.rpyToMatrix(0.0, 0.0, walk)[:2, :2]
-    return Stance(position=np.array([*(target[:2] + R @ offset), stance.position[2]]), yaw=bearing + walk)
+    return replace(stance, position=np.array([*(target[:2] + R @ offset), stance.position[2]]), yaw=bearing + walk)
 
 
 def _landed(setup: Setup, stance: Stance, altitude: float) -> Stance:

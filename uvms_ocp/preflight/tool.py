@@ -26,14 +26,14 @@ _N_NEAR, _N_FEW = 3, 4  # starts from solved neighbours, and random ones beside 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Distances:
-    """What is missing over all stances, and from the first, where the vehicle is likeliest to stand."""
+    """What is missing over all stances, and at worst over those where the vehicle is likely to stand."""
 
     best: Reach
     worst: Reach
-    likeliest: Reach
+    likely: Reach
 
     def figures(self) -> dict[str, float]:
-        found = {"best": self.best, "worst": self.worst, "likeliest": self.likeliest}
+        found = {"best": self.best, "worst": self.worst, "likely": self.likely}
         lengths = {f"missing_{name}_m": value.position for name, value in found.items()}
         return lengths | {f"missing_{name}_rad": value.orientation for name, value in found.items()}
 
@@ -41,7 +41,7 @@ class Distances:
 def check_tool(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     """One finding per tool task that has to be fulfilled while the vehicle stands still.
 
-    A note where the goal is reached from every stance, a warning where it is from the likeliest, else an error.
+    A note where the goal is reached from every stance, a warning where it is from the likely ones, else an error.
     """
     for visit in visits:
         task = visit.active(ToolPose) or visit.active(ToolPosition)
@@ -55,14 +55,15 @@ def distances_missing(
 ) -> Distances:
     """The distances missing from every stance; ends early where one exceeds `stop_at` [m]."""
     found: list[Reach] = []
+    likely: list[Reach] = []
     for stance in stances:
         for goal in goals:
             near = [reach.joints for reach in sorted(found, key=_cost)[:_N_NEAR]]
             found.append(robot_reach.solve(stance.X_WB, goal, near, n_random=_N_FEW if near else None))
+            likely += found[-1:] if stance.likely else []
         if found[-1].position > stop_at:
             break
-    likeliest = max(found[: len(goals)], key=_cost)
-    return Distances(best=min(found, key=_cost), worst=max(found, key=_cost), likeliest=likeliest)
+    return Distances(best=min(found, key=_cost), worst=max(found, key=_cost), likely=max(likely or found, key=_cost))
 
 
 def _cost(reach: Reach) -> float:
@@ -90,7 +91,7 @@ def _finding(setup: Setup, visit: Visit, task: ToolPose | ToolPosition) -> Findi
     if suggestion is not None:
         figures["suggested_way_point"] = [round(float(x), 3) for x in suggestion]
     return Finding(
-        severity=Severity.WARNING if distances.likeliest.reached else Severity.ERROR,
+        severity=Severity.WARNING if distances.likely.reached else Severity.ERROR,
         check=CHECK,
         phase=visit.phase.name,
         text=_text(task.name, distances, suggestion),
@@ -103,11 +104,11 @@ def _text(name: str, distances: Distances, suggestion: np.ndarray | None) -> str
     if suggestion is not None:
         advice = "try the way point ({:.2f}, {:.2f}, {:.2f})".format(*suggestion)
     best, worst = distances.best, distances.worst
-    from_likeliest = ", reaches it from the likeliest of them" if distances.likeliest.reached else ""
+    from_likely = ", though it reaches it from the likely ones" if distances.likely.reached else ""
     return (
         f"{name}: the arm misses the goal by {best.position:.3f} m ({best.orientation:.2f} rad) at best and "
         f"{worst.position:.3f} m ({worst.orientation:.2f} rad) at worst over the vehicle positions foreseen"
-        f"{from_likeliest}; {advice}"
+        f"{from_likely}; {advice}"
     )
 
 
@@ -167,6 +168,6 @@ def _with_goal(mission: Mission, phase: int, name: str, goal: pin.SE3) -> Missio
 
 def _reached_from(setup: Setup, arm: ArmReach, visit: Visit, goals: Sequence[pin.SE3]) -> bool:
     stances = next(later.stances for later in forecast(setup) if later.index == visit.index)
-    # Arrival, centre, then the rim from the direction of the goal on: the farthest stance is half way around it.
-    ordered = [stances[len(stances) // 2 + 1], *stances] if len(stances) > 1 else list(stances)
-    return distances_missing(arm, ordered, goals, stop_at=REACHED).worst.reached
+    goal = goals[0].translation
+    farthest_first = sorted(stances, key=lambda stance: -float(np.linalg.norm(goal - stance.position)))
+    return distances_missing(arm, farthest_first, goals, stop_at=REACHED).worst.reached
