@@ -119,6 +119,13 @@ def test_an_unknown_shape_is_named(robot: Robot) -> None:
         CollisionModel(robot, links=["link9"])
 
 
+def test_a_model_without_pairs_is_refused(robot: Robot) -> None:
+    with pytest.raises(
+        InvalidInput, match="CL: a collision model without pairs; give obstacles or self_collision=True"
+    ):
+        Clearance(model=CollisionModel(robot, self_collision=False))
+
+
 def test_no_gradient_exceeds_the_reach_of_its_axis(robot: Robot) -> None:
     model = CollisionModel(robot, [ball(1.0, 0.5, 0.0)])
     itself, rng = CollisionModel(robot), np.random.default_rng(2)

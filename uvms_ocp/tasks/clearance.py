@@ -22,7 +22,8 @@ _FAR = 1e3  # [m] stands for the distance of pairs that do not exist
 class Clearance(Task):
     """CL: the nearest pairs of shapes stay `threshold` apart, one row per pair.
 
-    Distances and gradients are numbers: they come from coal at every tick, as parameters.
+    Distances and gradients are numbers: they come from coal at every tick, as parameters. Raises `InvalidInput` for a
+    number that is not positive or a model without pairs.
     """
 
     equality: ClassVar[bool] = False
@@ -42,6 +43,8 @@ class Clearance(Task):
         )
         if self.n_nearest < 1:
             raise InvalidInput(f"{self.name}: n_nearest = {self.n_nearest}; give 1 or more")
+        if self.model.n_pairs < 1:
+            raise InvalidInput(f"{self.name}: a collision model without pairs; give obstacles or self_collision=True")
         object.__setattr__(self, "_n_rows", min(self.n_nearest, self.model.n_pairs))
 
     def position_limit(self, robot: Robot) -> PositionLimit:
