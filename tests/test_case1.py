@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from uvms_ocp.record import Record
-from uvms_ocp.report import summarize
+from uvms_ocp.report import summarize, transition_series
 from uvms_ocp.scenario import Scenario, pose_at
 from uvms_ocp.scenarios import Thresholds, case1
 from uvms_ocp.solvers import Icat, LexicographicActiveSet, LexicographicQp
@@ -66,6 +66,17 @@ def test_joints_stay_inside_position_and_speed_limits(run: Run) -> None:
 
 def test_the_command_never_jumps(run: Run) -> None:
     assert run.report["max_velocity_step"] < run.largest_step
+
+
+def test_what_stands_above_the_action_loses_nothing_through_the_phase_changes(run: Run) -> None:
+    """Unless the solver is the regularised one."""
+    series = transition_series(run.record)
+    lost = float(series["lost"].max())
+    if isinstance(run.scenario.solver, Icat):
+        assert lost > 1e-3
+        return
+    assert lost < 1e-8
+    assert series["step"].max() <= 1.0 + 1e-6
 
 
 def test_minimum_altitude_holds_while_it_is_on(run: Run) -> None:

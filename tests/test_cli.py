@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from importlib.metadata import version
@@ -15,9 +16,10 @@ from uvms_ocp.model.library import robot_folder
 from uvms_ocp.record import Record
 
 
-def cli(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+def cli(*arguments: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "uvms_ocp", *arguments]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300, check=False)
+    env = os.environ | environment
+    return subprocess.run(command, cwd=cwd, env=env, capture_output=True, text=True, timeout=300, check=False)
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +79,10 @@ def test_a_mission_out_of_time_exits_with_3_and_says_why(tmp_path: Path) -> None
     ("arguments", "message"),
     [
         (["run", "case9"], "unknown scenario 'case9'; known: case1"),
-        (["run", "--solver", "lexpq"], "unknown solver 'lexpq'; known: lexls, lexqp, icat. Did you mean 'lexqp'?"),
+        (
+            ["run", "--solver", "lexpq"],
+            "unknown solver 'lexpq'; known: lexls, lexqp, icat, daqp. Did you mean 'lexqp'?",
+        ),
         (["run", "--robot", "girona"], "unknown robot 'girona'; known: bluerov2_alpha5, girona_maris7"),
         (["run", "--plant", "wet"], "unknown plant 'wet'; known: dynamic, kinematic"),
         (["run", "--duration", "-1"], "duration = -1.0 s; give a finite time > 0"),
@@ -167,6 +172,30 @@ def test_export_writes_the_tick_whole_or_not_at_all(tmp_path: Path) -> None:
     }
     assert cli("export", "tick", "--scenario", "case9", "d", cwd=tmp_path).returncode == 2
     assert not (tmp_path / "d").exists()
+
+
+def test_without_a_compiler_a_run_works_and_says_so_once(tmp_path: Path) -> None:
+    options = ("--plant", "kinematic", "--duration", "0.1", "--json")
+    process = cli("run", *options, cwd=tmp_path, PATH=str(tmp_path), CC="")
+    assert process.returncode == 3
+    assert json.loads(process.stdout)["simulated_s"] == pytest.approx(0.1)
+    assert process.stderr.count("no C compiler found (CC, cc, gcc, clang): everything works, only slower") == 1
+
+
+def test_daqp_runs_where_it_is_installed_and_is_one_line_where_it_is_not(tmp_path: Path) -> None:
+    options = ("run", "--plant", "kinematic", "--duration", "0.1", "--solver", "daqp", "--json")
+    process = cli(*options, cwd=tmp_path)
+    assert process.returncode == 3, process.stderr
+    assert json.loads(process.stdout)["solver"] == "Daqp"
+    (tmp_path / "hidden").mkdir()
+    (tmp_path / "hidden" / "daqp.py").write_text("raise ImportError\n")
+    path = os.pathsep.join([str(tmp_path / "hidden"), os.environ.get("PYTHONPATH", "")])
+    process = cli(*options, "--out", "other", cwd=tmp_path, PYTHONPATH=path)
+    assert process.returncode == 2
+    assert process.stderr.splitlines() == [
+        "error: solver Daqp needs the package daqp, which is not installed; pip install 'uvms-ocp[daqp]'"
+    ]
+    assert not (tmp_path / "other").exists()
 
 
 def test_a_robot_is_checked_by_name_as_by_its_folder(tmp_path: Path) -> None:

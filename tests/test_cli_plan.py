@@ -121,10 +121,60 @@ def test_a_robot_shut_in_exits_with_3_and_shows_the_collision(tmp_path: Path) ->
     assert (tmp_path / "out" / "scene.html").exists()
 
 
+@pytest.fixture(scope="module")
+def controlled(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    folder = tmp_path_factory.mktemp("ocp")
+    options = ("--method", "ocp", "--duration", "14", "--steps", "20", "--current", "0.1", "0", "0")
+    goal = ("--tool", *map(str, TOOL), "--sphere", "1.7,0.3,-0.4,0.35")
+    return plan(*goal, *options, "--out", "out", "--json", cwd=folder), folder / "out"
+
+
+def test_optimal_control_reaches_the_goal_with_what_the_thrusters_have(controlled: Run) -> None:
+    process, folder = controlled
+    report = json.loads(process.stdout)
+    assert process.returncode == 0, process.stderr
+    assert report == json.loads((folder / "report.json").read_text())
+    assert report["status"] == "solved"
+    assert report["collision_free"] is True
+    assert report["tool_error"]["position_m"] < 1e-5
+    assert 0 < report["peak_thrust_n"] < 150
+    assert report["energy_j"] > 0
+    assert "all goals are met" in process.stderr
+
+
+def test_optimal_control_writes_its_plan_with_forces(controlled: Run) -> None:
+    _, folder = controlled
+    files = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    figures = {f"figures/{name}.png" for name in ("vehicle_motion", "joint_motion", "clearance", "efforts")}
+    assert files == figures | {"plan.npz", "plan.json", "record.npz", "report.json", "scene.html"}
+    arrays, text = np.load(folder / "plan.npz"), json.loads((folder / "plan.json").read_text())
+    assert arrays["thrust"].shape == (20, 8)
+    np.testing.assert_allclose(text["q"], arrays["q"])
+    np.testing.assert_allclose(Record.load(folder / "record.npz")["q"][-1], arrays["q"][-1], atol=1e-6)
+
+
+def test_optimal_control_that_misses_its_goal_exits_with_3_and_says_why(tmp_path: Path) -> None:
+    options = ("--method", "ocp", "--duration", "1", "--steps", "5", "--robot", "planar5")
+    process = plan("--joint", "x0=0.9", *options, "--out", "out", "--json", cwd=tmp_path)
+    assert process.returncode == 3, process.stderr
+    report = json.loads(process.stdout)
+    assert report["status"] == "horizon too short"
+    assert "more time" in report["advice"]
+    assert (tmp_path / "out" / "plan.npz").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         ([], "give one goal"),
+        (["--to", "3", "0", "0", "--method", "prm"], "unknown method 'prm'"),
+        (["--to", "3", "0", "0", "--duration", "5"], "--duration is for --method ocp, not for curve"),
+        (["--to", "3", "0", "0", "--method", "ocp", "--axes", "all"], "--axes is for --method curve, not for ocp"),
+        (["--to", "3", "0", "0", "--method", "ocp", "--nlp", "snopt"], "unknown NLP solver 'snopt'"),
+        (["--to", "3", "0", "0", "--method", "ocp", "--steps", "0"], "give at least 1"),
+        (["--to", "3", "0", "0", "--method", "ocp", "--current", "nan", "0", "0"], "three finite numbers"),
+        (["--to", "3", "0", "0", "--method", "ocp", "--sphere", "0,0,0,0.3"], "the start is in collision: sphere1"),
+        (["--to", "3", "0", "0", "--method", "ocp", "--box", "5,0,0,0.01,9,9"], "give fewer or less flat obstacles"),
         (["--tool", "1", "0", "0", "--joint", "joint1=0"], "give one goal"),
         (["--tool-rpy", "1", "0", "0"], "give one goal"),
         (["--tool", "nan", "0", "0"], "give finite numbers"),

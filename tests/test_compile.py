@@ -7,6 +7,8 @@ import logging
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -103,6 +105,34 @@ def test_without_a_compiler_it_says_so_once(monkeypatch: pytest.MonkeyPatch, cap
         assert _compile_visible() is None
     building._compiler.cache_clear()
     assert caplog.text.count("no C compiler found") == 1
+
+
+def _stderr_of(program: str, **environment: str) -> list[str]:
+    """Lines that a new process writes to stderr, without any logging set up."""
+    kept = {name: value for name, value in os.environ.items() if name != "CC"}
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=kept | environment, capture_output=True, text=True, timeout=60, check=True
+    )
+    return done.stderr.splitlines()
+
+
+TWO_LIBRARIES = """
+from uvms_ocp.compile import compile_library
+for number in (1, 2, 2):
+    compile_library(f"int f(void) {{ return {number}; }}")
+"""
+
+
+def test_the_first_compilation_is_announced_on_stderr_once_and_the_next_process_is_silent(tmp_path: Path) -> None:
+    cache = str(tmp_path / "fresh")
+    (line,) = _stderr_of(TWO_LIBRARIES, UVMS_OCP_CACHE=cache)
+    assert line == f"compiling C code for the first time, about half a minute; kept in {cache}"
+    assert _stderr_of(TWO_LIBRARIES, UVMS_OCP_CACHE=cache) == []
+
+
+def test_the_missing_compiler_is_announced_on_stderr_once(tmp_path: Path) -> None:
+    (line,) = _stderr_of(TWO_LIBRARIES, PATH=str(tmp_path))
+    assert line == "no C compiler found (CC, cc, gcc, clang): everything works, only slower"
 
 
 def test_source_that_does_not_compile_gives_nothing_but_a_warning(caplog: pytest.LogCaptureFixture) -> None:

@@ -7,6 +7,7 @@ from uvms_ocp import scenarios as scenarios
 from uvms_ocp.control import KinematicController as KinematicController
 from uvms_ocp.exceptions import UvmsError as UvmsError
 from uvms_ocp.mission import DONE as DONE
+from uvms_ocp.mission import Above as Above
 from uvms_ocp.mission import Below as Below
 from uvms_ocp.mission import Mission as Mission
 from uvms_ocp.mission import Phase as Phase

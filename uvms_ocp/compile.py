@@ -1,5 +1,7 @@
 """C source to shared library, compiled once and cached; without a C compiler callers fall back to slower code.
 
+Either is said once per process as a warning of the logger ``uvms_ocp.compile``.
+
 A library is found by the hash of its source, flags and compiler; its own hash is stored beside it and checked before
 every use, so that an interrupted compilation, a damaged file or garbage in the cache leads to a new compilation.
 Every process compiles to a file of its own and moves it into place, which the operating system does atomically.
@@ -24,6 +26,7 @@ import casadi as ca
 
 _FLAGS = ("-O3", "-shared", "-fPIC", "-ffp-contract=off")
 _TIMEOUT = 300.0  # [s]
+_SLOWER = "everything works, only slower"
 _log = logging.getLogger(__name__)
 
 
@@ -62,7 +65,7 @@ def _compiler() -> str | None:
     names = (os.environ.get("CC", ""), "cc", "gcc", "clang")
     found = next((path for name in names if name and (path := shutil.which(name))), None)
     if found is None:
-        _log.warning("no C compiler found (CC, cc, gcc, clang): running the slower NumPy code")
+        _log.warning("no C compiler found (CC, cc, gcc, clang): %s", _SLOWER)
     return found
 
 
@@ -77,7 +80,13 @@ def _version(compiler: str) -> str:
 
 @lru_cache(maxsize=8)
 def _warn_once(message: str) -> None:
-    _log.warning("%s: running the slower NumPy code", message)
+    _log.warning("%s: %s", message, _SLOWER)
+
+
+@lru_cache(maxsize=1)
+def _announce(directory: Path) -> None:
+    # A warning, as Python shows it by default: a silent half minute looks like a hang.
+    _log.warning("compiling C code for the first time, about half a minute; kept in %s", directory)
 
 
 def _cache_directory() -> Path | None:
@@ -120,7 +129,7 @@ def _build(compiler: str, source: str, flags: Sequence[str], library: Path) -> b
 
 def _build_in(folder: Path, compiler: str, source: str, flags: Sequence[str], library: Path) -> bool:
     code, built, digest = folder / "source.c", folder / "library.so", folder / "digest"
-    _log.info("compiling C code for the first time; kept in %s", library.parent)
+    _announce(library.parent)
     code.write_text(source, encoding="utf-8")
     command = [compiler, *flags, "-o", str(built), str(code), "-lm"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT, check=False)

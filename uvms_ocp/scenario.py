@@ -204,6 +204,7 @@ class Scenario:
                 "position_lower": self.robot.limits.position_lower.tolist(),
                 "position_upper": self.robot.limits.position_upper.tolist(),
                 "velocity": self.robot.limits.velocity.tolist(),
+                "acceleration": self.robot.limits.acceleration.tolist(),
                 "effort": self.robot.limits.effort.tolist(),
             },
             "thresholds": [

@@ -29,14 +29,6 @@ def tool_reach(n_steps: int = 40, **options: Any) -> OcpProblem:
     return single_phase(robot=robot, start=start, n_steps=n_steps, **(chosen | options))
 
 
-def weighted_reach(weight: float, n_steps: int = 40) -> OcpProblem:
-    """The same with one level: `weight` on the tool stands in for its priority."""
-    problem = tool_reach()
-    goal = problem.levels[0].terms[0].task  # type: ignore[attr-defined]
-    terms = (TaskTerm(task=goal, weight=weight), *problem.levels[1].terms)
-    return tool_reach(n_steps, levels=[OcpLevel(name="sum", terms=terms)])
-
-
 def reach_goal(robot: Robot, q: np.ndarray) -> pin.SE3:
     """1.3 m away from where the tool is, and turned."""
     data = robot.model.createData()

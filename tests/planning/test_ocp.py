@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import casadi as ca
@@ -15,11 +15,12 @@ from uvms_ocp.control.plan_tracking import PlanTracker, carry_out
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.hydrodynamics import Water
-from uvms_ocp.model.kinematics import Kinematics
+from uvms_ocp.model.limits import Limits
 from uvms_ocp.model.robot import Robot, load_robot
 from uvms_ocp.model.state import State
 from uvms_ocp.model.thrusters import thruster_matrix
 from uvms_ocp.planning import (
+    Actuation,
     AtRest,
     Ball,
     BallClearance,
@@ -33,10 +34,10 @@ from uvms_ocp.planning import (
     Smoothness,
     TaskTerm,
     hold,
-    plan_tool_motion,
     single_phase,
     through,
 )
+from uvms_ocp.planning.first_step import impossible_start
 from uvms_ocp.planning.stage import StageModel
 from uvms_ocp.planning.transcription import Transcription
 from uvms_ocp.sim import DynamicPlant, Environment, FlatSeafloor
@@ -73,13 +74,25 @@ def robot() -> Robot:
 
 
 @pytest.fixture(scope="module")
+def weightless(robot: Robot) -> Robot:
+    model = pin.Model(robot.model)
+    model.gravity = pin.Motion.Zero()
+    return replace(robot, model=model)
+
+
+@pytest.fixture(scope="module")
 def planner(robot: Robot) -> Planner:
     return Planner(reach(robot))
 
 
+DRY: dict[str, object] = {"water": False, "limited": False, "actuation": Actuation.WRENCH}
+"""Nothing limits the forces, so that they are no variables."""
+
+
+@pytest.mark.parametrize("options", [{}, DRY, DRY | {"integrator": Integrator.EULER}], ids=["wet", "dry", "euler"])
 @pytest.mark.parametrize("plugin", ["ipopt", "fatrop"])
-def test_derivatives_equal_finite_differences(robot: Robot, plugin: str) -> None:
-    transcription = Transcription(reach(robot, n_steps=3), plugin=plugin)
+def test_derivatives_equal_finite_differences(robot: Robot, plugin: str, options: dict[str, object]) -> None:
+    transcription = Transcription(reach(robot, n_steps=3, **options), plugin=plugin)
     rng, p = np.random.default_rng(1), transcription.parameters()
     x = transcription.pack(hold(transcription.problem)) + 0.05 * rng.standard_normal(transcription.n_x)
     d, e = rng.standard_normal(transcription.n_x), 1e-6
@@ -123,6 +136,38 @@ def test_forces_are_those_of_the_motion_in_the_middle_of_every_step(robot: Robot
         wanted = dynamics.inverse_dynamics(q, v, a, Water(velocity=problem.current))
         given = np.concatenate([matrix @ trajectory.thrust[k], trajectory.torque[k]])
         np.testing.assert_allclose(given, wanted, atol=1e-3)
+
+
+def test_forces_that_are_no_variables_are_those_of_the_motion(weightless: Robot) -> None:
+    trajectory = Planner(reach(weightless, n_steps=10, **DRY)).plan().trajectory
+    data = weightless.model.createData()
+    for k, h in enumerate(np.diff(trajectory.t)):
+        wanted = pin.rnea(weightless.model, data, *trajectory.state_at(weightless.model, trajectory.t[k] + h / 2))
+        given = np.concatenate([trajectory.thrust[k], trajectory.torque[k]])
+        np.testing.assert_allclose(given, wanted, atol=1e-8)
+
+
+def test_plans_with_and_without_forces_as_variables_are_the_same(weightless: Robot) -> None:
+    unlimited = {field.name: np.full_like(getattr(weightless.limits, field.name), np.inf) for field in fields(Limits)}
+    unlimited["position_lower"] = -unlimited["position_lower"]
+    free = replace(weightless, limits=Limits(**unlimited))
+    problems = [reach(free, n_steps=10, **DRY | {"limited": limited}) for limited in (False, True)]
+    without, with_forces = (Planner(problem).plan().trajectory for problem in problems)
+    np.testing.assert_allclose(without.q, with_forces.q, atol=1e-5)
+    np.testing.assert_allclose(without.thrust, with_forces.thrust, atol=1e-2)
+
+
+def test_a_semi_implicit_step_moves_with_the_new_velocity_under_the_forces_of_the_old_state(weightless: Robot) -> None:
+    trajectory = Planner(reach(weightless, n_steps=10, **DRY, integrator=Integrator.EULER)).plan().trajectory
+    data = weightless.model.createData()
+    for k, h in enumerate(np.diff(trajectory.t)):
+        given = np.concatenate([trajectory.thrust[k], trajectory.torque[k]])
+        a = pin.aba(weightless.model, data, trajectory.q[k], trajectory.v[k], given)
+        v = trajectory.v[k] + h * a
+        np.testing.assert_allclose(trajectory.v[k + 1], v, atol=1e-7)
+        np.testing.assert_allclose(
+            trajectory.q[k + 1], pin.integrate(weightless.model, trajectory.q[k], h * v), atol=1e-7
+        )
 
 
 def test_both_solvers_find_the_same_cost(robot: Robot, planner: Planner) -> None:
@@ -225,20 +270,62 @@ def test_a_clearance_is_kept_on_the_way(robot: Robot) -> None:
     assert distance.min() >= 0.9 + 0.5 + 0.1 - 1e-5
 
 
-def test_limits_that_cannot_be_kept_name_the_constraint(planner: Planner, robot: Robot) -> None:
+def test_a_start_that_is_too_fast_for_the_limits_is_proven_impossible(planner: Planner, robot: Robot) -> None:
     tumbling = np.zeros(robot.n_v)
     tumbling[4] = 5.0
     plan = planner.plan(replace(planner.problem, start=State(q=planner.problem.start.q, v=tumbling)))
     assert plan.status is OcpStatus.INFEASIBLE
-    assert "cannot be kept" in plan.reason
+    assert "pitch rate starts at 5" in plan.reason
+    assert plan.iterations == 0
     assert np.isfinite(plan.trajectory.q).all()
 
 
-def test_a_time_limit_ends_the_solve_without_a_nan(robot: Robot) -> None:
-    plan = Planner(reach(robot), NlpOptions(time_limit=0.02)).plan()
+def test_a_joint_that_runs_into_its_stop_is_proven_impossible(planner: Planner, robot: Robot) -> None:
+    q, v, joint = planner.problem.start.q.copy(), np.zeros(robot.n_v), 3
+    q[7 + joint] = robot.limits.position_upper[joint] - 1e-3
+    v[6 + joint] = robot.limits.velocity[6 + joint]
+    plan = planner.plan(replace(planner.problem, start=State(q=q, v=v)))
+    assert plan.status is OcpStatus.INFEASIBLE
+    assert "'joint4'" in plan.reason
+    assert "first step" in plan.reason
+
+
+def test_the_limits_of_the_first_step_condemn_no_start_that_has_a_plan(planner: Planner, robot: Robot) -> None:
+    moving = np.zeros(robot.n_v)
+    moving[0], moving[9] = 0.3, 0.2
+    problem = replace(planner.problem, start=State(q=planner.problem.start.q, v=moving))
+    assert planner.plan(problem).status is OcpStatus.SOLVED
+    assert impossible_start(problem) is None
+
+
+def test_a_current_that_thrusters_cannot_hold_against_names_level_and_constraint(robot: Robot) -> None:
+    problem = reach(robot, current=np.array([3.0, 0.0, 0.0]), n_steps=10)
+    plan = Planner(problem, NlpOptions(time_limit=10.0)).plan()
+    assert plan.status in (OcpStatus.INFEASIBLE, OcpStatus.UNFINISHED)
+    assert "level 'tool'" in plan.reason
+    assert "broken by" in plan.reason
+    assert "loosen" in plan.advice
+    assert np.isfinite(plan.trajectory.q).all()
+
+
+@pytest.mark.parametrize("limit", [0.02, 0.6])
+def test_the_time_limit_holds_for_the_whole_plan_without_a_nan(robot: Robot, planner: Planner, limit: float) -> None:
+    far = TaskTerm(task=tool_goal(robot, planner.problem.start.q, (100.0, 0.0, 0.0)))
+    problem = reach(robot, levels=[OcpLevel(name="tool", terms=(far,)), CHEAP])
+    plan = Planner(problem, NlpOptions(time_limit=limit, max_iterations=3000)).plan()
+    assert plan.status in (OcpStatus.UNFINISHED, OcpStatus.MISSED, OcpStatus.TOO_SHORT)
+    assert plan.solve_time < limit + 2.0
+    assert np.isfinite(plan.trajectory.q).all()
+
+
+def test_a_limit_of_iterations_is_no_proof_of_infeasibility(robot: Robot) -> None:
+    plan = Planner(reach(robot), NlpOptions(max_iterations=3)).plan()
     assert plan.status is OcpStatus.UNFINISHED
-    assert plan.solve_time < 2.0
-    assert np.isfinite(plan.trajectory.q).all()
+    assert "iteration limit" in plan.reason
+
+
+def test_a_missed_goal_is_not_called_unreachable_before_more_time_was_tried(planner: Planner, robot: Robot) -> None:
+    assert planner.plan(reach(robot, duration=1.2), diagnose=False).status is OcpStatus.MISSED
 
 
 def test_the_magnus_integrator_follows_constant_acceleration_more_closely(robot: Robot) -> None:
@@ -276,10 +363,3 @@ def test_misuse_is_refused(robot: Robot) -> None:
         Transcription(reach(robot, constraints=(TaskTerm(task=UnderActuation(axes=(3,))),)))
     with pytest.raises(NameNotFound, match="phase"):
         reach(robot, constraints=(TaskTerm(task=NullVelocity(), phase="landing"),))
-
-
-def test_the_ready_made_plan_moves_the_tool_by_what_was_asked(robot: Robot) -> None:
-    plan = plan_tool_motion(robot, move=(0.5, 0.2, -0.3), duration=6.0, n_steps=10)
-    assert plan.status is OcpStatus.SOLVED
-    ends = [Kinematics(robot, plan.trajectory.q[k]).pose("tool") for k in (0, -1)]
-    np.testing.assert_allclose(ends[1].translation - ends[0].translation, [0.5, 0.2, -0.3], atol=1e-5)

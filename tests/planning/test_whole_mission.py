@@ -27,7 +27,7 @@ def test_a_way_point_from_which_a_greedy_mission_cannot_reach_the_target_is_no_o
         n_steps=(16, 6, 10, 10),
     )
     problem = whole_mission(robot, State(q=q, v=np.zeros(robot.n_v)), mission, floor=-40.0)
-    plan = Planner(problem, NlpOptions(max_iterations=400, convergence=1e-5, time_limit=60.0)).plan()
+    plan = Planner(problem, NlpOptions(max_iterations=400, convergence=1e-5, time_limit=600.0)).plan()
     assert plan.status is OcpStatus.SOLVED
     assert plan.duration <= 54.0
     data, nodes = robot.model.createData(), problem.starts_of_phases()

@@ -153,3 +153,10 @@ def test_clearance_keeps_the_whole_robot_away_from_the_obstacles_that_it_would_h
     assert closest.distance > 0.02
     assert closest_approach(scenario.robot, scenario.environment, kept["q"][::5]).distance > 0.1
     assert closest_approach(scenario.robot, scenario.environment, lost["q"][::5]).distance < 0
+
+
+def test_without_water_the_obstacles_are_kept_at_the_threshold() -> None:
+    scenario = obstacle_field(plant="kinematic", dt=0.02)
+    record = scenario.run()
+    assert record.meta["completed"]
+    assert closest_approach(scenario.robot, scenario.environment, record["q"]).distance > 0.15 - 1e-6

@@ -10,11 +10,11 @@ import pytest
 from hierarchies import random_hierarchy, reference
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.solvers import Icat, Level, LexicographicQp, Status
+from uvms_ocp.solvers import Daqp, Icat, Level, LexicographicQp, Status
 from uvms_ocp.solvers.level import stack
 from uvms_ocp.solvers.qp_tick import QpTick
 
-SOLVERS = [Icat(), LexicographicQp()]
+SOLVERS = [Icat(), LexicographicQp(), Daqp()]
 
 
 def _equalities(seed: int, n: int = 13) -> list[Level]:
@@ -85,7 +85,7 @@ def test_a_last_level_of_zero_velocity_gives_the_shortest_velocity() -> None:
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_a_tick_is_the_same_as_a_solve_and_passes_extras_on(solver: Icat | LexicographicQp) -> None:
+def test_a_tick_is_the_same_as_a_solve_and_passes_extras_on(solver: Icat | LexicographicQp | Daqp) -> None:
     levels = random_hierarchy(3)
     solution = solver.solve(levels)
     tick = solver.bind(_tick_function(13, 59), [level.n_rows for level in levels])
@@ -98,14 +98,14 @@ def test_a_tick_is_the_same_as_a_solve_and_passes_extras_on(solver: Icat | Lexic
 
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("wrong", range(6))
-def test_nan_in_a_tick_gives_zero_velocity_and_says_so(solver: Icat | LexicographicQp, wrong: int) -> None:
+def test_nan_in_a_tick_gives_zero_velocity_and_says_so(solver: Icat | LexicographicQp | Daqp, wrong: int) -> None:
     if isinstance(solver, Icat) and wrong in (1, 2, 5):
         wrong = 3  # bounds and gate are not read by this solver
     levels = random_hierarchy(4)
     tick = solver.bind(_tick_function(13, 59), [level.n_rows for level in levels])
     arguments = [array.copy() for array in _arguments(levels)]
-    if isinstance(solver, LexicographicQp) and wrong in (3, 4):
-        wrong = 0  # rate and activation are not read by this solver
+    if not isinstance(solver, Icat) and wrong in (3, 4):
+        wrong = 0  # rate and activation are not read by the strict ones
     arguments[wrong].flat[7] = np.nan
     result = tick(*arguments)
     assert result.status is Status.INVALID_INPUT
@@ -116,7 +116,7 @@ def test_nan_in_a_tick_gives_zero_velocity_and_says_so(solver: Icat | Lexicograp
 
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize(("n", "m"), [(1, 2), (3, 0), (2, 1)])
-def test_ticks_work_at_the_smallest_sizes(solver: Icat | LexicographicQp, n: int, m: int) -> None:
+def test_ticks_work_at_the_smallest_sizes(solver: Icat | LexicographicQp | Daqp, n: int, m: int) -> None:
     result = solver.bind(_tick_function(n, m), [m])(np.ones((m, n)), *[np.ones(m)] * 5)
     assert result.status is Status.SOLVED
     np.testing.assert_allclose(np.ones((m, n)) @ result.v, np.ones(m), atol=1e-3)
@@ -143,7 +143,7 @@ def test_a_tick_refuses_wrong_inputs_and_levels() -> None:
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_levels_without_effect_leave_the_velocity_at_zero(solver: Icat | LexicographicQp) -> None:
+def test_levels_without_effect_leave_the_velocity_at_zero(solver: Icat | LexicographicQp | Daqp) -> None:
     J = np.random.default_rng(0).standard_normal((3, 5))
     cases = [
         [Level(jacobian=np.zeros((0, 5)))],
@@ -158,7 +158,7 @@ def test_levels_without_effect_leave_the_velocity_at_zero(solver: Icat | Lexicog
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_an_empty_hierarchy_is_refused(solver: Icat | LexicographicQp) -> None:
+def test_an_empty_hierarchy_is_refused(solver: Icat | LexicographicQp | Daqp) -> None:
     with pytest.raises(InvalidInput, match="levels is empty"):
         solver.solve([])
 

@@ -8,12 +8,14 @@ import pinocchio as pin
 import pytest
 from test_tasks import evaluate, random_configuration
 
+from uvms_ocp.control.viability import Stop
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.collision import CollisionModel, self_pairs
+from uvms_ocp.model.kinematics import Kinematics
 from uvms_ocp.model.obstacles import Obstacle, mesh_shape
 from uvms_ocp.model.robot import Robot, load_robot
 from uvms_ocp.sim import FlatSeafloor, HeightField, floor_obstacle
-from uvms_ocp.tasks import Clearance
+from uvms_ocp.tasks import Clearance, MinimumAltitude
 
 STEP = 1e-4
 
@@ -51,9 +53,31 @@ def test_links_that_touch_by_design_are_left_out(robot: Robot) -> None:
 
 def test_the_nearest_pairs_come_first(robot: Robot) -> None:
     model, q = CollisionModel(robot, [ball(2.0, 0.5, 0.0)]), robot.configuration()
-    nearest = model.nearest(q, 5)
-    np.testing.assert_allclose(nearest.value, np.sort(model.values(q))[:5])
-    assert nearest.gradient.shape == (5, robot.n_v)
+    smallest, *rest = Clearance(model=model, n_nearest=5).parameters(0.0, q)
+    nearest = np.sort(model.values(q))[:5]
+    assert smallest == pytest.approx(nearest[0])
+    np.testing.assert_allclose(rest[:5], nearest)
+
+
+def test_a_row_counts_the_smallest_distance_on_the_way_to_rest(robot: Robot) -> None:
+    """A corner of the hull swings towards a ball on a curve."""
+    model = CollisionModel(robot, [ball(0.9, 0.9, 0.0)], self_collision=False, links=["base_link_0"])
+    task, q, v = Clearance(model=model, threshold=0.05), robot.configuration(), np.zeros(robot.n_v)
+    v[5] = 0.5
+    stop = Stop(robot, 0.005).ahead(q, v)
+    assert stop is not None
+    swept = [model.values(pin.integrate(robot.model, q, v * t))[0] for t in np.linspace(0.0, 0.25, 51)]
+    smallest, nearest, fastest, *gradient = task.parameters(0.0, q, stop)
+    assert smallest == pytest.approx(swept[0])
+    assert nearest == pytest.approx(min(swept), abs=1e-3)
+    assert nearest < smallest - 0.01
+    # The stop from a slightly faster turn ends nearer by what the row's gradient and speed say.
+    faster = 1.02 * v
+    ahead = Stop(robot, 0.005).ahead(q, faster)
+    assert ahead is not None
+    change = task.parameters(0.0, q, ahead)[1] - nearest
+    assert change == pytest.approx(2.0 * stop.durations[-1] * np.array(gradient) @ (faster - v), rel=0.05)
+    assert fastest == pytest.approx((nearest - 0.05) / (2.0 * stop.durations[-1]) - np.array(gradient) @ v, rel=1e-6)
 
 
 def test_a_flat_floor_and_its_mesh_are_equally_far(robot: Robot) -> None:
@@ -86,10 +110,45 @@ def test_the_task_forbids_to_come_nearer_than_its_threshold(robot: Robot) -> Non
 
 def test_pairs_that_are_missing_are_far_away(robot: Robot) -> None:
     task = Clearance(model=CollisionModel(robot, [ball(3, 0, 0)], self_collision=False, links=["link7_0"]))
-    assert task.n_parameters(robot) == 1 + robot.n_v
+    assert task.reference(0.0).shape == (task.n_parameters(robot),)
     assert task.reference(0.0)[0] > 100.0
 
 
 def test_an_unknown_shape_is_named(robot: Robot) -> None:
     with pytest.raises(InvalidInput, match=r"\['link9'\] to check for collision; allowed: base_link_0"):
         CollisionModel(robot, links=["link9"])
+
+
+def test_no_gradient_exceeds_the_reach_of_its_axis(robot: Robot) -> None:
+    model = CollisionModel(robot, [ball(1.0, 0.5, 0.0)])
+    itself, rng = CollisionModel(robot), np.random.default_rng(2)
+    assert not itself.reach[:6].any()
+    assert (itself.reach[6:] > 0).any()
+    for _ in range(20):
+        q = random_configuration(robot, rng)
+        for pairs in (model, itself):
+            assert (np.abs(pairs.distances(q).gradient) <= pairs.reach + 1e-9).all()
+
+
+@pytest.mark.parametrize("task", ["CL", "MAC"])
+def test_a_position_limit_reads_the_quantity_of_its_task(robot: Robot, task: str) -> None:
+    model = CollisionModel(robot, [ball(1.5, 0.0, -0.5)], self_collision=False)
+    given = {"CL": Clearance(model=model), "MAC": MinimumAltitude()}[task]
+    limit = given.position_limit(robot)
+    assert limit is not None
+    rng = np.random.default_rng(4)
+    places = [random_configuration(robot, rng) for _ in range(5)]
+    heights = [Kinematics(robot, q).pose("altimeter").translation[2] for q in places]
+    beams = [Kinematics(robot, q).pose("altimeter").rotation[2, 2] for q in places]
+    measured = [
+        evaluate(robot, given, q, altimeter_range=(h + 9.0) / c)[limit.quantity].item()
+        for q, h, c in zip(places, heights, beams, strict=True)
+    ]
+    values = np.array([limit.values(q, None).min() for q in places])
+    offset = measured - values
+    np.testing.assert_allclose(offset, 9.0 if limit.relative else 0.0, atol=1e-6)
+    # What the limit says of a small motion is within its reach.
+    for q in places:
+        v = rng.normal(size=robot.n_v)
+        moved = limit.values(pin.integrate(robot.model, q, 1e-3 * v), None) - limit.values(q, None)
+        assert (np.abs(moved) <= 1e-3 * limit.reach @ np.abs(v) * 1.01 + 1e-9).all()

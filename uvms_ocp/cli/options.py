@@ -14,12 +14,13 @@ from uvms_ocp.control.kinematic import HierarchySolver
 from uvms_ocp.exceptions import InvalidInput, NameNotFound, OutputError
 from uvms_ocp.scenario import PLANTS, Scenario
 from uvms_ocp.scenarios import SCENARIOS
-from uvms_ocp.solvers import Icat, LexicographicActiveSet, LexicographicQp
+from uvms_ocp.solvers import Daqp, Icat, LexicographicActiveSet, LexicographicQp
 
 SOLVERS: dict[str, type[HierarchySolver]] = {
     "lexls": LexicographicActiveSet,
     "lexqp": LexicographicQp,
     "icat": Icat,
+    "daqp": Daqp,
 }
 DEFAULT_SOLVER = "lexls"
 BAD_INPUT, NOT_COMPLETED = 2, 3  # exit codes

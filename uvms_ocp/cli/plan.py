@@ -1,35 +1,44 @@
-"""``plan``: a motion among obstacles."""
+"""``plan``: a motion among obstacles, by a smooth curve or by optimal control."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 
-from uvms_ocp.cli.options import NOT_COMPLETED, Json, folder
+from uvms_ocp.cli.options import NOT_COMPLETED, Json, folder, given
 from uvms_ocp.cli.printing import print_json, print_paths
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.robot import load_robot
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.model.robot import Robot, load_robot
 from uvms_ocp.output import staged_folder
 from uvms_ocp.planning import (
     AXES,
     ObstacleData,
+    OcpRequest,
+    OcpStatus,
     PlanRequest,
-    PlanResult,
     PostureGoal,
     ToolGoal,
     motion_record,
     obstacle_from_words,
+    ocp_record,
+    ocp_report,
     plan_report,
     read_obstacles,
     solve,
+    solve_ocp,
 )
+from uvms_ocp.record import Record
+from uvms_ocp.solvers.nlp_options import PLUGINS
 
 _PLAN_PERIOD = 0.02  # [s] between rows of plan.csv
 _Triple = tuple[float, float, float]
+CURVE, OCP = METHODS = ("curve", "ocp")
 
 
 def plan(
@@ -44,9 +53,22 @@ def plan(
     box: Annotated[list[str] | None, typer.Option(metavar="X,Y,Z,LX,LY,LZ", help="Obstacle; repeatable.")] = None,
     obstacles: Annotated[Path | None, typer.Option(metavar="YAML", help="File of obstacles.")] = None,
     robot: Annotated[str, typer.Option(help="Robot, see `uvms-ocp list`.")] = "girona_maris7_full",
-    axes: Annotated[str, typer.Option(help=f"Planned axes: {', '.join(AXES)}; level: no roll, no pitch.")] = AXES[0],
     clearance: Annotated[float, typer.Option(metavar="M", help="Distance wanted from everything [m].")] = 0.06,
-    seed: Annotated[int, typer.Option(help="Seed of restarts and sampling.")] = 0,
+    method: Annotated[
+        str,
+        typer.Option(help="curve: smooth, of the shapes alone; ocp: optimal control with water, thrust and torque."),
+    ] = CURVE,
+    axes: Annotated[
+        str | None,
+        typer.Option(help=f"curve: planned axes, of {', '.join(AXES)}; level, the default: no roll, no pitch."),
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="curve: seed of restarts and sampling; default: 0.")] = None,
+    duration: Annotated[float | None, typer.Option(metavar="S", help="ocp: length [s]; default: 8.")] = None,
+    steps: Annotated[int | None, typer.Option(metavar="N", help="ocp: steps of the horizon; default: 40.")] = None,
+    current: Annotated[
+        _Triple | None, typer.Option(metavar="X Y Z", help="ocp: current in W [m/s]; default: none.")
+    ] = None,
+    nlp: Annotated[str | None, typer.Option(help=f"ocp: {' or '.join(PLUGINS)}; default: {PLUGINS[0]}.")] = None,
     out: Annotated[Path, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")] = Path(
         "uvms_runs/plan"
     ),
@@ -54,26 +76,96 @@ def plan(
 ) -> None:
     """Plan a motion among obstacles to a goal of the tool, the vehicle or joints, from the stowed posture."""
     console, model = Console(stderr=as_json), load_robot(robot)
-    request = PlanRequest(
-        robot=model,
-        start=model.configuration(position=position, rpy=rpy),
-        goal=_plan_goal(tool, tool_rpy, PostureGoal(position=to, rpy=to_rpy, joints=_joint_goals(joint or []))),
-        obstacles=_plan_obstacles(sphere or [], box or [], obstacles),
-        axes=axes,
-        clearance=clearance,
-        seed=seed,
-    )
+    asked: dict[str, Any] = {
+        "robot": model,
+        "start": model.configuration(position=position, rpy=rpy),
+        "goal": _plan_goal(tool, tool_rpy, PostureGoal(position=to, rpy=to_rpy, joints=_joint_goals(joint or []))),
+        "obstacles": _plan_obstacles(sphere or [], box or [], obstacles),
+        "clearance": clearance,
+    }
+    curve, ocp = {"axes": axes, "seed": seed}, {"duration": duration, "steps": steps, "current": current, "nlp": nlp}
+    chosen = asked | _chosen(method, {CURVE: curve, OCP: ocp})
     with staged_folder(out) as staging:
         with console.status("planning"):
-            result = solve(request)
-        report = plan_report(result)
-        _write_plan(result, report, staging)
+            made = _by_curve(PlanRequest(**chosen)) if method == CURVE else _by_ocp(OcpRequest(**chosen))
+        made.write(staging)
         written = sorted(path.relative_to(staging) for path in staging.rglob("*") if path.is_file())
-    _print_plan(console, report, [out / path for path in written])
+    _print_plan(console, made.report, [out / path for path in written])
     if as_json:
-        print_json(report)
-    if not result.collision_free:
+        print_json(made.report)
+    if not made.good:
         raise typer.Exit(NOT_COMPLETED)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Made:
+    """A plan of either method: its report, its motion if there is one, and how to write what only this method has."""
+
+    report: dict[str, Any]
+    record: Record | None
+    robot: Robot
+    good: bool
+    save: Callable[[Path], object]
+
+    def write(self, folder: Path) -> None:
+        """The report always, the rest where there is a motion; a colliding one is worth looking at."""
+        from uvms_ocp.viz import write_plan_figures, write_scene
+
+        (folder / "report.json").write_text(json.dumps(self.report, indent=2) + "\n")
+        if self.record is None:
+            return
+        self.save(folder)
+        self.record.save(folder / "record.npz")
+        write_plan_figures(self.record, folder / "figures")
+        write_scene(self.record, self.robot, folder / "scene.html")
+
+
+def _by_curve(request: PlanRequest) -> _Made:
+    result = solve(request)
+    plan = result.plan
+
+    def save(folder: Path) -> None:
+        assert plan is not None
+        plan.trajectory.to_numpy(folder / "plan.npz")
+        plan.trajectory.to_csv(folder / "plan.csv", _PLAN_PERIOD, names=result.scene.coordinates.names)
+
+    return _Made(
+        report=plan_report(result),
+        record=None if plan is None else motion_record(result, plan),
+        robot=request.robot,
+        good=result.collision_free,
+        save=save,
+    )
+
+
+def _by_ocp(request: OcpRequest) -> _Made:
+    result = solve_ocp(request)
+
+    def save(folder: Path) -> None:
+        for name in ("plan.npz", "plan.json"):
+            result.plan.save(folder / name)
+
+    return _Made(
+        report=ocp_report(result),
+        record=ocp_record(result) if result.plan.status.usable else None,
+        robot=request.robot,
+        good=result.plan.status is OcpStatus.SOLVED and result.collision_free,
+        save=save,
+    )
+
+
+_FIELDS = {"steps": "n_steps", "nlp": "plugin"}  # of the request, where options are called otherwise
+
+
+def _chosen(method: str, options: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """Fields of the request for the options of a method that were given; those of another method are refused."""
+    if method not in METHODS:
+        raise NameNotFound("method", method, METHODS)
+    for other, values in options.items():
+        for name in given(**values):
+            if other != method:
+                raise InvalidInput(f"--{name} is for --method {other}, not for {method}; leave it out")
+    return {_FIELDS.get(name, name): value for name, value in given(**options[method]).items()}
 
 
 def _joint_goals(words: list[str]) -> dict[str, float]:
@@ -103,26 +195,14 @@ def _plan_obstacles(spheres: list[str], boxes: list[str], path: Path | None) -> 
     )
 
 
-def _write_plan(result: PlanResult, report: dict[str, Any], folder: Path) -> None:
-    """The report always, the rest where there is a motion; a colliding one is worth looking at."""
-    from uvms_ocp.viz import write_plan_figures, write_scene
-
-    (folder / "report.json").write_text(json.dumps(report, indent=2) + "\n")
-    if result.plan is None:
-        return
-    record = motion_record(result, result.plan)
-    result.plan.trajectory.to_numpy(folder / "plan.npz")
-    result.plan.trajectory.to_csv(folder / "plan.csv", _PLAN_PERIOD, names=result.scene.coordinates.names)
-    record.save(folder / "record.npz")
-    write_plan_figures(record, folder / "figures")
-    write_scene(record, result.request.robot, folder / "scene.html")
-
-
 def _print_plan(console: Console, report: dict[str, Any], paths: list[Path]) -> None:
-    console.print(f"plan: {report['status']}; advice: {report['advice']}", markup=False)
+    status = report["status"] + (f" ({report['reason']})" if "reason" in report else "")
+    console.print(f"plan: {status}; advice: {report['advice']}", markup=False)
     if "duration_s" in report:
         least = report["min_clearance_m"]
         near = "" if least is None else f", {least:.3g} m between {report['min_clearance_between']} "
         near += "" if least is None else f"at {report['min_clearance_at_s']:.2f} s"
         console.print(f"{report['duration_s']:.1f} s long{near}; found in {report['solve_time_s']:.2f} s", markup=False)
+    if report.get("energy_j") is not None:
+        console.print(f"{report['energy_j']:.0f} J, thrust up to {report['peak_thrust_n']:.0f} N", markup=False)
     print_paths(console, paths)

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.control.levels import LevelsProblem, build_levels
+from uvms_ocp.control.viability import Viability
 from uvms_ocp.control.watchdog import Freshness, Watchdog
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.mission import Event, Mission, MissionState
@@ -47,12 +48,15 @@ class KinematicController:
         self.robot, self.mission, self.dt = robot, mission, dt
         self.problem: LevelsProblem = build_levels(robot, mission.hierarchy, dt)
         mission.check_quantities(self.problem.quantity_names)
+        self._viability = Viability(
+            robot=robot, tasks=mission.hierarchy.tasks, quantity_names=self.problem.quantity_names, dt=dt
+        )
         self._tick = solver.bind(self.problem.function, self.problem.sizes)
         self.events: list[Event] = []
         self.state: MissionState = mission.start()
         self.quantities: dict[str, float] = {}
         self.watchdog = watchdog or Watchdog()
-        self._previous = np.zeros(robot.n_v)
+        self._previous, self._near = np.zeros(robot.n_v), True
         self._echo, self._echo_time = NO_ECHO_RANGE, 0.0
         self._altitude_tasks = [index for index, task in enumerate(mission.hierarchy.tasks) if task.needs_altimeter]
 
@@ -64,10 +68,17 @@ class KinematicController:
         result = self._tick(*self._inputs(measurement, t), gates)
         quantities, activity = result.extras
         if freshness is Freshness.FRESH:
-            self._previous = self._within_limits(result)
+            kept = self._viability.kept(
+                q=measurement.q,
+                wanted=self._within_limits(result),
+                previous=self._previous,
+                gates=gates,
+                quantities=quantities,
+            )
+            self._previous, self._near, share = kept.v, kept.near, kept.share
             self._advance(t, self._named(quantities))
         else:
-            self._previous = self._braking()
+            self._previous, share = self._braking(), 0.0
         telemetry = {
             "phase": phase,
             "gates": gates,
@@ -75,6 +86,7 @@ class KinematicController:
             "residual": result.residual,
             "quantities": quantities,
             "status": _STATUS_CODE[result.status],
+            "viable_share": share,
             "solve_time": result.solve_time,
             "freshness": int(freshness),
             "tick_time": perf_counter() - begin,
@@ -98,12 +110,13 @@ class KinematicController:
 
     def _inputs(self, measurement: Measurement, t: float) -> tuple[np.ndarray, ...]:
         echo = measurement.altimeter_range
+        stop = self._viability.stop.ahead(measurement.q, self._previous) if self._near else None
         return (
             measurement.q,
             measurement.v,
             self._previous,
             np.array([echo if np.isfinite(echo) else self._echo]),
-            self.mission.parameters(self.state, t, measurement.q),
+            self.mission.parameters(self.state, t, measurement.q, stop),
         )
 
     def _echo_age(self, measurement: Measurement, t: float, gates: np.ndarray) -> float:

@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.obstacles import Obstacle
+from uvms_ocp.model.reach import shape_reach
 from uvms_ocp.model.robot import Robot
 
 _DISTANCE_TOLERANCE = 1e-9  # coal's default of 1e-6 shows as noise in the gradients
@@ -54,6 +55,7 @@ class CollisionModel:
         shapes = self._geometry.geometryObjects
         self.pair_names = tuple(f"{shapes[a].name} - {shapes[b].name}" for a, b in pairs)
         self._joints = [(int(shapes[a].parentJoint), int(shapes[b].parentJoint)) for a, b in pairs]
+        self._reach = _pair_reach(robot, self._geometry)
         self._geometry_data = self._geometry.createData()
         for request in self._geometry_data.distanceRequests:
             request.gjk_tolerance, request.gjk_max_iterations = _DISTANCE_TOLERANCE, _MAX_ITERATIONS
@@ -62,24 +64,26 @@ class CollisionModel:
     def n_pairs(self) -> int:
         return len(self.pair_names)
 
-    def values(self, q: np.ndarray) -> np.ndarray:
-        """Distance (n_pairs,) [m] of every pair at q (n_q,)."""
-        pin.computeDistances(self._model, self._data, self._geometry, self._geometry_data, q)
-        results = self._geometry_data.distanceResults
-        found = np.array([results[k].min_distance for k in range(self.n_pairs)])
+    @property
+    def reach(self) -> np.ndarray:
+        """(n_v,) upper bound on how fast any pair's distance changes per unit of each velocity, at any configuration."""
+        return self._reach
+
+    def values(self, q: np.ndarray, pairs: Sequence[int] | np.ndarray | None = None) -> np.ndarray:
+        """Distance [m] at q (n_q,) of all pairs (n_pairs,), or of some (len(pairs),)."""
+        if pairs is None:
+            pin.computeDistances(self._model, self._data, self._geometry, self._geometry_data, q)
+            results = self._geometry_data.distanceResults
+            found = np.array([results[k].min_distance for k in range(self.n_pairs)])
+        else:
+            pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._geometry_data, q)
+            single = [pin.computeDistance(self._geometry, self._geometry_data, int(k)) for k in pairs]
+            found = np.array([result.min_distance for result in single])
         return np.where(found < _FAILED, 0.0, found)
 
-    def distances(self, q: np.ndarray, pairs: Sequence[int] | None = None) -> Distances:
+    def distances(self, q: np.ndarray, pairs: Sequence[int] | np.ndarray | None = None) -> Distances:
         """Distances and gradients at q (n_q,) of all pairs, or of some: ``n . (v_2 - v_1)`` at the witness points."""
-        values = self.values(q)
-        chosen = range(self.n_pairs) if pairs is None else pairs
-        return Distances(values[list(chosen)], self._gradients(q, chosen))
-
-    def nearest(self, q: np.ndarray, n: int) -> Distances:
-        """Distances and gradients of the n nearest pairs, nearest first."""
-        values = self.values(q)
-        order = np.argsort(values)[:n]
-        return Distances(values[order], self._gradients(q, order))
+        return Distances(self.values(q, pairs), self._gradients(q, range(self.n_pairs) if pairs is None else pairs))
 
     def _gradients(self, q: np.ndarray, pairs: Sequence[int] | range | np.ndarray) -> np.ndarray:
         """The distances must have been computed at q."""
@@ -88,8 +92,8 @@ class CollisionModel:
 
     def _gradient(self, pair: int) -> np.ndarray:
         result = self._geometry_data.distanceResults[pair]
-        normal = np.asarray(result.normal)
-        wrench = np.concatenate([normal, np.cross(np.asarray(result.getNearestPoint1()), normal)])
+        (nx, ny, nz), (x, y, z) = result.normal, result.getNearestPoint1()
+        wrench = np.array([nx, ny, nz, y * nz - z * ny, z * nx - x * nz, x * ny - y * nx])
         first, second = self._joints[pair]
         row = np.zeros(self.n_v)
         for joint, sign in ((first, -1.0), (second, 1.0)):
@@ -123,6 +127,14 @@ def self_pairs(robot: Robot) -> list[tuple[int, int]]:
     data = geometry.createData()
     pin.computeDistances(robot.model, robot.model.createData(), geometry, data, robot.configuration())
     return [pair for k, pair in enumerate(far) if data.distanceResults[k].min_distance > 0.0]
+
+
+def _pair_reach(robot: Robot, geometry: pin.GeometryModel) -> np.ndarray:
+    """(n_v,) largest over all pairs; an axis that carries both shapes of a pair does not change its distance."""
+    reaches = [shape_reach(robot, shape) for shape in geometry.geometryObjects]
+    pairs = [(reaches[pair.first], reaches[pair.second]) for pair in geometry.collisionPairs]
+    moved = [np.maximum(a, b) * ((a > 0) != (b > 0)) for a, b in pairs]
+    return np.max([np.zeros(robot.n_v), *moved], axis=0)
 
 
 def _known(links: Sequence[str] | None, names: Sequence[str]) -> Sequence[str]:

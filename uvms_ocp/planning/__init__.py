@@ -24,6 +24,11 @@ from uvms_ocp.planning.ocp import OcpLevel as OcpLevel
 from uvms_ocp.planning.ocp import OcpPhase as OcpPhase
 from uvms_ocp.planning.ocp import OcpProblem as OcpProblem
 from uvms_ocp.planning.ocp import single_phase as single_phase
+from uvms_ocp.planning.ocp_motion import ocp_record as ocp_record
+from uvms_ocp.planning.ocp_motion import ocp_report as ocp_report
+from uvms_ocp.planning.ocp_request import OcpRequest as OcpRequest
+from uvms_ocp.planning.ocp_request import OcpResult as OcpResult
+from uvms_ocp.planning.ocp_request import solve_ocp as solve_ocp
 from uvms_ocp.planning.plan import OcpStatus as OcpStatus
 from uvms_ocp.planning.plan import Plan as Plan
 from uvms_ocp.planning.planned_motion import motion_record as motion_record
@@ -33,7 +38,6 @@ from uvms_ocp.planning.planner import plan as plan
 from uvms_ocp.planning.polynomial import PiecewisePolynomial as PiecewisePolynomial
 from uvms_ocp.planning.polynomial import concatenate as concatenate
 from uvms_ocp.planning.qp_form import min_snap_qp as min_snap_qp
-from uvms_ocp.planning.reach import plan_tool_motion as plan_tool_motion
 from uvms_ocp.planning.reach import tool_reach as tool_reach
 from uvms_ocp.planning.request import AXES as AXES
 from uvms_ocp.planning.request import PlanRequest as PlanRequest
@@ -57,6 +61,7 @@ from uvms_ocp.planning.terms import BallClearance as BallClearance
 from uvms_ocp.planning.terms import Duration as Duration
 from uvms_ocp.planning.terms import Effort as Effort
 from uvms_ocp.planning.terms import Energy as Energy
+from uvms_ocp.planning.terms import Posture as Posture
 from uvms_ocp.planning.terms import Smoothness as Smoothness
 from uvms_ocp.planning.terms import TaskTerm as TaskTerm
 from uvms_ocp.planning.terms import Term as Term

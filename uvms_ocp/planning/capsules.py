@@ -58,7 +58,7 @@ def capsule_robot(robot: Robot) -> Robot:
     """
     covered = pin.GeometryModel()
     for item in robot.collision_model.geometryObjects:
-        for index, (X_shape, shape) in enumerate(_cover(item.geometry)):
+        for index, (X_shape, shape) in enumerate(cover(item.geometry)):
             placement = item.placement * X_shape
             name = item.name if index == 0 else f"{item.name}_{index}"
             covered.addGeometryObject(pin.GeometryObject(name, item.parentJoint, item.parentFrame, placement, shape))
@@ -119,7 +119,8 @@ def _dot(a: Array, b: Array) -> Array:
     return a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2]
 
 
-def _cover(shape: coal.ShapeBase) -> list[tuple[pin.SE3, coal.ShapeBase]]:
+def cover(shape: coal.ShapeBase) -> list[tuple[pin.SE3, coal.ShapeBase]]:
+    """Capsules and spheres, with their places in the frame of the shape, that hold it. Raises InvalidInput."""
     if isinstance(shape, coal.Cylinder):
         return [(pin.SE3.Identity(), coal.Capsule(shape.radius, 2.0 * shape.halfLength))]
     if isinstance(shape, coal.Box):

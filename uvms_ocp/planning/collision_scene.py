@@ -11,11 +11,14 @@ from numpy.typing import NDArray
 
 from uvms_ocp.model.collision import self_pairs, shapes_among
 from uvms_ocp.model.obstacles import Obstacle
+from uvms_ocp.model.reach import shape_reach
 from uvms_ocp.model.robot import Robot
 
 from .coordinates import Coordinates
 
 Array = NDArray[np.float64]
+
+_LINKS = "its own links"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -52,6 +55,18 @@ class CollisionScene:
     @property
     def n_pairs(self) -> int:
         return len(self.pairs)
+
+    def is_obstacle(self, shape: int) -> bool:
+        """True for the index of an obstacle; the robot's own shapes come first."""
+        return shape >= self.coordinates.robot.collision_model.ngeoms
+
+    def groups(self) -> dict[str, list[int]]:
+        """Indices of pairs by the obstacle they are with, and those of two links."""
+        groups: dict[str, list[int]] = {}
+        for index, pair in enumerate(self.pairs):
+            name = self.geometry.geometryObjects[pair.first].name if self.is_obstacle(pair.first) else _LINKS
+            groups.setdefault(name, []).append(index)
+        return groups
 
 
 def collision_scene(
@@ -121,24 +136,5 @@ def _supports(coordinates: Coordinates) -> Array:
 
 
 def _reach(coordinates: Coordinates, shape: pin.GeometryObject) -> Array:
-    """(n_axes,) the farthest that one unit of each axis can move any point of a shape [m]."""
-    robot, reach = coordinates.robot, np.zeros(coordinates.reference.size)
-    shape.geometry.computeLocalAABB()
-    centre = shape.placement.act(np.array(shape.geometry.aabb_center))
-    length, carrier = float(np.linalg.norm(centre)) + shape.geometry.aabb_radius, shape.parentJoint
-    while carrier:
-        joint = robot.model.joints[carrier]
-        if joint.nv == 6:
-            reach[:3], reach[3:6] = 1.0, length
-        else:
-            prismatic = joint.shortname().startswith("JointModelP")
-            reach[joint.idx_v] = 1.0 if prismatic else length
-            length += _travel(robot, joint.idx_v) if prismatic else 0.0
-        length += float(np.linalg.norm(robot.model.jointPlacements[carrier].translation))
-        carrier = robot.model.parents[carrier]
-    return reach[coordinates.planned]
-
-
-def _travel(robot: Robot, idx_v: int) -> float:
-    axis = idx_v - robot.n_vehicle
-    return float(max(abs(robot.limits.position_lower[axis]), abs(robot.limits.position_upper[axis])))
+    """(n_axes,) the farthest that one unit of each planned axis can move any point of a shape [m]."""
+    return shape_reach(coordinates.robot, shape)[coordinates.planned]

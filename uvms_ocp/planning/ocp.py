@@ -18,11 +18,13 @@ class Integrator(Enum):
     """How a constant acceleration a moves the configuration over a step h.
 
     MIDPOINT: ``q (+) (h v + h^2/2 a)``, second order on the manifold. MAGNUS: with the commutator of v and a, fourth
-    order.
+    order. EULER: semi-implicit, ``q (+) h (v + h a)`` with the forces of the beginning of the step, first order: what
+    shooting solvers for robots usually have, to compare with them.
     """
 
     MIDPOINT = "midpoint"
     MAGNUS = "magnus"
+    EULER = "euler"
 
 
 class Actuation(Enum):

@@ -17,9 +17,15 @@ from uvms_ocp.solvers.lexicographic import LexicographicResult
 
 
 class OcpStatus(Enum):
-    """Verdict on a plan; ``advice`` says what to change."""
+    """Verdict on a plan; ``advice`` says what to change.
+
+    MISSED: a goal is not met, and longer horizons were not tried. UNREACHABLE: they were, up to four times the time, and
+    did not help. INFEASIBLE: the start is proven impossible, or the solver ended where no small change brings the
+    constraints any nearer. UNFINISHED proves nothing.
+    """
 
     SOLVED = "solved"
+    MISSED = "goal missed"
     TOO_SHORT = "horizon too short"
     UNREACHABLE = "unreachable"
     INFEASIBLE = "infeasible"
@@ -34,16 +40,17 @@ class OcpStatus(Enum):
     @property
     def usable(self) -> bool:
         """True if the trajectory keeps all constraints; goals may still be missed."""
-        return self in (OcpStatus.SOLVED, OcpStatus.TOO_SHORT, OcpStatus.UNREACHABLE)
+        return self in (OcpStatus.SOLVED, OcpStatus.MISSED, OcpStatus.TOO_SHORT, OcpStatus.UNREACHABLE)
 
 
 _ADVICE = {
     OcpStatus.SOLVED: "nothing to do",
+    OcpStatus.MISSED: "why is not known: give it more time, move the goal, or loosen the constraints and levels above it",
     OcpStatus.TOO_SHORT: "give the horizon more time, or loosen the limits",
     OcpStatus.UNREACHABLE: "more time would not help: move the goal, or loosen the constraints and levels above it",
-    OcpStatus.INFEASIBLE: "no motion keeps all limits and constraints: loosen them, weaken the current, start slower",
+    OcpStatus.INFEASIBLE: "no motion near the guess keeps the constraints: loosen limits, weaken the current, or start slower",
     OcpStatus.OBSTRUCTED: "the start breaks a constraint: move the start or the obstacle, or lower the margin",
-    OcpStatus.UNFINISHED: "the solver stopped early: raise time_limit or max_iterations, or give a better guess",
+    OcpStatus.UNFINISHED: "the solver stopped early: raise time_limit or max_iterations, loosen limits, or improve the guess",
 }
 
 
@@ -89,20 +96,26 @@ class Plan:
         """Largest thrust of any thruster [N]."""
         return float(np.abs(self.trajectory.thrust).max(initial=0.0))
 
+    def powers(self) -> tuple[np.ndarray, np.ndarray]:
+        """Electrical power of every thruster (N, n_thrusters) and of every joint (N, n_joints) at the steps [W].
+
+        Thrusters take none where the plan is for a wrench instead, or the description knows no power.
+        """
+        description, thrust = self.robot.description, np.abs(self.trajectory.thrust)
+        thrusters = np.zeros_like(thrust)
+        if thrust.shape[1] == len(description.thrusters):
+            for i, thruster in enumerate(description.thrusters):
+                if thruster.power is not None:
+                    share = thrust[:, i] / thruster.power.thrust
+                    thrusters[:, i] = thruster.power.watts * share**thruster.power.exponent
+        rates = self.trajectory.v[:, self.robot.joint_v]
+        middle = (rates[:-1] + rates[1:]) / 2
+        return thrusters, np.abs(self.trajectory.torque * middle) / description.joint_efficiency
+
     @property
     def energy(self) -> float:
         """Electrical energy of thrusters and joints [J]."""
-        h, thrust = np.diff(self.trajectory.t), np.abs(self.trajectory.thrust)
-        description = self.robot.description
-        power = np.zeros(len(h))
-        for i, thruster in enumerate(description.thrusters):
-            if thruster.power is not None:
-                share = thrust[:, i] / thruster.power.thrust
-                power += thruster.power.watts * share**thruster.power.exponent
-        rates = self.trajectory.v[:, self.robot.joint_v]
-        middle = (rates[:-1] + rates[1:]) / 2
-        power += np.abs(self.trajectory.torque * middle).sum(axis=1) / description.joint_efficiency
-        return float(h @ power)
+        return float(np.diff(self.trajectory.t) @ np.hstack(self.powers()).sum(axis=1))
 
     def summary(self) -> dict[str, Any]:
         """Plain numbers and texts, ready for JSON."""

@@ -24,7 +24,6 @@ _PERIOD = 0.02  # [s] of the record, longer where it would have more rows than t
 _MAX_ROWS = 5000
 _UNREACHED = "no posture reaches the goal"
 _UNREACHED_ADVICE = "move the goal or the obstacles, leave its orientation free, or plan more axes."
-_LINKS = "its own links"
 _RATES = ("velocity", "acceleration")
 
 
@@ -107,21 +106,11 @@ def motion_record(result: PlanResult, plan: CollisionPlan) -> Record:
         "v": (planned.velocity_map(x[0]) @ x[1][..., None])[..., 0],
         **dict(zip(names, x, strict=True)),
     }
-    groups = _groups(result)
+    groups = result.scene.groups()
     if groups:
         series["clearance"] = np.stack([d[:, pairs].min(axis=1) for pairs in groups.values()], axis=1)
         series["quantities"] = d.min(axis=1)[:, None]
     return Record(series=series, meta=_meta(result, plan) | {"clearance_groups": list(groups)})
-
-
-def _groups(result: PlanResult) -> dict[str, list[int]]:
-    """Pairs by the obstacle they are with, and those of two links."""
-    obstacles = {item.name for item in result.request.obstacles}
-    groups: dict[str, list[int]] = {}
-    for index, pair in enumerate(result.scene.pairs):
-        name = result.scene.geometry.geometryObjects[pair.first].name
-        groups.setdefault(name if name in obstacles else _LINKS, []).append(index)
-    return groups
 
 
 def _clearances(result: PlanResult, curve: PiecewisePolynomial) -> tuple[Array, Array]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from time import perf_counter
+from typing import TypeAlias
 
 import numpy as np
 
+from uvms_ocp.planning.first_step import impossible_start
 from uvms_ocp.planning.ocp import OcpPhase, OcpProblem
 from uvms_ocp.planning.plan import LevelReport, OcpStatus, Plan
-from uvms_ocp.planning.terms import Duration, Effort, Energy, Smoothness
+from uvms_ocp.planning.terms import Duration, Effort, Energy, Posture, Smoothness
 from uvms_ocp.planning.trajectory import Trajectory, hold
 from uvms_ocp.planning.transcription import Transcription
 from uvms_ocp.solvers.lexicographic import LexicographicNlp, LexicographicResult, NlpOptions
@@ -18,7 +20,11 @@ from uvms_ocp.solvers.nlp_status import NlpStatus
 _MISSED = 1e-3  # weighted residual of a goal level from which it counts as missed
 _LONGER = (2.0, 4.0)  # shares of the horizon that are tried to tell "too short" from "unreachable"
 _HELPS = 0.9  # share of the residual that more time must leave at most to count as a help
-_COSTS = (Effort, Energy, Smoothness, Duration)
+_COSTS = (Effort, Energy, Smoothness, Duration, Posture)
+
+
+Verdict: TypeAlias = tuple[OcpStatus, str]
+"""With the reason in words."""
 
 
 class Planner:
@@ -50,27 +56,32 @@ class Planner:
 
         problem: of the same shape; only start, current, goals and fixed durations may differ. guess: a trajectory, or
         an earlier plan to start from, warm; by default the robot holds its start. t0 [s]: time of the first node, for
-        goals that move. diagnose: where a goal is missed, try longer horizons to say why.
+        goals that move. diagnose: where a goal is missed, try longer horizons to say why, within the time limit of
+        the options.
         """
         begin, given = perf_counter(), problem or self.problem
         obstruction = self.transcription.obstruction(given)
         if obstruction is not None:
             name, depth = obstruction
             return self._failed(given, OcpStatus.OBSTRUCTED, f"{name} is broken by {depth:.4g} at the start", begin)
+        impossible = impossible_start(given)
+        if impossible is not None:
+            return self._failed(given, OcpStatus.INFEASIBLE, impossible, begin)
         p = self.transcription.parameters(given, t0=t0)
         result = self.solve(p, guess if guess is not None else hold(given))
-        status, reason = self._verdict(given, p, result, diagnose, t0)
-        return self._plan(given, result, status, reason, begin)
+        deadline = begin + self.options.time_limit if diagnose else None
+        verdict = self._broken(p, result) or self._unfinished(result) or self._reached(given, result, t0, deadline)
+        return self._plan(given, result, *verdict, begin)
 
-    def solve(self, p: np.ndarray, guess: Trajectory | Plan | LexicographicResult) -> LexicographicResult:
-        """The lexicographic solution for parameters p; see `Transcription.parameters`."""
+    def solve(
+        self, p: np.ndarray, guess: Trajectory | Plan | LexicographicResult, *, time_limit: float | None = None
+    ) -> LexicographicResult:
+        """The lexicographic solution for parameters p; see `Transcription.parameters`.
+
+        time_limit [s]: where it is to be shorter than that of the options.
+        """
         start = self._start(guess)
-        return self._nlp.solve(start, p=p, x_lower=self._lower, x_upper=self._upper)
-
-    def resumed(self, result: LexicographicResult, trajectory: Trajectory) -> LexicographicResult:
-        """An earlier result moved to another trajectory, with its multipliers: the start of the next solve."""
-        x = self.transcription.pack(trajectory)
-        return replace(result, points=tuple(replace(point, x=x) for point in result.points))
+        return self._nlp.solve(start, p=p, x_lower=self._lower, x_upper=self._upper, time_limit=time_limit)
 
     def _start(self, guess: Trajectory | Plan | LexicographicResult) -> np.ndarray | LexicographicResult:
         if isinstance(guess, LexicographicResult):
@@ -116,30 +127,30 @@ class Planner:
 
     # --- why --------------------------------------------------------------------------------------
 
-    def _verdict(
-        self, given: OcpProblem, p: np.ndarray, result: LexicographicResult, diagnose: bool, t0: float
-    ) -> tuple[OcpStatus, str]:
-        if result.violation > self.options.feasibility:
-            return self._broken(p, result)
-        if not result.status.optimal:
-            index = next(i for i, status in enumerate(result.level_status) if not status.optimal)
-            name, status = self.problem.levels[index].name, result.level_status[index]
-            return OcpStatus.UNFINISHED, f"level {name!r}: {status.value}; {status.advice}"
+    def _broken(self, p: np.ndarray, result: LexicographicResult) -> Verdict | None:
+        if result.violation <= self.options.feasibility:
+            return None
+        groups = self.transcription.violations(result.x, p)
+        name = max(groups, key=lambda key: groups[key])
+        index = _first_failure(result)
+        level, status = self.problem.levels[index].name, result.level_status[index]
+        text = f"level {level!r}: {status.value} with {name} broken by {groups[name]:.4g}"
+        if status is NlpStatus.INFEASIBLE:
+            return OcpStatus.INFEASIBLE, f"{text}, and no small change helps"
+        return OcpStatus.UNFINISHED, f"{text}; {status.advice}"
+
+    def _unfinished(self, result: LexicographicResult) -> Verdict | None:
+        if result.status.optimal:
+            return None
+        index = _first_failure(result)
+        status = result.level_status[index]
+        return OcpStatus.UNFINISHED, f"level {self.problem.levels[index].name!r}: {status.value}; {status.advice}"
+
+    def _reached(self, given: OcpProblem, result: LexicographicResult, t0: float, deadline: float | None) -> Verdict:
         missed = self._missed(result)
         if missed is None:
             return OcpStatus.SOLVED, "all goals are met"
-        residual = float(result.level_residuals[missed])
-        text = f"level {self.problem.levels[missed].name!r} is missed by {residual:.4g}"
-        if not diagnose or given.free_time:
-            return OcpStatus.UNREACHABLE, text
-        return self._with_more_time(given, missed, residual, text, t0)
-
-    def _broken(self, p: np.ndarray, result: LexicographicResult) -> tuple[OcpStatus, str]:
-        groups = self.transcription.violations(result.x, p)
-        name = max(groups, key=lambda key: groups[key])
-        if NlpStatus.TIME_LIMIT in result.level_status:
-            return OcpStatus.UNFINISHED, f"time limit with {name} broken by {groups[name]:.4g}"
-        return OcpStatus.INFEASIBLE, f"{name} cannot be kept: broken by {groups[name]:.4g} at best"
+        return self._why_missed(given, missed, result, t0, deadline)
 
     def _missed(self, result: LexicographicResult) -> int | None:
         """The first level of goals, not costs, that is not met."""
@@ -149,19 +160,37 @@ class Planner:
                 return i
         return None
 
-    def _with_more_time(
-        self, given: OcpProblem, missed: int, residual: float, text: str, t0: float
-    ) -> tuple[OcpStatus, str]:
+    def _why_missed(
+        self, given: OcpProblem, missed: int, result: LexicographicResult, t0: float, deadline: float | None
+    ) -> Verdict:
+        """No more than what longer horizons show until the deadline; without a deadline none is tried."""
+        residual = float(result.level_residuals[missed])
+        text = f"level {self.problem.levels[missed].name!r} is missed by {residual:.4g}"
+        if given.free_time:
+            return OcpStatus.MISSED, f"{text} with the best of all durations allowed"
+        if deadline is None:
+            return OcpStatus.MISSED, text
         for share in _LONGER:
             longer = replace(given, phases=tuple(_stretched(phase, share) for phase in given.phases))
-            result = self.solve(self.transcription.parameters(longer, t0=t0), hold(longer))
-            left = float(result.level_residuals[missed])
-            seconds = longer.nominal_times()[-1]
-            if result.violation <= self.options.feasibility and left <= _MISSED:
-                return OcpStatus.TOO_SHORT, f"{text}; {seconds:.3g} s would do"
-            if result.violation <= self.options.feasibility and left < _HELPS * residual:
-                return OcpStatus.TOO_SHORT, f"{text}; with {seconds:.3g} s it would be {left:.4g}"
+            p, left = self.transcription.parameters(longer, t0=t0), deadline - perf_counter()
+            trial = self.solve(p, hold(longer), time_limit=max(left, 0.0))
+            if trial.violation > self.options.feasibility or not trial.level_status[missed].optimal:
+                return OcpStatus.MISSED, f"{text}; a horizon of {_seconds(longer)} was tried in vain"
+            rest = float(trial.level_residuals[missed])
+            if rest <= _MISSED:
+                return OcpStatus.TOO_SHORT, f"{text}; {_seconds(longer)} would do"
+            if rest < _HELPS * residual:
+                return OcpStatus.TOO_SHORT, f"{text}; with {_seconds(longer)} it would be {rest:.4g}"
         return OcpStatus.UNREACHABLE, f"{text}, and more time does not help"
+
+
+def _seconds(problem: OcpProblem) -> str:
+    return f"{problem.nominal_times()[-1]:.3g} s"
+
+
+def _first_failure(result: LexicographicResult) -> int:
+    failures = (i for i, status in enumerate(result.level_status) if not status.optimal)
+    return next(failures, len(result.level_status) - 1)
 
 
 def _stretched(phase: OcpPhase, share: float) -> OcpPhase:

@@ -2,10 +2,12 @@
 
 Inverse-dynamics form: the acceleration is a decision, and the forces that it takes are an equality. Nothing is solved
 inside the functions, so their derivatives stay short (a Hessian of forward dynamics is ten times as long). The forces
-of a step are those at its middle, so that a step is right to second order in its length.
+of a step are those at its middle, so that a step is right to second order in its length (those at its beginning with
+`Integrator.EULER`).
 
 Variables of a step: ``z = [q, v, h, a, f, m]`` with the length of the step h [s], thrust f and joint torque m in shares
-of their limits.
+of their limits. Where every velocity has a force of its own that nothing limits, and there is no water, f and m are
+expressions in the others instead: a third of the variables and rows less.
 """
 
 from __future__ import annotations
@@ -159,33 +161,58 @@ class StageModel:
         robot = problem.robot
         self.problem, self.robot = problem, robot
         self.actuators = Actuators(robot, problem.actuation)
-        self.layout = Layout(
-            n_q=robot.n_q, n_v=robot.n_v, n_thrust=self.actuators.matrix.shape[1], n_torque=robot.n_joints
-        )
+        direct = not robot.n_vehicle or problem.actuation is Actuation.WRENCH
+        self.decides_forces = problem.water or problem.limited or not direct
+        n_thrust, n_torque = (self.actuators.matrix.shape[1], robot.n_joints) if self.decides_forces else (0, 0)
+        self.layout = Layout(n_q=robot.n_q, n_v=robot.n_v, n_thrust=n_thrust, n_torque=n_torque)
         self.z = ca.SX.sym("z", self.layout.n_z)
         self._dynamics = robot_dynamics(robot).symbolic if problem.water else SymbolicDynamics(model=robot.model)
 
     @cached_property
     def dynamics(self) -> Derivatives:
-        """Rows ``[q_next, v_next, wanted minus given forces]``, the parameter is the water velocity (3,)."""
+        """Rows ``[q_next, v_next, wanted minus given forces]``, the parameter is the water velocity (3,).
+
+        The last rows are left out where forces are no variables.
+        """
         z, layout = self.z, self.layout
         q, v, h, a = z[layout.q], z[layout.v], z[layout.h], z[layout.a]
         u = ca.SX.sym("u", 3)
-        q_mid = self.moved(q, v, a, h / 2)
-        u_links = ca.repmat(u, 1, len(self._dynamics.links))
-        wanted = self._dynamics.inverse_dynamics(q_mid, v + h / 2 * a, a, u_links, ca.SX(*u_links.shape))
-        matrix = ca.sparsify(ca.DM(np.where(np.abs(self.actuators.matrix) < 1e-12, 0.0, self.actuators.matrix)))
-        given = ca.vertcat(
-            matrix @ (z[layout.thrust] * ca.DM(self.actuators.thrust_unit)),
-            z[layout.torque] * ca.DM(self.actuators.torque_unit),
-        )
-        rows = ca.vertcat(self.moved(q, v, a, h), v + h * a, (wanted - given) / ca.DM(self.actuators.force_unit))
+        rows = ca.vertcat(self.moved(q, v, a, h), v + h * a)
+        if self.decides_forces:
+            matrix = ca.sparsify(ca.DM(np.where(np.abs(self.actuators.matrix) < 1e-12, 0.0, self.actuators.matrix)))
+            given = ca.vertcat(
+                matrix @ (z[layout.thrust] * ca.DM(self.actuators.thrust_unit)),
+                z[layout.torque] * ca.DM(self.actuators.torque_unit),
+            )
+            rows = ca.vertcat(rows, (self._wanted(u) - given) / ca.DM(self.actuators.force_unit))
         exact = self.problem.hessian is HessianKind.EXACT
         return compiled(derivatives("dynamics", z, u, rows, residuals=None if exact else ()))
 
+    def _wanted(self, u: ca.SX) -> ca.SX:
+        """Generalised forces (n_v,) of a step in water of velocity u (3,)."""
+        z, layout = self.z, self.layout
+        q, v, h, a = z[layout.q], z[layout.v], z[layout.h], z[layout.a]
+        euler = self.problem.integrator is Integrator.EULER
+        q_there, v_there = (q, v) if euler else (self.moved(q, v, a, h / 2), v + h / 2 * a)
+        u_links = ca.repmat(u, 1, len(self._dynamics.links))
+        return self._dynamics.inverse_dynamics(q_there, v_there, a, u_links, ca.SX(*u_links.shape))
+
+    @cached_property
+    def inputs(self) -> tuple[ca.SX, ca.SX]:
+        """Thrust and torque of a step, in shares of their limits."""
+        if self.decides_forces:
+            return self.z[self.layout.thrust], self.z[self.layout.torque]
+        n, wanted = self.robot.n_vehicle, self._wanted(ca.SX(3, 1))
+        return wanted[:n] / ca.DM(self.actuators.thrust_unit), wanted[n:] / ca.DM(self.actuators.torque_unit)
+
+    @cached_property
+    def inputs_function(self) -> ca.Function:
+        """``z -> thrust, torque`` in shares of their limits."""
+        return ca.Function("inputs", [self.z], [ca.densify(part) for part in self.inputs])
+
     def moved(self, q: ca.SX, v: ca.SX, a: ca.SX, h: ca.SX) -> ca.SX:
         """Configuration after the time h of constant acceleration."""
-        step = h * v + h**2 / 2 * a
+        step = h * v + h**2 * a if self.problem.integrator is Integrator.EULER else h * v + h**2 / 2 * a
         if self.problem.integrator is Integrator.MAGNUS and self.robot.n_vehicle:
             # Omega = int V + 1/2 int int [V(s), V(t)] ... = h v + h^2/2 a + h^3/12 [v, a] for V = v + a t.
             step[:6] += h**3 / 12 * _commutator(v[:6], a[:6])
@@ -194,6 +221,7 @@ class StageModel:
     def symbols(self) -> StageSymbols:
         """What terms are written in."""
         z, layout = self.z, self.layout
+        thrust_share, torque_share = self.inputs
         kinematics = SymbolicModel(self.robot.model).forward_kinematics(z[layout.q])
         tick = TickSymbols(
             robot=self.robot,
@@ -206,10 +234,10 @@ class StageModel:
         return StageSymbols(
             tick=tick,
             acceleration=z[layout.a],
-            thrust=z[layout.thrust] * ca.DM(self.actuators.thrust_unit),
-            thrust_share=z[layout.thrust],
-            torque=z[layout.torque] * ca.DM(self.actuators.torque_unit),
-            torque_share=z[layout.torque],
+            thrust=thrust_share * ca.DM(self.actuators.thrust_unit),
+            thrust_share=thrust_share,
+            torque=torque_share * ca.DM(self.actuators.torque_unit),
+            torque_share=torque_share,
         )
 
     def _altimeter_range(self, kinematics: object) -> ca.SX:
@@ -233,4 +261,6 @@ def compiled(given: Derivatives) -> Derivatives:
         value=compile_function(given.value),
         jacobian=compile_function(given.jacobian),
         hessian=compile_function(given.hessian),
+        costs=compile_function(given.costs) if given.costs.nnz_out() else given.costs,
+        gradient=compile_function(given.gradient) if given.costs.nnz_out() else given.gradient,
     )

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.planning.ocp import HessianKind, OcpPhase, OcpProblem, counts_at_end, counts_on_path
-from uvms_ocp.planning.stage import Derivatives, StageModel, derivatives
+from uvms_ocp.planning.stage import Derivatives, StageModel, compiled, derivatives
 from uvms_ocp.planning.terms import StageSymbols, Term
 from uvms_ocp.solvers.nlp_program import half_square
 from uvms_ocp.tasks.task import Residual
@@ -76,10 +76,12 @@ def _term_rows(model: StageModel, phase: OcpPhase, counts: Counts, share: ca.SX,
             errors[i] = ca.vertcat(errors[i], ca.sqrt(scale) * _beyond(residual))
     exact = problem.hessian is HessianKind.EXACT
     counted = [(i, term, residual.n_rows) for (i, term), residual in zip(members, residuals, strict=True)]
+    functions = derivatives(
+        _identifier(name), model.z, s, rows, costs=ca.vertcat(*costs), residuals=None if exact else errors
+    )
     return TermRows(
-        functions=derivatives(
-            _identifier(name), model.z, s, rows, costs=ca.vertcat(*costs), residuals=None if exact else errors
-        ),
+        # Terms of forces hold the equations of motion where forces are no variables.
+        functions=functions if model.decides_forces else compiled(functions),
         terms=tuple(term for _, term in members),
         sizes=sizes,
         level=np.array([i for i, _, m in counted for _ in range(m)], dtype=int),

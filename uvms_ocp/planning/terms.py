@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.limits import bounded_joints
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.tasks.task import Residual, Task, TickSymbols, bounded_residual, zero_residual
 
@@ -176,6 +177,27 @@ class Duration(Term):
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         return zero_residual(ca.SX(1))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Posture(Term):
+    """Joints away from a preferred posture, in shares of their range: the integral of the squares."""
+
+    at: At = At.PATH
+    q: np.ndarray  # (n_q,) configuration, of which joints with two limits are used
+
+    @property
+    def name(self) -> str:
+        return "posture"
+
+    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
+        robot = stage.tick.robot
+        away = [
+            (stage.tick.q[joint.idx_q] - self.q[joint.idx_q]) / (upper - lower)
+            for joint, lower, upper in bounded_joints(robot.joints, robot.limits)
+            if np.isfinite([lower, upper]).all()
+        ]
+        return zero_residual(ca.vertcat(ca.SX(0, 1), *away))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

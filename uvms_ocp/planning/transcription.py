@@ -7,53 +7,21 @@ ordered step by step, as structure-exploiting solvers want them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
 from uvms_ocp.model.state import State
+from uvms_ocp.planning.horizon import Block, Horizon
 from uvms_ocp.planning.ocp import OcpProblem
-from uvms_ocp.planning.sparse_blocks import Entries, assemble, scatter
-from uvms_ocp.planning.stage import Derivatives, StageModel
+from uvms_ocp.planning.stage import StageModel
 from uvms_ocp.planning.term_rows import CONSTRAINT, TermRows, end_rows, path_rows
 from uvms_ocp.planning.terms import Term
 from uvms_ocp.planning.trajectory import Trajectory
 from uvms_ocp.solvers.nlp_program import LevelNlp, LevelRows, LexicographicProgram
 
-_GRADIENTS = ["f", "g", "grad_gamma_x", "grad_gamma_p"]
 _DROPPED = -2  # level of rows that say nothing
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Block:
-    """Terms at some nodes: their functions mapped, and where their rows begin among the raw rows."""
-
-    rows: TermRows
-    nodes: np.ndarray  # (n,)
-    Z: ca.MX  # (n_z, n)
-    S: ca.MX  # (n_parameters, n)
-    first: int  # raw row
-    last_node: bool  # only the state of the node is a variable
-
-    @property
-    def n_rows(self) -> int:
-        return len(self.rows.level)
-
-    @property
-    def functions(self) -> Derivatives:
-        return self.rows.functions
-
-    @property
-    def stop(self) -> int:
-        return self.first + self.n_rows * len(self.nodes)
-
-    def mapped(self, function: ca.Function, *more: ca.MX) -> ca.MX:
-        """Outputs (m, n) of a function at all nodes."""
-        n = len(self.nodes)
-        wide = [item if item.shape[1] == n else ca.repmat(item, 1, n) for item in more]
-        return function.map(n)(self.Z, self.S, *wide)
 
 
 class Transcription:
@@ -163,7 +131,8 @@ class Transcription:
         for k in range(self.N + 1):
             j = min(k, self.N - 1)
             shares = (trajectory.thrust[j] / actuators.thrust_unit, trajectory.torque[j] / actuators.torque_unit)
-            z = np.concatenate([trajectory.q[k], trajectory.v[k], [h[j]], trajectory.a[j], *shares])
+            inputs = shares if self.model.decides_forces else ()
+            z = np.concatenate([trajectory.q[k], trajectory.v[k], [h[j]], trajectory.a[j], *inputs])
             columns = self.columns(k)
             x[columns[columns >= 0]] = z[columns >= 0]
         return x
@@ -176,13 +145,15 @@ class Transcription:
             columns = self.columns(k)
             Z[k, columns >= 0] = x[columns[columns >= 0]]
         steps = Z[:-1, layout.h] if self._free else np.diff(self.problem.nominal_times())
+        Z[:-1, layout.h] = steps
+        thrust, torque = (np.array(part).T for part in self.model.inputs_function.map(self.N)(Z[:-1].T))
         return Trajectory(
             t=np.concatenate([[0.0], np.cumsum(steps)]),
             q=Z[:, layout.q],
             v=Z[:, layout.v],
             a=Z[:-1, layout.a],
-            thrust=Z[:-1, layout.thrust] * actuators.thrust_unit,
-            torque=Z[:-1, layout.torque] * actuators.torque_unit,
+            thrust=thrust * actuators.thrust_unit,
+            torque=torque * actuators.torque_unit,
         )
 
     # --- blocks and rows --------------------------------------------------------------------------
@@ -197,10 +168,10 @@ class Transcription:
         self._Z_last = ca.vertcat(last, tail)
         self._next = ca.horzcat(W[: self.n_state, 1:], last)
         self._water = self._p[n_q_v : n_q_v + 3]
-        self._n_dynamics = layout.n_q + 2 * layout.n_v
+        self._n_dynamics = n_q_v + layout.n_v * self.model.decides_forces
         self._first_init = self.N * self._n_dynamics
         self._first_steps = self._first_init + n_q_v
-        self._blocks: list[_Block] = []
+        self._blocks: list[Block] = []
         first, offset = self._first_steps + (self.N - 1 if self._free else 0), self._n_given
         for i, rows in enumerate(self._paths):
             nodes = np.arange(self._nodes[i], self._nodes[i + 1])
@@ -212,11 +183,24 @@ class Transcription:
             offset = self._add_block(rows, np.array([node]), Z, first, offset)
             first = self._blocks[-1].stop
         self._first_cost = first
+        self._horizon = Horizon(
+            model=self.model,
+            x=self._x,
+            p=self._p,
+            Z=self._Z,
+            following=self._next,
+            water=self._water,
+            blocks=tuple(self._blocks),
+            columns=self.columns,
+            n_dynamics=self._n_dynamics,
+            free=self._free,
+            n_levels=len(self.problem.levels),
+        )
 
     def _add_block(self, rows: TermRows, nodes: np.ndarray, Z: ca.MX, first: int, offset: int) -> int:
         stop = offset + rows.n_parameters * len(nodes)
         S = ca.reshape(self._p[offset:stop], rows.n_parameters, len(nodes))
-        self._blocks.append(_Block(rows=rows, nodes=nodes, Z=Z, S=S, first=first, last_node=nodes[0] == self.N))
+        self._blocks.append(Block(rows=rows, nodes=nodes, Z=Z, S=S, first=first, last_node=nodes[0] == self.N))
         return stop
 
     def _number_rows(self) -> None:
@@ -244,112 +228,9 @@ class Transcription:
         self._of_level = [np.flatnonzero(self._level[: self._first_cost] == i) for i in range(n_levels)]
         self._constraints = np.flatnonzero(self._level == CONSTRAINT)
 
-    # --- expressions ------------------------------------------------------------------------------
-
-    @cached_property
-    def _raw(self) -> ca.MX:
-        """All rows: dynamics, start, equal steps, terms, costs of the levels."""
-        n_q_v = self.problem.robot.n_q + self.problem.robot.n_v
-        values = self.model.dynamics.value.map(self.N)(self._Z, ca.repmat(self._water, 1, self.N))
-        parts = [
-            ca.vec(ca.vertcat(self._next[:n_q_v, :] - values[:n_q_v, :], values[n_q_v:, :])),
-            self._Z[:n_q_v, 0] - self._p[:n_q_v],
-        ]
-        if self._free:
-            h = self._Z[self.model.layout.h, :]
-            parts.append((h[1:] - h[:-1]).T)
-        parts += [ca.vec(block.mapped(block.functions.value)) for block in self._blocks]
-        return ca.vertcat(*parts, self._costs)
-
-    @cached_property
-    def _costs(self) -> ca.MX:
-        """(n_levels,)"""
-        return sum(
-            (ca.sum2(block.mapped(block.functions.costs)) for block in self._blocks), ca.MX.zeros(len(self._of_level))
-        )
-
-    def _gradient(self, sigma: ca.MX) -> ca.MX:
-        """Gradient (n_x,) of ``sigma' costs``."""
-        total = ca.MX.zeros(self.n_x)
-        for block in self._blocks:
-            values = ca.vec(block.mapped(block.functions.gradient, sigma))
-            columns = np.concatenate([self.columns(int(k)) for k in block.nodes])
-            total += scatter(values, columns, self.n_x)
-        return total
-
-    @cached_property
-    def _jacobian_entries(self) -> list[Entries]:
-        """Nonzeros of the raw rows, apart from those of the cost rows."""
-        n_q_v = self.problem.robot.n_q + self.problem.robot.n_v
-        J = self.model.dynamics
-        rows, columns = (np.array(i) for i in J.jacobian_sparsity.get_triplet())
-        sign = ca.DM(np.where(rows < n_q_v, -1.0, 1.0))
-        nonzeros = J.jacobian.map(self.N)(self._Z, ca.repmat(self._water, 1, self.N)) * ca.repmat(sign, 1, self.N)
-        entries = [
-            self._placed(nonzeros, rows, columns, np.arange(self.N), 0, self._n_dynamics),
-            *self._linear_entries(),
-        ]
-        for block in self._blocks:
-            rows, columns = (np.array(i, dtype=int) for i in block.functions.jacobian_sparsity.get_triplet())
-            if len(rows):
-                nonzeros = block.mapped(block.functions.jacobian)
-                entries.append(self._placed(nonzeros, rows, columns, block.nodes, block.first, block.n_rows))
-        return entries
-
-    def _linear_entries(self) -> list[Entries]:
-        """Ones and minus ones: the next state, the start, equal steps."""
-        n_q_v, k = self.problem.robot.n_q + self.problem.robot.n_v, np.arange(self.N)
-        next_rows = (k[:, None] * self._n_dynamics + np.arange(n_q_v)).ravel()
-        next_columns = np.concatenate([self.columns(int(i) + 1)[:n_q_v] for i in k])
-        rows = [next_rows, self._first_init + np.arange(n_q_v)]
-        columns = [next_columns, self.columns(0)[:n_q_v]]
-        values = [np.ones(len(next_rows) + n_q_v)]
-        if self._free:
-            h = np.array([self.columns(int(i))[self.model.layout.h] for i in k])
-            rows += [self._first_steps + k[:-1]] * 2
-            columns += [h[1:], h[:-1]]
-            values += [np.ones(self.N - 1), -np.ones(self.N - 1)]
-        return [
-            Entries(
-                values=ca.MX(ca.DM(np.concatenate(values))), rows=np.concatenate(rows), columns=np.concatenate(columns)
-            )
-        ]
-
-    def _placed(
-        self, nonzeros: ca.MX, rows: np.ndarray, columns: np.ndarray, nodes: np.ndarray, first: int, m: int
-    ) -> Entries:
-        places = [self.columns(int(k))[columns] for k in nodes]
-        numbers = [first + j * m + rows for j in range(len(nodes))]
-        return Entries(values=ca.vec(nonzeros), rows=np.concatenate(numbers), columns=np.concatenate(places))
-
-    def _hessian(self, sigma: ca.MX, lam: ca.MX) -> list[Entries]:
-        """Groups of entries of the second derivative of ``sigma' costs + lam' raw``; groups overlap."""
-        n_q_v = self.problem.robot.n_q + self.problem.robot.n_v
-        lam_dynamics = ca.reshape(lam[: self._first_init], self._n_dynamics, self.N)
-        signed = ca.vertcat(-lam_dynamics[:n_q_v, :], lam_dynamics[n_q_v:, :])
-        H, none = self.model.dynamics, ca.MX(0, self.N)
-        values = H.hessian.map(self.N)(self._Z, ca.repmat(self._water, 1, self.N), none, signed)
-        entries = [self._square(values, H.hessian_sparsity, np.arange(self.N))] if H.hessian_sparsity.nnz() else []
-        for block in self._blocks:
-            sparsity = block.functions.hessian_sparsity
-            if sparsity.nnz():
-                own = ca.reshape(lam[block.first : block.stop], block.n_rows, len(block.nodes))
-                values = block.mapped(block.functions.hessian, sigma, own)
-                entries.append(self._square(values, sparsity, block.nodes))
-        return entries
-
-    def _square(self, nonzeros: ca.MX, sparsity: ca.Sparsity, nodes: np.ndarray) -> Entries:
-        rows, columns = (np.array(i, dtype=int) for i in sparsity.get_triplet())
-        places = [self.columns(int(k)) for k in nodes]
-        return Entries(
-            values=ca.vec(nonzeros),
-            rows=np.concatenate([place[rows] for place in places]),
-            columns=np.concatenate([place[columns] for place in places]),
-        )
-
     @cached_property
     def _constraint_values(self) -> ca.Function:
-        return ca.Function("constraints", [self._x, self._p], [self._raw[self._constraints.tolist()]])
+        return ca.Function("constraints", [self._x, self._p], [self._horizon.rows[self._constraints.tolist()]])
 
     def violations(self, x: np.ndarray, p: np.ndarray) -> dict[str, float]:
         """Largest violation of every group of constraints at x, in the units of its rows."""
@@ -405,7 +286,7 @@ class Transcription:
             frozen.append(held)
             first += len(held)
         numbered = np.concatenate(frozen)
-        y = [self._raw[rows.tolist()] if len(rows) else ca.MX(0, 1) for rows in self._of_level]
+        y = [self._horizon.rows[rows.tolist()] if len(rows) else ca.MX(0, 1) for rows in self._of_level]
         return LexicographicProgram(
             levels=tuple(levels),
             nlps=tuple(self._level_nlp(i, numbered[: levels[i].frozen.start]) for i in range(len(levels))),
@@ -417,49 +298,10 @@ class Transcription:
     def _level_nlp(self, index: int, numbered: np.ndarray) -> LevelNlp:
         order = np.argsort(self._stage[numbered], kind="stable")
         raw_rows = numbered[order]
-        g = self._raw[raw_rows.tolist()]
-        f = self._costs[index]
-        nlp = {"x": self._x, "p": self._p, "f": f, "g": g}
-        return LevelNlp(nlp=nlp, rows=order, functions=self._derivative_functions(index, raw_rows, f, g))
-
-    def _derivative_functions(self, index: int, raw_rows: np.ndarray, f: ca.MX, g: ca.MX) -> dict[str, ca.Function]:
-        x, p, n = self._x, self._p, len(self.problem.levels)
-        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", len(raw_rows))
-        position = np.full(self._first_cost + n, len(raw_rows))
-        position[raw_rows] = np.arange(len(raw_rows))
-        lam = ca.vertcat(lam_g, 0)[position.tolist()]
-        sigma = lam[self._first_cost :] + lam_f * ca.DM(np.eye(n)[index])
-        J = assemble(self._rows_of(raw_rows, position), (len(raw_rows), self.n_x))
-        H = ca.MX(self.n_x, self.n_x)
-        for entries in self._hessian(sigma, lam):
-            H = H + assemble([entries], (self.n_x, self.n_x))
-        gradient = self._gradient(ca.MX(ca.DM(np.eye(n)[index])))
-        ipopt = self._plugin == "ipopt"
-        inputs, dual = [x, p], ["x", "p", "lam_f", "lam_g"]
-        slope = [f, gradient] if ipopt else [gradient]
-        slope_of_all = self._gradient(sigma) + J.T @ lam_g
-        curvature = [ca.triu(H)] if ipopt else [slope_of_all, H]
-        names = ["triu_hess_gamma_x_x"] if ipopt else ["grad_gamma_x", "hess_gamma_x_x"]
-        functions = (
-            ca.Function("nlp_f", inputs, [f], dual[:2], ["f"]),
-            ca.Function("nlp_g", inputs, [g], dual[:2], ["g"]),
-            ca.Function("nlp_grad_f", inputs, slope, dual[:2], ["f", "grad_f_x"][-len(slope) :]),
-            ca.Function("nlp_jac_g", inputs, [g, J], dual[:2], ["g", "jac_g_x"]),
-            ca.Function("nlp_hess_l", [x, p, lam_f, lam_g], curvature, dual, names),
-            # Asked for at construction, never called: multipliers of parameters are off.
-            ca.Function("nlp_grad", [x, p, lam_f, lam_g], [f, g, slope_of_all, ca.MX(p.shape[0], 1)], dual, _GRADIENTS),
-        )
-        return {function.name(): function for function in functions}
-
-    def _rows_of(self, raw_rows: np.ndarray, position: np.ndarray) -> list[Entries]:
-        """Entries of the chosen rows, renumbered; frozen costs add one dense row each."""
-        chosen = [entries.selected(position, len(raw_rows)) for entries in self._jacobian_entries]
-        for raw in raw_rows[raw_rows >= self._first_cost]:
-            one = ca.MX(ca.DM(np.eye(len(self._of_level))[raw - self._first_cost]))
-            columns = np.arange(self.n_x)
-            row = np.full(self.n_x, position[raw])
-            chosen.append(Entries(values=self._gradient(one), rows=row, columns=columns))
-        return chosen
+        horizon = self._horizon
+        nlp = {"x": self._x, "p": self._p, "f": horizon.costs[index], "g": horizon.rows[raw_rows.tolist()]}
+        functions = horizon.derivative_functions(index, raw_rows, plugin=self._plugin)
+        return LevelNlp(nlp=nlp, rows=order, functions=functions)
 
 
 def _terms_like(rows: TermRows, given: OcpProblem, built: OcpProblem) -> list[Term]:

@@ -7,3 +7,5 @@ from uvms_ocp.report.series import max_velocity_step as max_velocity_step
 from uvms_ocp.report.series import quantity as quantity
 from uvms_ocp.report.summary import phase_table as phase_table
 from uvms_ocp.report.summary import summarize as summarize
+from uvms_ocp.report.transitions import transition_series as transition_series
+from uvms_ocp.report.transitions import transition_table as transition_table

@@ -53,10 +53,9 @@ def obstacle_field(
 ) -> Scenario:
     """A transit of 11 m past a boulder, a pillar and a wreck, kept clear of the whole robot by the clearance task.
 
-    Every shape of the robot stays 0.1 m and more away from every obstacle, and links stay apart; the way point is
-    reached. with_clearance: False shows the collision. threshold [m] is what the task asks for: where flat sides pass each
-    other their nearest points jump, and the distance dips below it. Reactive: an obstacle straight ahead would stop it,
-    as it is no plan.
+    Every shape of the robot stays 0.1 m and more away from every obstacle, on the kinematic plant `threshold` [m] and more,
+    and links stay apart; the way point is reached. with_clearance: False shows the collision. Reactive: an obstacle
+    straight ahead would stop it, as it is no plan.
     """
     machine = load_robot(robot) if isinstance(robot, str) else robot
     q0 = machine.configuration(position=(0.0, 0.0, -37.0))

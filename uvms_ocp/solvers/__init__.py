@@ -2,6 +2,7 @@
 
 from uvms_ocp.solvers.active_set import LexicographicActiveSet as LexicographicActiveSet
 from uvms_ocp.solvers.cascade import LexicographicQp as LexicographicQp
+from uvms_ocp.solvers.daqp import Daqp as Daqp
 from uvms_ocp.solvers.icat import Icat as Icat
 from uvms_ocp.solvers.level import Level as Level
 from uvms_ocp.solvers.solution import Solution as Solution

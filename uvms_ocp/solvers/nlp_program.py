@@ -58,10 +58,14 @@ class LevelRows:
         return np.asarray(y - np.clip(y, self.lower, self.upper))
 
     def frozen_bounds(self, y: np.ndarray, cost: float, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds of the rows that keep the level where it is, at y and `cost`, give or take `tolerance`."""
+        """Bounds of the rows that keep the level where it is, at y and `cost`.
+
+        `tolerance`: by which the norm of its residual may rise. The rows get half of it, the solver's own accuracy the
+        rest.
+        """
         if self.relax is None:
             equal = (self.lower == self.upper) if tolerance == 0 else np.zeros(len(y), dtype=bool)
-            slack = np.where(equal, 0.0, tolerance or _SLACK)
+            slack = np.where(equal, 0.0, tolerance / (2 * max(len(y), 1) ** 0.5) or _SLACK)
             low, up = np.where(equal, y, np.minimum(self.lower, y)), np.where(equal, y, np.maximum(self.upper, y))
             return low - slack, up + slack
         return np.array([-np.inf]), np.array([(1 + self.relax) * cost + tolerance])

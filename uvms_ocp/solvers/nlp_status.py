@@ -8,10 +8,14 @@ from typing import Any
 
 
 class NlpStatus(Enum):
-    """Outcome of one level; ``advice`` says what to do about it."""
+    """Outcome of one level; ``advice`` says what to do about it.
+
+    INFEASIBLE: at a point from which no small step brings the constraints any nearer. Farther away others may keep them.
+    """
 
     SOLVED = "solved"
     INEXACT = "inexact"
+    STALLED = "stalled"
     INFEASIBLE = "infeasible"
     ITERATION_LIMIT = "iteration limit"
     TIME_LIMIT = "time limit"
@@ -32,6 +36,7 @@ class NlpStatus(Enum):
 _ADVICE = {
     NlpStatus.SOLVED: "nothing to do",
     NlpStatus.INEXACT: "the level is at a minimum to reduced accuracy only; scale its rows, or loosen the tolerance",
+    NlpStatus.STALLED: "no further progress before the constraints were kept; give another guess, or loosen the limits",
     NlpStatus.INFEASIBLE: "no point keeps the constraints near the guess; loosen the limits, or give another guess",
     NlpStatus.ITERATION_LIMIT: "the level did not converge; raise max_iterations, or give a better guess",
     NlpStatus.TIME_LIMIT: "the time was over; raise time_limit, shorten the horizon, or start from the last solution",
@@ -49,7 +54,8 @@ _IPOPT = {
     "Solved_To_Acceptable_Level": NlpStatus.INEXACT,
     "Search_Direction_Becomes_Too_Small": NlpStatus.INEXACT,
     "Infeasible_Problem_Detected": NlpStatus.INFEASIBLE,
-    "Restoration_Failed": NlpStatus.INFEASIBLE,
+    "Restoration_Failed": NlpStatus.STALLED,
+    "User_Requested_Stop": NlpStatus.TIME_LIMIT,
     "Maximum_CpuTime_Exceeded": NlpStatus.TIME_LIMIT,
     "Maximum_WallTime_Exceeded": NlpStatus.TIME_LIMIT,
     "Invalid_Number_Detected": NlpStatus.NOT_A_NUMBER,

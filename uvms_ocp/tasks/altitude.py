@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
 import casadi as ca
+import numpy as np
+import pinocchio as pin
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.reach import point_reach
+from uvms_ocp.model.robot import Robot
 from uvms_ocp.tasks.activation import Bell
 from uvms_ocp.tasks.limits import approach_speed, row_acceleration, saturate
 from uvms_ocp.tasks.task import (
+    PositionLimit,
     Residual,
     Rows,
     Task,
@@ -44,6 +50,18 @@ def altimeter_of(task: str, symbols: TickSymbols, frame: str | None) -> str:
     return found
 
 
+def height_of(robot: Robot, frame: str) -> Callable[[np.ndarray, np.ndarray | None], np.ndarray]:
+    """Values of a `PositionLimit`: z [m] of a frame's origin in W."""
+    model, data, index = robot.model, robot.model.createData(), robot.frame_id(frame)
+
+    def height(q: np.ndarray, rows: np.ndarray | None) -> np.ndarray:
+        pin.framesForwardKinematics(model, data, q)
+        value = np.array([data.oMf[index].translation[2]])
+        return value if rows is None else value[rows]
+
+    return height
+
+
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class MinimumAltitude(Task):
     """MAC: the altimeter stays above `threshold` ([Gao2022] eqs 16-26)."""
@@ -71,6 +89,17 @@ class MinimumAltitude(Task):
         """Altitude >= `threshold` [m]."""
         return bounded_residual(
             altitude_of(symbols, altimeter_of(self.name, symbols, self.frame)), lower=self.threshold
+        )
+
+    def position_limit(self, robot: Robot) -> PositionLimit:
+        """The altimeter stays at `threshold`; the floor is taken as level around the robot."""
+        frame = self.frame or robot.description.altimeter or ""
+        return PositionLimit(
+            quantity="altitude",
+            lower=self.threshold,
+            values=height_of(robot, frame),
+            relative=True,
+            reach=point_reach(robot, frame),
         )
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import enum
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar
 
@@ -88,6 +88,28 @@ class Residual:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class StopAhead:
+    """A few configurations on the way to rest along the present velocity, all axes slowing down in proportion."""
+
+    velocity: np.ndarray  # (n_v,) now
+    durations: np.ndarray  # (k,) [s] at the present velocity, as each of them is away
+    configurations: tuple[np.ndarray, ...]  # (n_q,) each
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class PositionLimit:
+    """Positions that stay at or above a limit, and that a robot must therefore be able to stop before."""
+
+    quantity: str  # of the task: the smallest of the positions, as measured
+    lower: float  # [m] the limit
+    values: Callable[[np.ndarray, np.ndarray | None], np.ndarray]  # q (n_q,), which of them -> (m,) positions [m]
+    relative: bool = (
+        False  # the measured quantity is the truth at the present q, `values` tell how it changes from there
+    )
+    reach: np.ndarray  # (n_v,) upper bound on the rate of any of the positions per unit of each velocity
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Task(ABC):
     """Base of all tasks. Fields of every task can be changed with `dataclasses.replace`."""
 
@@ -110,6 +132,10 @@ class Task(ABC):
             f"{self.name}: {type(self).__name__} has no residual over a horizon; leave it to the velocity hierarchy"
         )
 
+    def position_limit(self, robot: Robot) -> PositionLimit | None:
+        """The limit on positions that this task stands for, if it is one beyond the joints' own."""
+        return None
+
     def n_parameters(self, robot: Robot) -> int:
         """Length of the vector that `reference` returns."""
         return 0
@@ -118,10 +144,11 @@ class Task(ABC):
         """Goal at time t [s] as a parameter vector (n_parameters,)."""
         return np.zeros(0)
 
-    def parameters(self, t: float, q: np.ndarray) -> np.ndarray:
+    def parameters(self, t: float, q: np.ndarray, stop: StopAhead | None = None) -> np.ndarray:
         """Parameter vector (n_parameters,) at time t [s] and measured configuration q (n_q,).
 
-        The goal, for most tasks; tasks on distances, which have no symbolic form, put their values in.
+        The goal, for most tasks; tasks on distances, which have no symbolic form, put their values in. `stop` is the
+        stop from the present velocity, where it could come near a limit.
         """
         return self.reference(t)
 

@@ -3,6 +3,7 @@
 from uvms_ocp.viz.comparison import figure_joint_comparison as figure_joint_comparison
 from uvms_ocp.viz.comparison import figure_paths as figure_paths
 from uvms_ocp.viz.comparison import figure_row_activations as figure_row_activations
+from uvms_ocp.viz.comparison import figure_transitions as figure_transitions
 from uvms_ocp.viz.efforts import figure_efforts as figure_efforts
 from uvms_ocp.viz.efforts import figure_tracking as figure_tracking
 from uvms_ocp.viz.plan_figures import figure_clearance as figure_clearance

@@ -26,6 +26,8 @@ from uvms_ocp.viz.style import (
 )
 
 _COLORS = (BLUE, VERMILLION, GREEN, ORANGE)
+_LEAST = {"step": 1e-4, "jerk": 1e-2, "lost": 1e-18}
+"""What is drawn of the figures of a phase change on a logarithmic axis."""
 
 
 @styled
@@ -97,4 +99,28 @@ def figure_paths(paths: Mapping[str, np.ndarray]) -> Figure:
         Line2D([], [], color=BLACK, ls="", marker=mark, label=text) for mark, text in (("o", "start"), ("*", "end"))
     ]
     heading_legend(figure, [*views[0].get_lines()[::3], *ends])
+    return figure
+
+
+@styled
+def figure_transitions(runs: Mapping[str, Mapping[str, np.ndarray]]) -> Figure:
+    """How smoothly runs by name change phase, from what `uvms_ocp.report.transition_series` gives; thin lines: changes."""
+    figure, axes = stacked(3, 1.5, "Smoothness of phase changes")
+    for (_, run), color in zip(runs.items(), _COLORS, strict=False):
+        for axis, name in zip(axes, ("step", "jerk", "lost"), strict=True):
+            axis.plot(run["t"], np.maximum(run[name], _LEAST[name]), color=color, lw=0.8)
+            for time in run["changes"]:
+                axis.axvline(time, color=color, lw=0.6, alpha=0.6)
+    for axis, name, label in zip(
+        axes,
+        ("step", "jerk", "lost"),
+        ("step of v / ($a_{max}$ dt)", "jerk [m/s³, rad/s³]", "lost above [m/s, rad/s]"),
+        strict=True,
+    ):
+        axis.set(yscale="log", ylabel=label)
+        axis.set_ylim(bottom=_LEAST[name])
+    axes[0].axhline(1.0, color=BLACK, lw=0.6, ls="--")
+    heading_legend(
+        figure, [Line2D([], [], color=color, label=name) for name, color in zip(runs, _COLORS, strict=False)]
+    )
     return figure

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from uvms_ocp.exceptions import OutputError
 from uvms_ocp.record import Record
+from uvms_ocp.viz.efforts import figure_efforts
 from uvms_ocp.viz.style import BLACK, DASHES, DPI, LINES, THRESHOLD, VERMILLION, stacked, styled, threshold
 
 _ROWS: Mapping[str, str] = MappingProxyType(
@@ -83,6 +84,7 @@ def write_plan_figures(record: Record, folder: Path | str) -> tuple[Path, ...]:
         "vehicle_motion": figure_vehicle_motion(record),
         "joint_motion": figure_joint_motion(record),
         "clearance": figure_clearance(record),
+        "efforts": figure_efforts(record),
     }
     return tuple(_save(figure, Path(folder) / f"{name}.png") for name, figure in figures.items() if figure is not None)
 
@@ -97,9 +99,10 @@ def _save(figure: Figure, path: Path) -> Path:
 
 
 def _motion(record: Record, wanted: list[int], title: str) -> Figure:
-    """One row per derivative, one line per axis; each with its limit where it has one and comes near it."""
-    figure, axes = stacked(len(_ROWS), 1.25, title)
-    for row, (series, label) in zip(axes, _ROWS.items(), strict=True):
+    """One row per derivative that is recorded, one line per axis; each with its limit where it has one and comes near it."""
+    rows = {series: label for series, label in _ROWS.items() if series in record.series}
+    figure, axes = stacked(len(rows), 1.25, title)
+    for row, (series, label) in zip(axes, rows.items(), strict=True):
         for k, i in enumerate(wanted):
             name, style = record.meta["axes"][i], DASHES[k // len(LINES) % len(DASHES)]
             row.plot(record["t"], record[series][:, i], color=LINES[k % len(LINES)], ls=style, label=name)

@@ -1,0 +1,147 @@
+"""Times of the tool reach, cold and warm: one row per solver and setting, failures included.
+
+python benchmarks/ocp/reach.py [RESULTS]
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+from problems import tool_reach
+
+from uvms_ocp.control.plan_tracking import PlanTracker, carry_out
+from uvms_ocp.model.dynamics import robot_dynamics
+from uvms_ocp.planning import HessianKind, OcpProblem, Plan, Planner
+from uvms_ocp.sim import DynamicPlant, Environment, FlatSeafloor
+from uvms_ocp.solvers.lexicographic import NlpOptions
+
+HERE = Path(__file__).parent
+REPEATS = 3
+STEPS = (20, 40, 80)
+COLUMNS = ("steps", "solver", "setting", "start", "status", "iterations", "cpu_ms", "wall_ms", "goal", "cost")
+Row = dict[str, Any]
+
+
+def timed(solve: Callable[[], Plan]) -> tuple[Plan, float, float]:
+    """The plan, and the smallest wall and processor time [s] of `REPEATS` solves."""
+    walls, cpus, plan = [], [], solve()
+    for _ in range(REPEATS):
+        begin = process_time()
+        plan = solve()
+        cpus.append(process_time() - begin)
+        walls.append(plan.solve_time)
+    return plan, min(walls), min(cpus)
+
+
+def rows(setting: str, problem: OcpProblem, options: NlpOptions) -> list[Row]:
+    """Cold solve from rest, and warm solve from its solution."""
+    planner = Planner(problem, options)
+    cold, wall, cpu = timed(lambda: planner.plan(diagnose=False))
+    warm, warm_wall, warm_cpu = timed(lambda: planner.plan(guess=cold, diagnose=False))
+    return [
+        row(planner, setting, "cold", cold, wall, cpu),
+        row(planner, setting, "warm", warm, warm_wall, warm_cpu),
+    ]
+
+
+def row(planner: Planner, setting: str, start: str, plan: Plan, wall: float, cpu: float) -> Row:
+    assert plan.result is not None
+    *_, last = planner.transcription.program.nlps
+    cost = last.functions["nlp_f"](plan.result.x, planner.transcription.parameters())
+    return {
+        "steps": planner.problem.n_steps,
+        "solver": planner.options.plugin,
+        "setting": setting,
+        "start": start,
+        "status": plan.result.status.value,
+        "iterations": plan.iterations,
+        "cpu_ms": f"{1e3 * cpu:.1f}",
+        "wall_ms": f"{1e3 * wall:.1f}",
+        "goal": f"{plan.levels[0].residual:.1e}",
+        "cost": f"{float(cost):.9f}",
+    }
+
+
+def all_rows() -> list[Row]:
+    """Every size with both solvers, and Gauss and Newton's Hessian."""
+    found = []
+    for n_steps in STEPS:
+        for plugin in ("ipopt", "fatrop"):
+            found += rows("exact", tool_reach(n_steps), NlpOptions(plugin=plugin))
+            loose = NlpOptions(plugin=plugin, convergence=1e-6)
+            found += rows("Gauss-Newton, 1e-06", tool_reach(n_steps, hessian=HessianKind.GAUSS_NEWTON), loose)
+    return found
+
+
+def uncompiled() -> list[Row]:
+    """The same for the middle size where no compiler is found, in another process."""
+    command = [sys.executable, str(Path(__file__)), "--uncompiled"]
+    environment = {**os.environ, "PATH": "", "CC": ""}
+    done = subprocess.run(command, check=True, env=environment, capture_output=True, text=True)
+    found: list[Row] = json.loads(done.stdout)
+    return [row | {"setting": f"{row['setting']}, virtual machine"} for row in found]
+
+
+def mismatch() -> str:
+    """The plan of the middle size, carried out on the physical plant."""
+    problem = tool_reach(STEPS[1])
+    plan, dynamics = Planner(problem).plan(), robot_dynamics(problem.robot)
+    environment = Environment(seafloor=FlatSeafloor(z=-40))
+    plant = DynamicPlant(problem.robot, problem.start.q, dynamics=dynamics, environment=environment)
+    found = carry_out(
+        plan.trajectory, plant, PlanTracker(problem.robot, dynamics, dt=1 / 200), robot=problem.robot, frame="tool"
+    )
+    return (
+        f"Carried out on the physical plant, N = {STEPS[1]}: tool off by {1e3 * found.end_position:.2f} mm and "
+        f"{1e3 * found.end_orientation:.2f} mrad at the end, {1e3 * found.position:.2f} mm at most on the way."
+    )
+
+
+def main(results: Path) -> None:
+    before = os.getloadavg()[0]
+    found = [*all_rows(), *uncompiled()]
+    carried_out = mismatch()
+    with (results / "ocp_reach.csv").open("w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, COLUMNS)
+        table.writeheader()
+        table.writerows(found)
+    packages = ", ".join(f"{name} {version(name)}" for name in ("casadi", "pin", "numpy"))
+    load = f"{before:.1f} at the start, {os.getloadavg()[0]:.1f} at the end"
+    lines = [
+        "# Optimal control: the tool reach",
+        "",
+        (HERE / "reach.md").read_text(encoding="utf-8").strip(),
+        "",
+        carried_out,
+        "",
+        f"{platform.machine()}, Python {platform.python_version()}, {packages}; load average {load}.",
+        "",
+        "| " + " | ".join(COLUMNS) + " |",
+        "|" + "---|" * len(COLUMNS),
+        *("| " + " | ".join(str(row[column]) for column in COLUMNS) + " |" for row in found),
+        "",
+    ]
+    (results / "ocp_reach.md").write_text("\n".join(lines), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    given = sys.argv[1:]
+    if given == ["--uncompiled"]:
+        middle = tool_reach(STEPS[1])
+        print(
+            json.dumps(
+                [row for plugin in ("ipopt", "fatrop") for row in rows("exact", middle, NlpOptions(plugin=plugin))]
+            )
+        )
+    else:
+        main(Path(given[0]) if given else HERE.parent / "results")

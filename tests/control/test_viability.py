@@ -1,0 +1,169 @@
+"""Limits on positions hold whatever is asked for: the viability rule alone, in Case 1, and from random starts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from uvms_ocp.campaign.random_limits import limit_violations, random_limits
+from uvms_ocp.control.viability import Stop, Viability
+from uvms_ocp.model.collision import CollisionModel
+from uvms_ocp.model.obstacles import Obstacle
+from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.scenario import Scenario
+from uvms_ocp.scenarios import case1
+from uvms_ocp.tasks import Clearance, Hierarchy, MinimumAltitude
+
+DT = 0.02
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot("girona_maris7_full")
+
+
+def ball(name: str, x: float, y: float, z: float, radius: float) -> Obstacle:
+    return Obstacle(name=name, shape=coal.Sphere(radius), X_WO=pin.SE3(np.eye(3), np.array([x, y, z])))
+
+
+class Guarded:
+    """The rule with minimum altitude above a floor at z = -2 m, and clearance of two balls."""
+
+    def __init__(self, robot: Robot) -> None:
+        balls = [ball("stern", -1.6, 0.0, 0.2, 0.4), ball("side", 0.0, 1.2, 0.0, 0.3)]
+        self.robot = robot
+        self.clearance = Clearance(model=CollisionModel(robot, balls, self_collision=False), threshold=0.05)
+        self.altitude = MinimumAltitude(threshold=1.0)
+        self.altimeter = robot.frame_id("altimeter")
+        self.rule = Viability(
+            robot=robot,
+            tasks=(self.altitude, self.clearance),
+            quantity_names=("MAC.altitude", "CL.clearance"),
+            dt=DT,
+        )
+
+    def quantities(self, q: np.ndarray) -> np.ndarray:
+        data = self.robot.model.createData()
+        pin.framesForwardKinematics(self.robot.model, data, q)
+        return np.array([data.oMf[self.altimeter].translation[2] + 2.0, self.clearance.model.values(q).min()])
+
+    def slack(self, q: np.ndarray) -> np.ndarray:
+        return self.quantities(q) - [self.altitude.threshold, self.clearance.threshold]
+
+    def kept(self, q: np.ndarray, previous: np.ndarray, wanted: np.ndarray, gates: tuple[float, float]) -> np.ndarray:
+        quantities = self.quantities(q)
+        return self.rule.kept(q=q, previous=previous, wanted=wanted, gates=np.array(gates), quantities=quantities).v
+
+
+def reckless(guarded: Guarded, seed: int) -> tuple[int, float]:
+    """Ticks at which the rule stepped in, and the smallest slack [m], under full acceleration this way and that."""
+    robot, rng = guarded.robot, np.random.default_rng(seed)
+    limits, q, v = robot.limits, robot.configuration(), np.zeros(robot.n_v)
+    slowed, lowest = 0, np.inf
+    for index in range(250):
+        if index % 50 == 0:
+            push = rng.choice([-1.0, 1.0], robot.n_v)
+        wanted = np.clip(v + push * limits.acceleration * DT, -limits.velocity, limits.velocity)
+        kept = guarded.kept(q, v, wanted, (1.0, 1.0))
+        assert (np.abs(kept - v) <= limits.acceleration * DT * (1 + 1e-9)).all()
+        slowed += int((kept != wanted).any())
+        v = kept
+        q = pin.integrate(robot.model, q, v * DT)
+        lowest = min(lowest, float(guarded.slack(q).min()))
+    return slowed, lowest
+
+
+def test_reckless_wishes_break_no_limit(robot: Robot) -> None:
+    """Without any task that would steer clear."""
+    guarded = Guarded(robot)
+    runs = [reckless(guarded, seed) for seed in range(8)]
+    assert sum(slowed > 0 for slowed, _ in runs) >= 5
+    assert min(lowest for _, lowest in runs) > -1e-6
+
+
+def test_a_limit_that_is_off_or_far_away_changes_nothing(robot: Robot) -> None:
+    guarded, q = Guarded(robot), robot.configuration()
+    slow, fast = np.zeros(robot.n_v), np.zeros(robot.n_v)
+    slow[0], fast[0] = -0.02, -1.0  # 1 m/s takes 0.5 m to stop, the ball astern leaves 0.35 m
+    np.testing.assert_array_equal(guarded.kept(q, slow, slow, (1.0, 1.0)), slow)
+    np.testing.assert_array_equal(guarded.kept(q, fast, fast, (1.0, 0.0)), fast)
+    assert guarded.kept(q, fast, fast, (1.0, 1.0))[0] == pytest.approx(-1.0 + DT)
+
+
+def test_a_limit_that_is_broken_already_is_never_broken_further_than_a_stop_does(robot: Robot) -> None:
+    guarded = Guarded(robot)
+    q, away, nearer = robot.configuration(position=(-0.45, 0.0, 0.0)), np.zeros(robot.n_v), np.zeros(robot.n_v)
+    away[0], nearer[0] = 0.01, -0.01
+    rest = np.zeros(robot.n_v)
+    assert guarded.slack(q)[1] < -0.01
+    np.testing.assert_array_equal(guarded.kept(q, rest, away, (1.0, 1.0)), away)
+    np.testing.assert_array_equal(guarded.kept(q, rest, nearer, (1.0, 1.0)), rest)
+
+
+def test_a_stop_keeps_joint_limits_and_accelerations_and_the_direction_of_the_vehicle(robot: Robot) -> None:
+    limits, rng = robot.limits, np.random.default_rng(3)
+    stop = Stop(robot, DT)
+    for _ in range(20):
+        v = rng.uniform(-1.0, 1.0, robot.n_v) * limits.velocity
+        # As near to its limit as each joint may be at this speed.
+        a, speed = limits.acceleration[robot.joint_v], v[robot.joint_v]
+        way = np.abs(speed) * DT + speed**2 / (2.0 * a)
+        joints = np.where(speed > 0, limits.position_upper - way, limits.position_lower + way)
+        previous = v
+        for q, velocity in stop.path(robot.configuration(joints=joints), v):
+            assert (np.abs(velocity - previous) <= limits.acceleration * DT * (1 + 1e-9)).all()
+            assert (q[robot.joint_q] <= limits.position_upper + 1e-9).all()
+            assert (q[robot.joint_q] >= limits.position_lower - 1e-9).all()
+            assert np.linalg.matrix_rank(np.vstack([velocity[:6], v[:6]]), tol=1e-9) <= 1
+            previous = velocity
+        assert np.abs(previous).max() <= limits.acceleration.max() * DT
+
+
+@pytest.fixture(scope="module")
+def case1_among_obstacles() -> Scenario:
+    """A ball beside the way to the way point, another one above the target; clearance is off while landing."""
+    scenario = case1(plant="kinematic", dt=1 / 100)
+    obstacles = [ball("beside", 9.4, 37.4, -37.0, 0.4), ball("above", 12.3, 38.2, -39.3, 0.25)]
+    robot, mission = scenario.robot, scenario.mission
+    tasks = [
+        *mission.hierarchy.tasks,
+        Clearance(model=CollisionModel(robot, obstacles, self_collision=False), threshold=0.05),
+        Clearance(name="SC", model=CollisionModel(robot), threshold=0.02, margin=0.02),
+    ]
+    phases = tuple(
+        replace(phase, gates={**phase.gates, "SC": 1.0, **({} if phase.name == "C" else {"CL": 1.0})})
+        for phase in mission.phases
+    )
+    environment = replace(scenario.environment, obstacles=tuple(obstacles))
+    return replace(
+        scenario, mission=replace(mission, hierarchy=Hierarchy(tasks), phases=phases), environment=environment
+    )
+
+
+def test_case_1_among_obstacles_steps_within_the_accelerations_and_keeps_clear(case1_among_obstacles: Scenario) -> None:
+    scenario = case1_among_obstacles
+    limits = scenario.robot.limits
+    record = scenario.run()
+    assert record.meta["completed"]
+    assert [event["target"] for event in record.meta["events"]] == ["B", "C", "D", "done"]
+    steps = np.abs(np.diff(record["command"], axis=0, prepend=0.0)) / (limits.acceleration * scenario.dt)
+    assert steps.max() <= 1.0 + 1e-6
+    violations = limit_violations(scenario, record)
+    assert violations["CL_m"] <= 1e-6
+    assert violations["SC_m"] <= 1e-6
+    assert violations["joints_rad"] <= 1e-6
+    distances = record["quantities"][:, record.meta["quantities"].index("CL.clearance")]
+    assert distances.min() < 0.1  # the obstacles are in the way
+
+
+def test_from_random_starts_towards_random_goals_every_limit_holds() -> None:
+    """The quick run at 50 Hz takes 12 of the thousand of `uvms-ocp run random_limits`."""
+    (total,) = random_limits(n=12, dt=DT).run().table
+    assert total["runs"] == 12
+    assert total["violated"] == 0, total
+    assert total["largest_step"] <= 1.0 + 1e-6
+    assert total["mean_path_m"] > 2.0

@@ -1,0 +1,64 @@
+"""Figures of phase changes, from a record whose velocities and residuals are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from uvms_ocp.record import Record
+from uvms_ocp.report import transition_series, transition_table
+from uvms_ocp.viz import figure_transitions
+
+DT = 0.1
+
+
+@pytest.fixture
+def record() -> Record:
+    """Two axes with limits of 1 and 2; phase A for 2 s, then B; in B a safety task and an action miss their rate."""
+    n = 41
+    t = DT * np.arange(n)
+    command = np.zeros((n, 2))
+    command[10:, 0] = 0.05
+    command[25:, 1] = 0.4
+    gates = np.ones((n, 2))
+    gates[20:22, 0] = 0.5
+    residual = np.zeros((n, 4))
+    residual[20:, 2] = 0.3  # the safety task
+    residual[30:, 3] = 0.7  # the action
+    meta = {
+        "dt": DT,
+        "limits": {"acceleration": [1.0, 2.0]},
+        "phases": [{"name": "A"}, {"name": "B"}],
+        "tasks": [{"name": "S", "label": "[R,I,S]"}, {"name": "G", "label": "[R,E,AD]"}],
+        "levels": [{"name": "limits", "rows": 2}, {"name": "S", "rows": 1}, {"name": "G", "rows": 1}],
+    }
+    phase = (t > 1.95).astype(int)
+    series = {"t": t, "command": command, "gates": gates, "residual": residual, "phase": phase}
+    return Record(series=series, meta=meta)
+
+
+def test_series_are_shares_of_the_acceleration_second_differences_and_what_full_tasks_above_miss(
+    record: Record,
+) -> None:
+    series = transition_series(record)
+    assert series["step"][10] == pytest.approx(0.5)
+    assert series["step"][25] == pytest.approx(2.0)
+    assert series["jerk"][25] == series["jerk"][26] == pytest.approx(0.4 / DT**2)
+    np.testing.assert_allclose(series["lost"], np.where(np.arange(41) >= 22, 0.3, 0.0))
+    np.testing.assert_allclose(series["changes"], [2.0])
+
+
+def test_the_table_has_every_change_and_the_whole_run(record: Record) -> None:
+    change, whole = transition_table({"first": record})
+    assert (change["run"], change["change"], whole["change"]) == ("first", "A-B", "all")
+    assert change["t_s"] == pytest.approx(2.0)
+    assert whole["t_s"] == pytest.approx(4.0)
+    assert change["step"] == whole["step"] == pytest.approx(2.0)
+    assert change["jerk_rms"] == pytest.approx(0.4 / DT**2 * np.sqrt(2 / 10))
+
+
+def test_the_figure_has_one_line_for_every_run(record: Record) -> None:
+    series = transition_series(record)
+    figure = figure_transitions({"one": series, "two": series})
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["one", "two"]
+    assert len(figure.axes) == 3

@@ -1,0 +1,184 @@
+"""Random starts and goals among obstacles: are joints, altitude and clearance kept on the way?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.campaign.study import Row, Study
+from uvms_ocp.control.kinematic import HierarchySolver
+from uvms_ocp.mission import DONE, Above, Mission, Phase, Transition
+from uvms_ocp.model.collision import CollisionModel
+from uvms_ocp.model.obstacles import Obstacle
+from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.record import Record
+from uvms_ocp.scenario import Scenario, pose_at
+from uvms_ocp.scenarios.parts import always_underactuated, on, underactuation
+from uvms_ocp.sim import Environment, FlatSeafloor, floor_obstacle
+from uvms_ocp.solvers import LexicographicActiveSet
+from uvms_ocp.tasks import (
+    Clearance,
+    Hierarchy,
+    HorizontalAttitude,
+    JointLimits,
+    JointTracking,
+    MinimumAltitude,
+    ToolPose,
+    VehiclePose,
+)
+
+_FLOOR = -4.0  # [m]
+_ALTITUDE, _CLEARANCE, _SELF = 1.0, 0.05, 0.03  # [m] thresholds of MAC, CL and SC
+_N_OBSTACLES, _N_PHASES = 6, 4
+_SHORTEST, _LONGEST = 1.0, 4.0  # [s] of a phase
+_TOLERANCE = 1e-6  # [m, rad] below which a violation is rounding
+_WAYS = (("PC", "MP"), ("T", "MP"), ("PC", "T"))
+"""Tasks of a phase besides the limits."""
+
+
+def random_limits(*, n: int = 1000, seed: int = 0, robot: str = "girona_maris7_full", dt: float = 1 / 200) -> Study:
+    """`n` runs on the kinematic plant with the seeds `seed`, `seed` + 1, ..., see `close_quarters`."""
+    cases = [{"seed": seed + k, "robot": robot, "dt": dt} for k in range(n)]
+    title = f"{n} random starts and goals among obstacles"
+    return Study(name="random_limits", title=title, cases=cases, run_case=run_limits, summarize=largest)
+
+
+def close_quarters(
+    *, seed: int, robot: str = "girona_maris7_full", dt: float = 1 / 200, solver: HierarchySolver | None = None
+) -> Scenario:
+    """Four phases of 1 to 4 s towards goals that nobody checked, from rest, among spheres, capsules and boxes.
+
+    Start, obstacles, goals and tasks of the phases are drawn from `seed`. Joint limits, minimum altitude and clearance
+    of obstacles, floor and the robot itself hold at the start and are on throughout.
+    """
+    rng, machine = np.random.default_rng(seed), load_robot(robot)
+    obstacles = (floor_obstacle(FlatSeafloor(z=_FLOOR), centre=(0.0, 0.0), extent=40.0), *_obstacles(rng))
+    clear = Clearance(model=CollisionModel(machine, obstacles, self_collision=False), threshold=_CLEARANCE)
+    itself = Clearance(name="SC", model=CollisionModel(machine), threshold=_SELF, margin=_SELF)
+    tasks = [
+        *underactuation(machine),
+        JointLimits(),
+        MinimumAltitude(threshold=_ALTITUDE),
+        HorizontalAttitude(),
+        clear,
+        itself,
+        VehiclePose(goal=pose_at((0.0, 0.0, 0.0))),
+        ToolPose(goal=pose_at((0.0, 0.0, 0.0))),
+        JointTracking(joints=machine.joint_names, goal=machine.home),
+    ]
+    phases = tuple(_phase(machine, rng, index) for index in range(_N_PHASES))
+    return Scenario(
+        name=f"limits{seed}",
+        robot=machine,
+        mission=Mission(hierarchy=Hierarchy(tasks), phases=always_underactuated(machine, phases)),
+        environment=Environment(seafloor=FlatSeafloor(z=_FLOOR), obstacles=obstacles[1:]),
+        start=_start(machine, rng, (clear, itself)),
+        solver=solver or LexicographicActiveSet(),
+        plant="kinematic",
+        dt=dt,
+        duration=_LONGEST * _N_PHASES + 1.0,
+    )
+
+
+def run_limits(case: dict[str, Any]) -> Row:
+    """How far each limit was violated at any tick, and the largest step of the command."""
+    scenario = close_quarters(**case)
+    record = scenario.run()
+    step = np.diff(record["command"], axis=0, prepend=0.0) / (scenario.robot.limits.acceleration * scenario.dt)
+    return {
+        **case,
+        **limit_violations(scenario, record),
+        "largest_step": float(np.abs(step).max()),
+        "slowed_share": float(np.mean(record["viable_share"] < 1.0)),
+        "duration_s": float(record["t"][-1]),
+        "path_m": float(np.linalg.norm(np.diff(record["q"][:, :3], axis=0), axis=1).sum()),
+    }
+
+
+def limit_violations(scenario: Scenario, record: Record) -> dict[str, float]:
+    """Largest violation at any tick of joint limits [rad], minimum altitude [m] and clearances [m], 0 where kept.
+
+    From the true configurations and the definition of each limit alone.
+    """
+    robot, q = scenario.robot, record["q"]
+    joints, limits = q[:, robot.joint_q], robot.limits
+    beyond = np.maximum(limits.position_lower - joints, joints - limits.position_upper)
+    found = {"joints_rad": float(beyond.max())}
+    for task in scenario.mission.hierarchy.tasks:
+        if isinstance(task, MinimumAltitude):
+            altitude = record["quantities"][:, record.meta["quantities"].index(f"{task.name}.altitude")]
+            found[f"{task.name}_m"] = float(task.threshold - altitude.min())
+        elif isinstance(task, Clearance):
+            found[f"{task.name}_m"] = float(task.threshold - min(task.model.values(row).min() for row in q))
+    return {name: max(value, 0.0) for name, value in found.items()}
+
+
+def largest(rows: Sequence[Row]) -> list[Row]:
+    """One row: the largest violation and step of all runs, and in how many runs any limit is violated by > 1e-6."""
+    violations = [name for name in rows[0] if name.endswith(("_rad", "_m")) and name != "path_m"]
+    violated = [row for row in rows if max(row[name] for name in violations) > _TOLERANCE]
+    return [
+        {
+            "runs": len(rows),
+            "violated": len(violated),
+            "seeds": " ".join(str(row["seed"]) for row in violated),
+            **{name: max(row[name] for row in rows) for name in (*violations, "largest_step")},
+            "slowed_share": float(np.mean([row["slowed_share"] for row in rows])),
+            "mean_path_m": float(np.mean([row["path_m"] for row in rows])),
+        }
+    ]
+
+
+def _phase(robot: Robot, rng: np.random.Generator, index: int) -> Phase:
+    """A phase that ends by the clock, with goals on both sides of the limits."""
+    low, high = _joint_range(robot)
+    way, turn = rng.uniform([-3.0, -3.0, -3.5], [3.0, 3.0, -1.0]), rng.uniform(-np.pi, np.pi)
+    goals = {
+        "PC": pose_at(tuple(way), (0.0, 0.0, turn)),
+        "T": pose_at(tuple(rng.uniform([-3.0, -3.0, -4.5], [3.0, 3.0, -1.0])), tuple(rng.uniform(-np.pi, np.pi, 3))),
+        "MP": low + rng.uniform(-0.2, 1.2, len(low)) * (high - low),
+    }
+    # Any altitude is above 0: the condition holds at once, and the phase ends when it has held.
+    clock = (Above(quantity="MAC.altitude", limit=1e-6),)
+    last = index == _N_PHASES - 1
+    end = Transition(to=DONE if last else str(index + 2), when=clock, hold=float(rng.uniform(_SHORTEST, _LONGEST)))
+    gates = on("JL", "MAC", "HA", "CL", "SC", *_WAYS[rng.integers(len(_WAYS))])
+    return Phase(name=str(index + 1), gates=gates, transitions=(end,), goals=goals)
+
+
+def _obstacles(rng: np.random.Generator) -> tuple[Obstacle, ...]:
+    return tuple(_obstacle(rng, index) for index in range(_N_OBSTACLES))
+
+
+def _obstacle(rng: np.random.Generator, index: int) -> Obstacle:
+    size = rng.uniform(0.1, 0.5, 3)
+    shape = (coal.Sphere(size[0]), coal.Capsule(0.5 * size[0], 4.0 * size[1]), coal.Box(*(2.0 * size)))[index % 3]
+    pose = pose_at(tuple(rng.uniform([-2.0, -2.0, -4.0], [2.0, 2.0, -1.0])), tuple(rng.uniform(-np.pi, np.pi, 3)))
+    return Obstacle(name=f"obstacle{index + 1}", shape=shape, X_WO=pose)
+
+
+def _start(robot: Robot, rng: np.random.Generator, clearances: Sequence[Clearance]) -> np.ndarray:
+    """A configuration (n_q,) inside all limits."""
+    low, high = _joint_range(robot)
+    altimeter = robot.frame_id("altimeter")
+    while True:
+        q = robot.configuration(
+            position=rng.uniform([-3.0, -3.0, -3.0], [3.0, 3.0, -1.0]),
+            rpy=rng.uniform([-0.2, -0.2, -np.pi], [0.2, 0.2, np.pi]),
+            joints=low + np.clip(rng.uniform(-0.1, 1.1, len(low)), 0.0, 1.0) * (high - low),
+        )
+        data = robot.model.createData()
+        pin.framesForwardKinematics(robot.model, data, q)
+        high_enough = data.oMf[altimeter].translation[2] - _FLOOR >= _ALTITUDE
+        if high_enough and all(task.model.values(q).min() >= task.threshold for task in clearances):
+            return q
+
+
+def _joint_range(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper ends (n_joints,) to draw from, half a turn where there is no limit."""
+    limits = robot.limits
+    return np.maximum(limits.position_lower, -np.pi), np.minimum(limits.position_upper, np.pi)

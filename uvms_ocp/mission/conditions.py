@@ -1,0 +1,102 @@
+"""What ends a phase: conditions on measured quantities, and transitions that wait for them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from uvms_ocp.exceptions import InvalidInput
+
+DONE, ABORT = "done", "abort"
+"""Where a mission ends: as wanted, or given up."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Below:
+    """True once a measured quantity, named ``task.quantity``, is below `limit`, until it reaches `release` again.
+
+    Without `release` there is no hysteresis: both are the same.
+    """
+
+    quantity: str
+    limit: float
+    release: float | None = None
+
+    def __post_init__(self) -> None:
+        _check_threshold(self.quantity, self.limit)
+        if self.release is not None and not (math.isfinite(self.release) and self.release >= self.limit):
+            raise InvalidInput(f"release of {self.quantity} = {self.release}; give at least the limit {self.limit:g}")
+
+    def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
+        """Whether it is true now, given whether it was `held` to be true before."""
+        limit = self.limit if self.release is None or not held else self.release
+        return quantities[self.quantity] < limit
+
+    def describe(self, quantities: Mapping[str, float]) -> str:
+        """One clause with the measured value, true or not."""
+        sign = "<" if self.holds(quantities) else "not <"
+        return f"{self.quantity} = {quantities[self.quantity]:.4g} {sign} {self.limit:g}"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Above:
+    """True once a measured quantity exceeds `limit`, and until it falls to `release`; mirror of `Below`."""
+
+    quantity: str
+    limit: float
+    release: float | None = None
+
+    def __post_init__(self) -> None:
+        _check_threshold(self.quantity, self.limit)
+        if self.release is not None and not (math.isfinite(self.release) and self.release <= self.limit):
+            raise InvalidInput(f"release of {self.quantity} = {self.release}; give at most the limit {self.limit:g}")
+
+    def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
+        """Whether it is true now, given whether it was `held` to be true before."""
+        limit = self.limit if self.release is None or not held else self.release
+        return quantities[self.quantity] > limit
+
+    def describe(self, quantities: Mapping[str, float]) -> str:
+        """One clause with the measured value, true or not."""
+        sign = ">" if self.holds(quantities) else "not >"
+        return f"{self.quantity} = {quantities[self.quantity]:.4g} {sign} {self.limit:g}"
+
+
+Condition: TypeAlias = Below | Above
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Transition:
+    """Leads to phase `to` (or `DONE`, or `ABORT`) once every condition has held for `hold` seconds without a gap.
+
+    A transition to an earlier phase is a back-step. It fires at most `retries` times; the next time the mission is
+    given up, with that as the reason.
+    """
+
+    to: str
+    when: tuple[Condition, ...]
+    hold: float = 0.0  # [s]
+    retries: int | None = None  # None: as often as it likes
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.when, tuple):
+            raise InvalidInput(f"transition to {self.to!r}: when = {self.when!r}; give a tuple of conditions")
+        if not self.when:
+            raise InvalidInput(f"transition to {self.to!r} has no conditions; give at least one")
+        if not (math.isfinite(self.hold) and self.hold >= 0):
+            raise InvalidInput(f"transition to {self.to!r}: hold = {self.hold} s; give a finite time >= 0")
+        if self.retries is not None and self.retries < 0:
+            raise InvalidInput(f"transition to {self.to!r}: retries = {self.retries}; give 0 or more")
+
+    def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
+        return all(condition.holds(quantities, held) for condition in self.when)
+
+    def describe(self, quantities: Mapping[str, float]) -> str:
+        return ", ".join(condition.describe(quantities) for condition in self.when)
+
+
+def _check_threshold(quantity: str, limit: float) -> None:
+    if not (math.isfinite(limit) and limit > 0):
+        raise InvalidInput(f"threshold of {quantity} = {limit}; give a finite value > 0")

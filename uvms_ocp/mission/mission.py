@@ -1,0 +1,187 @@
+"""Phases over one hierarchy, and how the state of a mission follows from what is measured."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.mission.conditions import ABORT, DONE, Transition
+from uvms_ocp.mission.diagram import closure, mermaid, successors, text_table
+from uvms_ocp.mission.phase import Event, MissionState, Phase
+from uvms_ocp.tasks.activation import Bell
+from uvms_ocp.tasks.hierarchy import Hierarchy
+from uvms_ocp.tasks.task import StopAhead, Task
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Mission:
+    """Phases over one hierarchy; the first phase begins at t = 0.
+
+    Raises `NameNotFound` for an unknown task or phase name, and `InvalidInput` for quantities that no task measures.
+    """
+
+    hierarchy: Hierarchy
+    phases: tuple[Phase, ...]
+    ramp: float = 0.2  # [s] duration of the bell on external activations
+    _targets: np.ndarray = field(init=False, repr=False)  # (n_phases, n_tasks)
+    _tasks: tuple[tuple[Task, ...], ...] = field(init=False, repr=False)  # per phase, with its goals
+
+    def __post_init__(self) -> None:
+        if not self.phases:
+            raise InvalidInput("mission without phases; give at least one")
+        if not (math.isfinite(self.ramp) and self.ramp >= 0):
+            raise InvalidInput(f"mission: ramp = {self.ramp} s; give a finite time >= 0")
+        self._check_targets()
+        object.__setattr__(self, "_targets", np.array([self._gates_of(phase) for phase in self.phases]))
+        object.__setattr__(self, "_tasks", tuple(self._tasks_of(phase) for phase in self.phases))
+
+    @property
+    def phase_names(self) -> tuple[str, ...]:
+        return tuple(phase.name for phase in self.phases)
+
+    def tasks_of(self, phase: int) -> tuple[Task, ...]:
+        """All tasks with the goals that they have in a phase, highest priority first."""
+        return self._tasks[phase]
+
+    def check_quantities(self, known: Sequence[str]) -> None:
+        """Raise `NameNotFound` where a transition reads a quantity that is not in `known`."""
+        for phase in self.phases:
+            for transition in phase.transitions:
+                for condition in transition.when:
+                    if condition.quantity not in known:
+                        raise NameNotFound(f"quantity in phase {phase.name!r}", condition.quantity, known)
+
+    def start(self) -> MissionState:
+        """The state at t = 0: every gate rises from zero."""
+        return self._enter(0, 0.0, np.zeros(len(self.hierarchy.tasks)))
+
+    def gates(self, state: MissionState, t: float) -> np.ndarray:
+        """External activation (n_tasks,) of each task at time t [s] ([Gao2022] eq. 22 in time)."""
+        if t - state.since >= self.ramp:
+            return self._targets[state.phase].copy()
+        blend = float(Bell(0.0, self.ramp).increasing(t - state.since))
+        return (1 - blend) * state.gates_before + blend * self._targets[state.phase]
+
+    def reference(self, state: MissionState, t: float) -> np.ndarray:
+        """Goals of all tasks at time t [s], one after the other, as `Task.reference` gives them."""
+        return np.concatenate([task.reference(self._clock(state, task, t)) for task in self._tasks[state.phase]])
+
+    def parameters(self, state: MissionState, t: float, q: np.ndarray, stop: StopAhead | None = None) -> np.ndarray:
+        """Parameters of all tasks at time t [s] and measured configuration q (n_q,), as `Task.parameters` gives them.
+
+        Tasks that are off, and stay off, are not asked for what they would have to measure.
+        """
+        off = (self._targets[state.phase] == 0) & (self.gates(state, t) == 0)
+        return np.concatenate(
+            [
+                task.reference(time) if idle else task.parameters(time, q, stop)
+                for task, idle in zip(self._tasks[state.phase], off, strict=True)
+                for time in [self._clock(state, task, t)]
+            ]
+        )
+
+    def step(self, state: MissionState, t: float, quantities: Mapping[str, float]) -> tuple[MissionState, Event | None]:
+        """The state after the quantities measured at t, and the event if a transition fired."""
+        if state.over:
+            return state, None
+        phase = self.phases[state.phase]
+        held = tuple(
+            _held(tr, since, t, quantities) for tr, since in zip(phase.transitions, state.held_since, strict=True)
+        )
+        for index, (transition, since) in enumerate(zip(phase.transitions, held, strict=True)):
+            if since is not None and t - since >= transition.hold - 1e-9:
+                return self._follow(state, index, t, quantities)
+        return replace(state, held_since=held), None
+
+    def pending(self, state: MissionState, quantities: Mapping[str, float]) -> str:
+        """What the current phase still waits for, or why the mission was given up."""
+        if state.aborted:
+            return f"given up, {state.aborted}"
+        return " or ".join(tr.describe(quantities) for tr in self.phases[state.phase].transitions)
+
+    def table(self) -> list[dict[str, Any]]:
+        """Tasks by phases: one row per task with its external activation in each phase ([Gao2022] Table 4)."""
+        return [
+            {"task": task.name, "type": task.label, **dict(zip(self.phase_names, column, strict=True))}
+            for task, column in zip(self.hierarchy.tasks, self._targets.T.tolist(), strict=True)
+        ]
+
+    def __str__(self) -> str:
+        """The table of `table` as text, 1 for on and a dot for off, with the titles of the phases below."""
+        return text_table(self.hierarchy, self.phases, self._targets)
+
+    def _clock(self, state: MissionState, task: Task, t: float) -> float:
+        """Time [s] that a task's goal sees: since the start of the phase where the goal is the phase's own."""
+        return t - state.since if task.name in self.phases[state.phase].goals else t
+
+    def unreachable_phases(self) -> tuple[str, ...]:
+        """Names of the phases that no chain of transitions leads to from the first."""
+        reached = closure({self.phase_names[0]}, successors(self.phases))
+        return tuple(name for name in self.phase_names if name not in reached)
+
+    def phases_without_exit(self) -> tuple[str, ...]:
+        """Names of the phases from which no chain of transitions leads to `DONE`."""
+        edges = successors(self.phases)
+        return tuple(name for name in self.phase_names if DONE not in closure({name}, edges))
+
+    def mermaid(self) -> str:
+        """The phases and transitions as a state diagram in Mermaid's notation."""
+        return mermaid(self.phases)
+
+    def _follow(
+        self, state: MissionState, index: int, t: float, quantities: Mapping[str, float]
+    ) -> tuple[MissionState, Event]:
+        """Take the transition `index` of the current phase, or give up where it has no retries left."""
+        phase = self.phases[state.phase]
+        transition, n_fired = phase.transitions[index], state.fired.get((state.phase, index), 0)
+        reason, target = _reason(transition, quantities), transition.to
+        if transition.retries is not None and n_fired >= transition.retries:
+            reason, target = f"{n_fired} retries are used up: {reason}", ABORT
+        event = Event(t=t, source=phase.name, target=target, reason=reason)
+        if target == DONE:
+            return replace(state, completed=True), event
+        if target == ABORT:
+            return replace(state, aborted=reason), event
+        fired = {**state.fired, (state.phase, index): n_fired + 1}
+        return self._enter(self.phase_names.index(target), t, self.gates(state, t), fired), event
+
+    def _enter(
+        self, phase: int, t: float, gates: np.ndarray, fired: Mapping[tuple[int, int], int] | None = None
+    ) -> MissionState:
+        waiting = (None,) * len(self.phases[phase].transitions)
+        return MissionState(phase=phase, since=t, gates_before=gates, held_since=waiting, fired=fired or {})
+
+    def _gates_of(self, phase: Phase) -> np.ndarray:
+        gates = np.zeros(len(self.hierarchy.tasks))
+        for name, gate in phase.gates.items():
+            gates[self.hierarchy.index(name)] = gate
+        return gates
+
+    def _tasks_of(self, phase: Phase) -> tuple[Task, ...]:
+        tasks = list(self.hierarchy.tasks)
+        for name, goal in phase.goals.items():
+            index = self.hierarchy.index(name)
+            tasks[index] = tasks[index].with_goal(goal)
+        return tuple(tasks)
+
+    def _check_targets(self) -> None:
+        for phase in self.phases:
+            for transition in phase.transitions:
+                if transition.to not in (*self.phase_names, DONE, ABORT):
+                    raise NameNotFound("phase", transition.to, (*self.phase_names, DONE))
+
+
+def _held(transition: Transition, since: float | None, t: float, quantities: Mapping[str, float]) -> float | None:
+    if not transition.holds(quantities, since is not None):
+        return None
+    return t if since is None else since
+
+
+def _reason(transition: Transition, quantities: Mapping[str, float]) -> str:
+    held = f" for {transition.hold:g} s" if transition.hold else ""
+    return transition.describe(quantities) + held

@@ -1,0 +1,87 @@
+"""How the NLPs of a lexicographic program are solved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
+
+PLUGINS = ("ipopt", "fatrop")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class NlpOptions:
+    """How the NLPs are solved. plugin: ``ipopt`` or ``fatrop``. Options of the plugin itself go to `plugin_options`."""
+
+    plugin: str = "ipopt"
+    tolerance: float = 1e-6
+    """By which the residual of a solved level, as a norm, may rise. With 0, and always with fatrop, rows of equalities
+    are frozen as equality constraints: not for levels whose rows contradict each other, where no constraint
+    qualification holds."""
+    convergence: float = 1e-8
+    max_iterations: int = 150
+    """For every NLP."""
+    time_limit: float = 20.0
+    """[s] for all NLPs together. Iterations are not cut short; fatrop looks at it between NLPs only."""
+    anticipate: bool = True
+    barrier: float = 1e-2
+    """Barrier parameter at a cold start."""
+    plugin_options: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def feasibility(self) -> float:
+        """Largest violation of scaled rows with which a point counts as usable."""
+        return max(1e-5, self.convergence)
+
+    @property
+    def freezing(self) -> float:
+        """`tolerance`, 0 where rows are frozen as equalities."""
+        return 0.0 if self.plugin == "fatrop" else self.tolerance
+
+    def __post_init__(self) -> None:
+        if self.plugin not in PLUGINS:
+            raise NameNotFound("NLP solver", self.plugin, PLUGINS)
+        for name in ("convergence", "max_iterations", "time_limit", "barrier"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise InvalidInput(f"{name} = {value}; give a finite value > 0")
+        if not (np.isfinite(self.tolerance) and self.tolerance >= 0):
+            raise InvalidInput(f"tolerance = {self.tolerance}; give a finite value >= 0")
+
+
+def solver_options(options: NlpOptions, *, warm: bool) -> dict[str, Any]:
+    """Options of the plugin itself, for a start with or without multipliers."""
+    chosen: dict[str, Any] = {
+        "print_level": 0,
+        "tol": options.convergence,
+        "max_iter": options.max_iterations,
+        "mu_init": options.barrier,
+    }
+    if options.plugin == "ipopt":
+        chosen |= {
+            "sb": "yes",
+            "max_wall_time": options.time_limit,
+            # Bounds give way by this much: rows that are frozen must not.
+            "bound_relax_factor": min(1e-8, 0.01 * (options.tolerance or 1e-6)),
+        }
+    if warm:
+        chosen |= _WARM[options.plugin]
+    return chosen | dict(options.plugin_options)
+
+
+_WARM: dict[str, dict[str, Any]] = {
+    "ipopt": {
+        "warm_start_init_point": "yes",
+        "mu_init": 1e-6,
+        "warm_start_bound_push": 1e-9,
+        "warm_start_mult_bound_push": 1e-9,
+        "warm_start_slack_bound_push": 1e-9,
+        "warm_start_bound_frac": 1e-9,
+        "warm_start_slack_bound_frac": 1e-9,
+    },
+    "fatrop": {"mu_init": 1e-6},
+}
