@@ -90,14 +90,11 @@ CASES: dict[str, tuple[Callable[[pin.SE3], PoseReference], float]] = {
 """Goal, and standard deviation of the gusts [m/s]."""
 
 
-def problem(robot: Robot, goal: PoseReference, *, strict: bool) -> OcpProblem:
-    """20 steps over 3 s. strict: effort below the tool instead of weighed against it."""
+def problem(robot: Robot, goal: PoseReference) -> OcpProblem:
+    """20 steps over 3 s; the tool is weighed against effort in one level."""
     task = ToolPose(goal=goal)
     tool = (TaskTerm(task=task, at=At.PATH, weight=10.0), TaskTerm(task=task, weight=3.0))
-    cheap = (Effort(), Smoothness(weight=0.3))
-    levels = [OcpLevel(name="sum", terms=(*tool, *cheap))]
-    if strict:
-        levels = [OcpLevel(name="tool", terms=tool), OcpLevel(name="effort", terms=cheap)]
+    levels = [OcpLevel(name="follow", terms=(*tool, Effort(), Smoothness(weight=0.3)))]
     start = State(q=start_of(robot), v=np.zeros(robot.n_v))
     return single_phase(robot=robot, start=start, duration=3.0, n_steps=20, levels=levels, current=CURRENT)
 
@@ -117,10 +114,9 @@ def hierarchy(robot: Robot, goal: PoseReference, gain: float) -> DynamicControll
 
 
 def controllers(robot: Robot, goal: PoseReference) -> Iterable[tuple[str, Controller]]:
-    yield "NMPC, weighted sum", Nmpc(problem(robot, goal, strict=False), dt=DT, period=PERIOD)
-    # Two QPs per step: too much for a machine with other work, so that processor time decides what is late.
-    strict = problem(robot, goal, strict=True)
-    yield "NMPC, tool above effort, processor clock", Nmpc(strict, dt=DT, period=PERIOD, clock=process_time)
+    # Processor time is what this machine needs, the clock on the wall what it needs beside all its other work.
+    yield "NMPC", Nmpc(problem(robot, goal), dt=DT, period=PERIOD, clock=process_time)
+    yield "NMPC, clock on the wall", Nmpc(problem(robot, goal), dt=DT, period=PERIOD)
     for gain in (1.0, 2.0, 4.0):
         yield f"hierarchy, tool gain {gain:g} /s", hierarchy(robot, goal, gain)
 
@@ -153,17 +149,16 @@ def run(robot: Robot, controller: Controller, goal: PoseReference, gusts: float,
 
 
 def deadlines(nmpc: Nmpc) -> Row:
-    """Of all solves but the first; `late` by the controller's own clock, by default that on the wall."""
+    """Of all solves but the first; `late` by the controller's own clock."""
     s = nmpc.statistics
-    wall, processor = (1e3 * np.array(times) for times in (s.solve_times, s.processor_times))
+    own, processor = (1e3 * np.array(times) for times in (s.solve_times, s.processor_times))
     return {
-        "solves": len(wall),
+        "solves": len(own),
         "late": s.missed,
-        "late by processor time": int(np.sum(processor > 1e3 * nmpc.period)),
         "unfit": s.rejected,
         "solve p50 [ms]": float(np.median(processor)),
         "solve p99 [ms]": float(np.percentile(processor, 99)),
-        "solve p99, own clock [ms]": float(np.percentile(wall, 99)),
+        "solve p99, own clock [ms]": float(np.percentile(own, 99)),
     }
 
 
@@ -207,8 +202,8 @@ def markdown(table: list[Row], seconds: float) -> str:
         f"{platform.python_version()} {packages}, {os.cpu_count()} cores, load average {os.getloadavg()[0]:.1f} at the "
         f"end of the run. {len(SEEDS)} runs of {seconds:g} s each, mean current 0.3 m/s, gusts of 0.05 m/s (double: 0.1 "
         "m/s) standard deviation; 20 plans per second over 20 steps and 3 s; control at 200 Hz. "
-        "A plan takes effect one period after the state it starts from was measured, or later if it took longer by the "
-        "clock on the wall, or that of the processor where named so. Errors and thrust are the largest of all runs, but "
+        "A plan takes effect one period after the state it starts from was measured, or later if it took longer by "
+        "processor time, or by the clock on the wall where named so. Errors and thrust are the largest of all runs, but "
         "rms errors, energies and times their means, counts their sums; times are processor time unless named "
         "otherwise. Targets: largest error 20 mm, at most 1 % late."
     )

@@ -3,7 +3,8 @@
 An interior-point solver of NLPs that is stopped early stands somewhere between its start and the constraints. A QP that
 is solved to its end obeys the linearised constraints, all of them: from a start near the solution, such as the last one
 moved on in time, one step is nearly feasible and nearly optimal (real-time iteration, Diehl, Bock and Schloeder 2005).
-Levels are QPs in their order within one step: a level keeps what the linear model of the levels above has reached.
+Levels are QPs in their order within one step: a level keeps what the linear model of the levels above has reached. Where
+its QP fails, the step of the levels above is taken without it.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ class SqpOptions:
     max_steps: int = 3
     accuracy: float = 1e-2
     """Largest violation of scaled rows with which a point counts as usable, and no further step is made."""
-    tolerance: float = 1e-4
+    tolerance: float = 1e-3
     """By which the linearised residual of a level may rise."""
     damping: float = 1e-6
     """Added to the diagonal of the Hessian, so that what no term determines does not move."""
@@ -108,9 +109,11 @@ class RealTimeSqp:
                 above = self.program.levels[i - 1]
                 y = linear.rows_after(step, level.places(above.frozen))
                 bounds = bounds.with_rows(above.frozen, above.frozen_bounds(y, cost, self.options.tolerance))
-            step, failure = level.solve(linear, x, bounds)
+            lower, failure = level.solve(linear, x, bounds)
             if failure is not None:
-                return step, failure
+                # What the levels above have reached stands without this one.
+                return step, failure if i == 0 else None
+            step = lower
             cost = linear.cost_after(step)
         return step, None
 
@@ -187,7 +190,7 @@ class _LevelQp:
 _FUNCTIONS = ("nlp_g", "nlp_grad_f", "nlp_jac_g", "nlp_hess_l")
 _OPTIONS: dict[str, dict[str, object]] = {
     # Starts are near the solution: a small barrier saves two of nine iterations.
-    "hpipm": {"hpipm": {"mu0": 1e-2, "iter_max": 30}},
+    "hpipm": {"hpipm": {"mu0": 1e-2, "iter_max": 20}},
     "proxqp": {"proxqp": {"eps_abs": 1e-7}},
     "piqp": {},
 }
