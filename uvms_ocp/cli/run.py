@@ -100,7 +100,10 @@ def _run_study(name: str, options: dict[str, Any], out: Path | None, console: Co
         result = STUDIES[name](**options).run(progress=lambda done, n: status.update(f"{name}: {done} of {n} runs"))
         (staging / "report.json").write_text(json.dumps(result.to_dict(), indent=2) + "\n")
         result.write_csv(staging / "runs.csv")
-    console.print(table_of(result.title, result.table, tuple(result.table[0])))
+    rows = result.table
+    if len(rows) == 1:  # one wide row reads better downwards
+        rows = tuple({"figure": name, "value": value} for name, value in rows[0].items())
+    console.print(table_of(result.title, rows, tuple(rows[0])))
     print_paths(console, [folder])
     if as_json:
         print_json(result.to_dict())
