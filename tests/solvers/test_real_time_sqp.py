@@ -43,7 +43,9 @@ def linear_program(seed: int) -> LexicographicProgram:
 def test_one_step_reaches_the_lexicographic_optimum_of_linear_rows(plugin: str, seed: int) -> None:
     program = linear_program(seed)
     exact = LexicographicNlp(linear_program(seed), NlpOptions(anticipate=False)).solve(np.zeros(6))
-    result = RealTimeSqp(program, SqpOptions(plugin=plugin, damping=1e-9, tolerance=1e-4)).solve(np.ones(6), p=np.zeros(0))
+    result = RealTimeSqp(program, SqpOptions(plugin=plugin, damping=1e-9, tolerance=1e-4)).solve(
+        np.ones(6), p=np.zeros(0)
+    )
     assert result.status is NlpStatus.SOLVED
     assert result.steps == 1
     residuals = [np.linalg.norm(np.array(y)) for y in program.values.call([result.x, np.zeros(0)])]
