@@ -12,11 +12,15 @@ import platform
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from time import process_time
 from typing import Any
 
+import numpy as np
+import pinocchio as pin
 from problems import tool_reach
 
 from uvms_ocp.control.plan_tracking import PlanTracker, carry_out
@@ -44,14 +48,22 @@ def timed(solve: Callable[[], Plan]) -> tuple[Plan, float, float]:
 
 
 def rows(setting: str, problem: OcpProblem, options: NlpOptions) -> list[Row]:
-    """Cold solve from rest, and warm solve from its solution."""
+    """Cold solve from rest, and warm solves from its solution: the same problem again, and one whose start has moved."""
     planner = Planner(problem, options)
     cold, wall, cpu = timed(lambda: planner.plan(diagnose=False))
-    warm, warm_wall, warm_cpu = timed(lambda: planner.plan(guess=cold, diagnose=False))
-    return [
-        row(planner, setting, "cold", cold, wall, cpu),
-        row(planner, setting, "warm", warm, warm_wall, warm_cpu),
-    ]
+    found = [row(planner, setting, "cold", cold, wall, cpu)]
+    for start, again in (("warm", problem), ("moved", moved(problem))):
+        plan, wall, cpu = timed(partial(planner.plan, again, guess=cold, diagnose=False))
+        found.append(row(planner, setting, start, plan, wall, cpu))
+    return found
+
+
+def moved(problem: OcpProblem) -> OcpProblem:
+    """With a start 2 cm and 0.02 rad away, as a measurement would have it."""
+    tangent = np.array([0.02, 0.0, 0.0, 0.0, 0.0, 0.02, *np.zeros(problem.robot.n_v - 6)])
+    return replace(
+        problem, start=replace(problem.start, q=pin.integrate(problem.robot.model, problem.start.q, tangent))
+    )
 
 
 def row(planner: Planner, setting: str, start: str, plan: Plan, wall: float, cpu: float) -> Row:
