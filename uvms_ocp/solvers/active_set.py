@@ -18,7 +18,7 @@ from uvms_ocp.solvers.level import Level, stack
 from uvms_ocp.solvers.solution import Solution, row_residuals
 from uvms_ocp.solvers.tick import LEVEL_OUTPUTS, check_levels_function, dense, dense_inputs, dense_outputs
 
-_SOURCES = ("active_set.c", "certificate.c", "entry.c")
+_SOURCES = ("equalities.c", "active_set.c", "certificate.c", "entry.c")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""The algorithm of active_set.c in NumPy, for machines without a C compiler; keep both in step."""
+"""The algorithm of equalities.c and active_set.c in NumPy, for machines without a C compiler; keep both in step."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _FREE, _LOWER, _UPPER, _EQUAL = 0, -1, 1, 2
 
 
 class Outcome(IntEnum):
-    """Of one run, as in active_set.c and entry.c."""
+    """Of one run, as in equalities.c."""
 
     SOLVED = 0
     STALLED = 1
