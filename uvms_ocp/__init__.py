@@ -30,6 +30,7 @@ from uvms_ocp.sim import FlatSeafloor as FlatSeafloor
 from uvms_ocp.sim import UniformCurrent as UniformCurrent
 from uvms_ocp.solvers import Icat as Icat
 from uvms_ocp.solvers import Level as Level
+from uvms_ocp.solvers import LexicographicActiveSet as LexicographicActiveSet
 from uvms_ocp.solvers import LexicographicQp as LexicographicQp
 from uvms_ocp.solvers import Solution as Solution
 from uvms_ocp.solvers import Status as Status
