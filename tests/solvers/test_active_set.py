@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
 import casadi as ca
@@ -245,6 +247,30 @@ def test_no_fallback_begins_after_the_time_limit(monkeypatch: pytest.MonkeyPatch
     assert solution.status is Status.INEXACT
     with pytest.raises(InvalidInput, match="time_limit = 0"):
         LexicographicActiveSet(time_limit=0.0)
+
+
+@pytest.mark.parametrize("solver", [COMPILED, NUMPY, LexicographicQp()])
+def test_threads_that_share_a_solver_get_their_own_answers(solver: LexicographicActiveSet | LexicographicQp) -> None:
+    def wrong(value: float) -> int:
+        level = Level(jacobian=np.eye(4), lower=value, upper=value)
+        return sum(not np.allclose(solver.solve([level]).v, value) for _ in range(400))
+
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(2) as pool:
+            assert list(pool.map(wrong, [1.0, 2.0])) == [0, 0]
+    finally:
+        sys.setswitchinterval(interval)
+
+
+@pytest.mark.parametrize("solver", [COMPILED, NUMPY])
+def test_what_overflows_is_never_called_exact(solver: LexicographicActiveSet) -> None:
+    levels = [Level(jacobian=np.eye(2), lower=[1e300, 0.0], upper=[1e300, 0.0])]
+    assert certificate(levels, np.zeros(2)) == np.inf
+    solution = solver.solve(levels)
+    assert np.isfinite(solution.v).all()
+    assert not solution.status.exact or np.allclose(solution.v, [1e300, 0.0])
 
 
 def test_a_velocity_that_is_not_certified_is_called_inexact(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from uvms_ocp.control.allocation import AllocationResult, allocation_of
 from uvms_ocp.control.kinematic import KinematicController
+from uvms_ocp.control.last_known import LastSound
 from uvms_ocp.control.observer import DisturbanceObserver
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.dynamics import Dynamics
@@ -66,6 +67,7 @@ class DynamicController:
         self._allocation = allocation_of(robot)
         self._thrusters = ThrusterLag(robot, self._gains.lead, self._dt)
         self._observer = observer_of(robot, dynamics, self._gains, self._dt)
+        self._sound = LastSound(robot)
         self._K_p = _per_axis(robot, self._gains.vehicle, self._gains.joints)
         self._reset = _per_axis(robot, self._gains.vehicle_reset, self._gains.joints_reset)
         self._integral = np.zeros(robot.n_v)
@@ -74,6 +76,7 @@ class DynamicController:
 
     def __call__(self, measurement: Measurement, t: float) -> Command:
         """The command for the tick at time t [s]."""
+        measurement = self._sound(measurement, t)
         command = self.kinematic(measurement, t)
         if command.stop:
             self._integral[self._robot.vehicle_v] = 0.0

@@ -7,7 +7,9 @@ from typing import Protocol
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 
+from uvms_ocp.control.last_known import LastEcho, LastSound
 from uvms_ocp.control.levels import LevelsProblem, build_levels
 from uvms_ocp.control.viability import Viability
 from uvms_ocp.control.watchdog import Freshness, Watchdog
@@ -17,7 +19,6 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, Measurement
 from uvms_ocp.solvers import Status, Tick, TickResult
 
-NO_ECHO_RANGE = 100.0  # [m] stands in for the altimeter's range before the first echo
 _STATUS_CODE = {status: code for code, status in enumerate(Status)}
 
 
@@ -57,15 +58,18 @@ class KinematicController:
         self.quantities: dict[str, float] = {}
         self.watchdog = watchdog or Watchdog()
         self._previous, self._near = np.zeros(robot.n_v), True
-        self._echo, self._echo_time = NO_ECHO_RANGE, 0.0
+        self._sound, self._echo = LastSound(robot), LastEcho(robot)
+        self._stopping_q = robot.configuration()
         self._altitude_tasks = [index for index, task in enumerate(mission.hierarchy.tasks) if task.needs_altimeter]
 
     def __call__(self, measurement: Measurement, t: float) -> Command:
         """The command for the tick at time t [s]."""
         begin = perf_counter()
         phase, gates = self.state.phase, self.mission.gates(self.state, t)
-        freshness = self.watchdog.judge(max(measurement.age, self._echo_age(measurement, t, gates)), t)
-        result = self._tick(*self._inputs(measurement, t), gates)
+        measurement = self._sound(measurement, t)
+        echo = self._echo.range(measurement, t)
+        freshness = self.watchdog.judge(max(measurement.age, self._echo_age(t, gates)), t)
+        result = self._tick(*self._inputs(measurement, echo, t), gates)
         quantities, activity = result.extras
         if freshness is Freshness.FRESH:
             kept = self._viability.kept(
@@ -75,10 +79,13 @@ class KinematicController:
                 gates=gates,
                 quantities=quantities,
             )
+            self._stopping_q = measurement.q
             self._previous, self._near, share = kept.v, kept.near, kept.share
             self._advance(t, self._named(quantities))
         else:
-            self._previous, share = self._braking(), 0.0
+            # Along the stop that the last tick with a measurement has found clear.
+            self._stopping_q = pin.integrate(self.robot.model, self._stopping_q, self._previous * self.dt)
+            self._previous, share = self._viability.stop.slower(self._stopping_q, self._previous), 0.0
         telemetry = {
             "phase": phase,
             "gates": gates,
@@ -105,25 +112,24 @@ class KinematicController:
 
     def evaluate(self, measurement: Measurement, t: float) -> dict[str, float]:
         """All quantities at a measurement, such as the true state after a run; the mission stays where it is."""
-        outputs = self.problem.function(*self._inputs(measurement, t), self.mission.gates(self.state, t))
+        echo = measurement.altimeter_range
+        echo = echo if np.isfinite(echo) else self._echo.carried(measurement.q)
+        outputs = self.problem.function(*self._inputs(measurement, echo, t), self.mission.gates(self.state, t))
         return self._named(np.array(outputs[self.problem.function.index_out("quantities")]).ravel())
 
-    def _inputs(self, measurement: Measurement, t: float) -> tuple[np.ndarray, ...]:
-        echo = measurement.altimeter_range
+    def _inputs(self, measurement: Measurement, echo: float, t: float) -> tuple[np.ndarray, ...]:
         stop = self._viability.stop.ahead(measurement.q, self._previous) if self._near else None
         return (
             measurement.q,
             measurement.v,
             self._previous,
-            np.array([echo if np.isfinite(echo) else self._echo]),
+            np.array([echo]),
             self.mission.parameters(self.state, t, measurement.q, stop),
         )
 
-    def _echo_age(self, measurement: Measurement, t: float, gates: np.ndarray) -> float:
-        """Time [s] since the last echo while a task on altitude is on; the last range stands in for a missing one."""
-        if np.isfinite(measurement.altimeter_range):
-            self._echo, self._echo_time = measurement.altimeter_range, t
-        return t - self._echo_time if gates[self._altitude_tasks].any() else 0.0
+    def _echo_age(self, t: float, gates: np.ndarray) -> float:
+        """Time [s] since the last echo while a task on altitude is on."""
+        return t - self._echo.since if gates[self._altitude_tasks].any() else 0.0
 
     def _named(self, quantities: np.ndarray) -> dict[str, float]:
         return dict(zip(self.problem.quantity_names, quantities.tolist(), strict=True))

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.control.dynamic import VelocityGains, observer_of
+from uvms_ocp.control.last_known import LastSound
 from uvms_ocp.control.plan_tracking import PlanTracker, TrackingGains
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.dynamics import robot_dynamics
@@ -85,6 +86,7 @@ class Nmpc:
         self._sqp = RealTimeSqp(self._transcription.program, options)
         robot, dynamics = problem.robot, robot_dynamics(problem.robot)
         self._observer = observer_of(robot, dynamics, observer or VelocityGains(), dt)
+        self._sound = LastSound(robot)
         self._tracker = PlanTracker(robot, dynamics, dt=dt, gains=gains)
         self._now: _Planned | None = None
         self._coming: _Planned | None = None
@@ -104,6 +106,7 @@ class Nmpc:
 
     def __call__(self, measurement: Measurement, t: float) -> Command:
         """The command for the tick at time t [s]."""
+        measurement = self._sound(measurement, t)
         state = State(q=measurement.q, v=measurement.v)
         now = self._now or self._first(state, t)
         if t >= self._next - 1e-9:

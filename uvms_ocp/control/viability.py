@@ -82,7 +82,8 @@ class Stop:
             q = pin.integrate(self._model, q, v * self._dt)
             yield q, v
             v = self.slower(q, v)
-            if self._time(v) < _STILL:
+            # Also where v is not a number.
+            if not self._time(v) >= _STILL:
                 return
 
     def ahead(self, q: np.ndarray, v: np.ndarray) -> StopAhead | None:

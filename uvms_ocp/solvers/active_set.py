@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -18,6 +19,8 @@ from uvms_ocp.solvers.level import Level, stack
 from uvms_ocp.solvers.solution import Solution, row_residuals
 from uvms_ocp.solvers.tick import LEVEL_OUTPUTS, check_levels_function, dense, dense_inputs, dense_outputs
 
+# Calls of one shape share one tick and its memory.
+_ONE_AT_A_TIME = threading.Lock()
 _SOURCES = ("equalities.c", "active_set.c", "certificate.c", "entry.c")
 
 
@@ -45,8 +48,9 @@ class LexicographicActiveSet:
         start = perf_counter()
         rows = stack(levels)
         tick = _stack_tick(self, rows.jacobian.shape[1], rows.sizes)
-        tick.reset()
-        result = tick(rows.jacobian, rows.lower, rows.upper, rows.rate, rows.activation, rows.gate)
+        with _ONE_AT_A_TIME:
+            tick.reset()
+            result = tick(rows.jacobian, rows.lower, rows.upper, rows.rate, rows.activation, rows.gate)
         return Solution(
             v=result.v,
             status=result.status,

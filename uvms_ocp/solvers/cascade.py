@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
@@ -25,6 +26,8 @@ from uvms_ocp.solvers.tick import (
     dense_outputs,
 )
 
+# Calls of one shape share one tick and its memory.
+_ONE_AT_A_TIME = threading.Lock()
 _DEFAULTS: dict[str, dict[str, object]] = {
     "qpoases": {"printLevel": "none", "enableFlippingBounds": False},
     "qrqp": {"print_iter": False, "print_header": False, "print_info": False},
@@ -66,7 +69,8 @@ class LexicographicQp:
         start = perf_counter()
         rows = stack(levels)
         tick = _stack_tick(self, rows.jacobian.shape[1], rows.sizes)
-        result = tick(rows.jacobian, rows.lower, rows.upper, rows.rate, rows.activation, rows.gate)
+        with _ONE_AT_A_TIME:
+            result = tick(rows.jacobian, rows.lower, rows.upper, rows.rate, rows.activation, rows.gate)
         return Solution(
             v=result.v,
             status=result.status,

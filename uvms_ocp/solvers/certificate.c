@@ -132,7 +132,8 @@ static double certificate(const Work *k, double enough) {
     }
     double size = sqrt(rows * slacks), left = size_of(gradient);
     if (left > NO_GRADIENT) left = unbalanced(&p, gradient);
-    worst = fmax(worst, left / (size + 1));
+    double part = left / (size + 1);
+    if (!(part <= worst)) worst = part < INFINITY ? part : INFINITY;
     double least = left <= SLIGHTLY_BALANCED * size ? SLIGHT : ACTIVE;
     for (int row = begin; row < begin + SIZES[level]; ++row) add_pushes(&p, k, row, least);
   }

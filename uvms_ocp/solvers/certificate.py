@@ -24,7 +24,8 @@ def certificate(levels: Sequence[Level], v: Array) -> float:
 
     s is the slack of the level at v and C the rows of the levels above that cannot move without worsening
     those: equalities and violated rows with any multiplier, rows at a bound with one that pushes outwards. 0 means that
-    no level can be improved without worsening one above it; nothing of the solver's report is used.
+    no level can be improved without worsening one above it; nothing of the solver's report is used. The + 1 asks for rows
+    of the order of 1: of levels whose rows are all tiny it says little.
     """
     pushes, worst = np.zeros((0, len(v))), 0.0
     largest = max(float(np.linalg.norm(level.jacobian, axis=1).max(initial=0.0)) for level in levels)
@@ -32,7 +33,8 @@ def certificate(levels: Sequence[Level], v: Array) -> float:
         slack = _slack(level, v)
         size = float(np.linalg.norm(level.jacobian) * np.linalg.norm(slack))
         unbalanced = _unbalanced(pushes, level.jacobian.T @ slack)
-        worst = max(worst, unbalanced / (size + 1.0))
+        part = unbalanced / (size + 1.0)
+        worst = max(worst, part if np.isfinite(part) else np.inf)
         # A slack as small as the distance to a bound is one only if it is balanced by itself, not by the + 1.
         least = _SLIGHT if unbalanced <= _BALANCED * size else _ACTIVE
         pushes = np.vstack([pushes, _pushes(level, v, least, _VANISHED * largest)])

@@ -1,0 +1,114 @@
+"""What stands in for missing measurements, in both controllers: finite commands, and limits that hold all the same."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import uvms_ocp as uo
+from uvms_ocp.control import DynamicController, KinematicController
+from uvms_ocp.control.last_known import LastSound
+from uvms_ocp.model.collision import CollisionModel
+from uvms_ocp.model.dynamics import robot_dynamics
+from uvms_ocp.model.obstacles import Obstacle
+from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.model.state import Command, Measurement
+from uvms_ocp.tasks import Clearance, Hierarchy, HorizontalAttitude, MinimumAltitude, Task, VehiclePose
+
+DT, THRESHOLD = 0.02, 1.0
+CALM = 0.55  # [s] shorter than the watchdog waits
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot("girona_maris7_full")
+
+
+def controller(robot: Robot, *tasks: Task) -> KinematicController:
+    reached = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="PC.position_error", limit=1e-9),))
+    phase = uo.Phase(name="go", gates={task.name: 1 for task in tasks}, transitions=(reached,))
+    mission = uo.Mission(hierarchy=Hierarchy(list(tasks)), phases=(phase,), ramp=0.0)
+    return KinematicController(robot=robot, mission=mission, solver=uo.LexicographicActiveSet(), dt=DT)
+
+
+def diving(robot: Robot) -> KinematicController:
+    pose = VehiclePose(goal=uo.pose_at((0, 0, -20)), gain_linear=2.0)
+    return controller(robot, pose, MinimumAltitude(threshold=THRESHOLD, gain=20.0, margin=0.05), HorizontalAttitude())
+
+
+def dynamic(robot: Robot) -> DynamicController:
+    return DynamicController(robot=robot, dynamics=robot_dynamics(robot), kinematic=diving(robot))
+
+
+@pytest.mark.parametrize("build", [diving, dynamic])
+@pytest.mark.parametrize(("field", "index"), [("q", 0), ("q", 4), ("q", 10), ("v", 2), ("v", 9)])
+def test_a_number_that_is_none_counts_as_a_silent_sensor(
+    robot: Robot, build: Callable[[Robot], Callable[[Measurement, float], Command]], field: str, index: int
+) -> None:
+    control, q = build(robot), robot.configuration(position=(0, 0, -4))
+    broken = {"q": np.array(q), "v": np.zeros(robot.n_v)}
+    broken[field][index] = np.nan
+    control(Measurement(q=q, v=np.zeros(robot.n_v), altimeter_range=1.005), 0.0)
+    commands = [control(Measurement(**broken, altimeter_range=1.005), DT * k) for k in range(1, 200)]
+    for command in commands:
+        assert np.isfinite(command.v).all()
+        assert command.thrust is None or np.isfinite(command.thrust).all()
+        assert command.torque is None or np.isfinite(command.torque).all()
+    assert [command.hold for command in commands[:20]] == [False] * 20
+    assert commands[60].hold
+    assert commands[-1].stop
+
+
+def test_a_robot_that_has_never_measured_is_stopped(robot: Robot) -> None:
+    broken = Measurement(q=np.full(robot.n_q, np.nan), v=np.zeros(robot.n_v), altimeter_range=math.nan)
+    assert LastSound(robot)(broken, 0.0).age == np.inf
+    command = diving(robot)(broken, 0.0)
+    assert command.stop
+    assert not command.v.any()
+
+
+@pytest.mark.parametrize("outage", [0.0, CALM])
+def test_minimum_altitude_holds_while_echoes_are_missing(robot: Robot, outage: float) -> None:
+    control, q, v = diving(robot), robot.configuration(position=(0, 0, -4)), np.zeros(robot.n_v)
+    data, sensor, since, lowest = robot.model.createData(), robot.frame_id("altimeter"), math.inf, math.inf
+    for k in range(700):
+        pin.framesForwardKinematics(robot.model, data, q)
+        altitude, t = data.oMf[sensor].translation[2] + 7.0, DT * k
+        since = min(since, t) if altitude < 1.35 else since
+        lost = since <= t < since + outage
+        command = control(Measurement(q=q, v=v, altimeter_range=math.nan if lost else altitude), t)
+        assert not command.hold
+        v, lowest = command.v, min(lowest, altitude)
+        q = pin.integrate(robot.model, q, v * DT)
+    assert THRESHOLD - 1e-6 <= lowest < 1.1
+
+
+def test_a_blackout_beside_an_obstacle_leads_along_the_stop_that_was_found_clear(robot: Robot) -> None:
+    rng, near = np.random.default_rng(0), 0
+    for _ in range(40):
+        place = pin.SE3(np.eye(3), rng.uniform(-2.5, 2.5, 3))
+        ball = Obstacle(name="ball", shape=coal.Sphere(0.4), X_WO=place)
+        model = CollisionModel(robot, [ball], self_collision=False)
+        q, v = robot.configuration(), np.zeros(robot.n_v)
+        if model.values(q).min() < 0.3:
+            continue
+        pose = VehiclePose(goal=uo.pose_at(tuple(place.translation), (0.0, 0.0, rng.uniform(-3, 3))), gain_linear=5.0)
+        control = controller(robot, Clearance(model=model, threshold=0.05, gain=50.0), pose)
+        for k in range(400):
+            blind = near_limit = model.values(q).min() < 0.12
+            command = control(Measurement(q=q, v=v, altimeter_range=5.0, age=1.0 if blind else 0.0), DT * k)
+            near += near_limit
+            if blind:
+                # All axes in proportion, as the stop that the tick before has found clear.
+                np.testing.assert_allclose(command.v * np.linalg.norm(v), v * np.linalg.norm(command.v), atol=1e-9)
+            v = command.v
+            q = pin.integrate(robot.model, q, v * DT)
+            assert model.values(q).min() >= 0.05 - 1e-6
+            if blind and not v.any():
+                break
+    assert near > 0

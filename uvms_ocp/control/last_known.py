@@ -1,0 +1,79 @@
+"""What stands in for a measurement that is missing: the last one, older by the time since."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.state import Measurement
+
+NO_ECHO_RANGE = 100.0  # [m] stands in for the altimeter's range before the first echo
+_STEEP = 0.1  # cosine of the beam below which an echo tells nothing about the height
+
+
+class LastSound:
+    """The measurement, or where its q or v is not finite, the last that was finite, with its true age."""
+
+    __slots__ = ("_last", "_since")
+
+    def __init__(self, robot: Robot) -> None:
+        rest = Measurement(q=robot.configuration(), v=np.zeros(robot.n_v), altimeter_range=np.nan)
+        self._last, self._since = rest, -np.inf
+
+    def __call__(self, measurement: Measurement, t: float) -> Measurement:
+        """t [s]: time of the tick."""
+        if np.isfinite(measurement.q).all() and np.isfinite(measurement.v).all():
+            self._last, self._since = measurement, t
+            return measurement
+        late = t - self._since
+        return replace(
+            self._last,
+            altimeter_range=measurement.altimeter_range,
+            age=max(measurement.age, self._last.age + late),
+            joint_age=max(measurement.joint_age, self._last.joint_age + late),
+        )
+
+
+class LastEcho:
+    """The range of the altimeter; without an echo the last one, carried along with the measured motion.
+
+    That takes the floor for level. A robot without an altimeter has `NO_ECHO_RANGE`.
+    """
+
+    __slots__ = ("_frame", "_height", "_model", "_range", "since")
+
+    def __init__(self, robot: Robot) -> None:
+        name = robot.description.altimeter
+        self._model = (robot.model, robot.model.createData())
+        self._frame = None if name is None or not robot.has_frame(name) else robot.frame_id(name)
+        self._range, self._height = NO_ECHO_RANGE, np.nan  # [m] of the last echo, and z of the floor below it
+        self.since = 0.0
+        """[s] time of the last echo, 0 before the first."""
+
+    def range(self, measurement: Measurement, t: float) -> float:
+        """[m] at the tick at time t [s]."""
+        echo = measurement.altimeter_range
+        if np.isfinite(echo):
+            self.since, self._range = t, echo
+            if self._frame is not None:
+                z, cosine = self._beam(measurement.q)
+                self._height = z - cosine * echo
+            return echo
+        return self.carried(measurement.q)
+
+    def carried(self, q: np.ndarray) -> float:
+        """[m] at q (n_q,), from the last echo."""
+        if not np.isfinite(self._height):
+            return self._range
+        z, cosine = self._beam(q)
+        return max(0.0, z - self._height) / max(cosine, _STEEP)
+
+    def _beam(self, q: np.ndarray) -> tuple[float, float]:
+        """z [m] of the altimeter in W, and the cosine of its beam to the vertical."""
+        model, data = self._model
+        pin.forwardKinematics(model, data, q)
+        X_WS = pin.updateFramePlacement(model, data, self._frame)
+        return float(X_WS.translation[2]), float(X_WS.rotation[2, 2])
