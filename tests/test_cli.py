@@ -193,7 +193,7 @@ def test_daqp_runs_where_it_is_installed_and_is_one_line_where_it_is_not(tmp_pat
     process = cli(*options, "--out", "other", cwd=tmp_path, PYTHONPATH=path)
     assert process.returncode == 2
     assert process.stderr.splitlines() == [
-        "error: solver Daqp needs the package daqp, which is not installed; pip install 'uvms-ocp[daqp]'"
+        "error: solver Daqp needs the package daqp, which is not installed; pip install daqp"
     ]
     assert not (tmp_path / "other").exists()
 

@@ -51,5 +51,5 @@ class OutputError(UvmsError, OSError):
 class NotInstalled(UvmsError, ImportError):
     """A package that is optional and not there; the message says how to get it."""
 
-    def __init__(self, what: str, package: str, extra: str) -> None:
-        super().__init__(f"{what} needs the package {package}, which is not installed; pip install 'uvms-ocp[{extra}]'")
+    def __init__(self, what: str, package: str) -> None:
+        super().__init__(f"{what} needs the package {package}, which is not installed; pip install {package}")

@@ -75,6 +75,8 @@ class Scenario:
             raise InvalidInput(f"seed = {self.seed}; give a whole number >= 0")
         if isinstance(self.solver, type):
             raise InvalidInput(f"solver = the class {self.solver.__name__}; give a value, {self.solver.__name__}()")
+        if not hasattr(self.solver, "bind"):
+            raise InvalidInput(f"solver = {self.solver!r}; give a value such as LexicographicActiveSet()")
         self.robot.check_configuration(self.start)
         if self.altimeter_frame is not None:
             self.robot.frame_id(self.altimeter_frame)

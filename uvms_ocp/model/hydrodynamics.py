@@ -78,11 +78,17 @@ class LinkHydrodynamics:
 class Water:
     """Motion of the undisturbed water in W: one row for all links (3,), or one per link (n_links, 3).
 
-    velocity: u [m/s]; acceleration: u_dot [m/s2], its rate as felt at the link.
+    velocity: u [m/s]; acceleration: u_dot [m/s2], its rate as felt at the link. Raises `InvalidInput` for another shape and
+    for numbers that are not finite.
     """
 
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(3))
     acceleration: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    def __post_init__(self) -> None:
+        for name, value in (("velocity", self.velocity), ("acceleration", self.acceleration)):
+            if np.shape(value)[-1:] != (3,) or not np.isfinite(value).all():
+                raise InvalidInput(f"water: {name} = {value}; give finite numbers, (3,) or (n_links, 3)")
 
 
 STILL_WATER = Water()

@@ -81,6 +81,7 @@ class ActiveSetTick:
             v=v, status=status, residual=residual, extras=tuple(extras), solve_time=perf_counter() - start
         )
 
+    @np.errstate(over="ignore", invalid="ignore")  # what overflows ends without a certificate
     def _recovered(self, inputs: Sequence[ArrayLike], start: float) -> TickResult:
         """The chain in Python, whose first link is the whole tick where there is no compiler."""
         J, lower, upper, _, _, gate, *extras = self._levels(inputs)

@@ -19,6 +19,7 @@ _ROUNDING = 2.2e-16
 _VANISHED = 1e-13
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what overflows has no certificate
 def certificate(levels: Sequence[Level], v: Array) -> float:
     """Largest ``|J' s + C' lambda| / (|J| |s| + 1)`` of any level, over the multipliers that the signs allow.
 

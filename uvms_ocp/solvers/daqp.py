@@ -122,6 +122,6 @@ def _native() -> _Solve:
     try:
         from daqp import solve
     except ImportError:
-        raise NotInstalled("solver Daqp", "daqp", "daqp") from None
+        raise NotInstalled("solver Daqp", "daqp") from None
     found: _Solve = solve
     return found
