@@ -114,7 +114,7 @@ def hierarchy(robot: Robot, goal: PoseReference, gain: float) -> DynamicControll
 
 
 def controllers(robot: Robot, goal: PoseReference) -> Iterable[tuple[str, Controller]]:
-    # Processor time is what this machine needs, the clock on the wall what it needs beside all its other work.
+    # Processor time leaves out what other programs take meanwhile, the clock on the wall does not.
     yield "NMPC", Nmpc(problem(robot, goal), dt=DT, period=PERIOD, clock=process_time)
     yield "NMPC, clock on the wall", Nmpc(problem(robot, goal), dt=DT, period=PERIOD)
     for gain in (1.0, 2.0, 4.0):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import coal
 import numpy as np
@@ -17,6 +18,7 @@ from uvms_ocp.model.robot import Robot, load_robot
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.scenarios import case1
 from uvms_ocp.tasks import Clearance, Hierarchy, MinimumAltitude
+from uvms_ocp.tasks.task import PositionLimit
 
 DT = 0.02
 
@@ -83,6 +85,47 @@ def test_reckless_wishes_break_no_limit(robot: Robot) -> None:
     runs = [reckless(guarded, seed) for seed in range(8)]
     assert sum(slowed > 0 for slowed, _ in runs) >= 5
     assert min(lowest for _, lowest in runs) > -1e-6
+
+
+def straight(name: str, axis: int, upper: float, reach: float = 1.0) -> SimpleNamespace:
+    """A stand-in for a task: the planar robot's coordinate `axis` stays at or below `upper`."""
+    limit = PositionLimit(
+        quantity="room",
+        lower=0.0,
+        values=lambda q, rows: np.array([upper - q[axis]]),
+        reach=np.where(np.arange(5) == axis, reach, 0.0),
+    )
+    return SimpleNamespace(name=name, position_limit=lambda robot: limit)
+
+
+def test_between_two_velocities_that_keep_a_limit_the_answer_keeps_it_too() -> None:
+    """Of what is wanted, slow to stop, and of what there was, quick to stop, a mixture can go farther than both."""
+    planar, rng = load_robot("planar5"), np.random.default_rng(5)
+    mixed = 0
+    for _ in range(300):
+        rest, previous, wanted = np.zeros(5), np.zeros(5), np.zeros(5)
+        previous[3], wanted[1] = rng.uniform(0.1, 0.5), rng.uniform(0.5, 1.0)
+        upper = rng.uniform([0.05, 0.005], [0.4, 0.1])
+        tasks = (straight("y", 1, upper[0]), straight("theta1", 3, upper[1]))
+        rule = Viability(robot=planar, tasks=tasks, quantity_names=("y.room", "theta1.room"), dt=DT)
+        end = np.array([q for q, _ in rule.stop.path(rest, rule.stop.slower(rest, previous))])
+        if (end[:, [1, 3]] > upper).any():
+            continue
+        kept = rule.kept(q=rest, previous=previous, wanted=wanted, gates=np.ones(2), quantities=upper)
+        way = np.array([q for q, _ in rule.stop.path(rest, kept.v)])
+        assert (way[:, [1, 3]] <= upper + 1e-9).all(), (previous, wanted, upper)
+        mixed += int(0.0 < kept.share < 1.0)
+    assert mixed > 50
+
+
+@pytest.mark.parametrize("unknown", [np.inf, np.nan])
+def test_a_reach_that_nobody_knows_guards_all_the_same(unknown: float) -> None:
+    planar, wanted, upper = load_robot("planar5"), np.zeros(5), 0.05
+    wanted[1] = 1.0
+    rule = Viability(robot=planar, tasks=(straight("y", 1, upper, reach=unknown),), quantity_names=("y.room",), dt=DT)
+    kept = rule.kept(q=np.zeros(5), previous=np.zeros(5), wanted=wanted, gates=np.ones(1), quantities=np.array([upper]))
+    assert kept.near
+    assert max(q[1] for q, _ in rule.stop.path(np.zeros(5), kept.v)) <= upper
 
 
 def test_a_limit_that_is_off_or_far_away_changes_nothing(robot: Robot) -> None:

@@ -9,7 +9,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.campaign.study import Row, Study
+from uvms_ocp.campaign.study import Row, Study, seeds_from
 from uvms_ocp.control.kinematic import HierarchySolver
 from uvms_ocp.mission import DONE, Above, Mission, Phase, Transition
 from uvms_ocp.model.collision import CollisionModel
@@ -42,7 +42,7 @@ _WAYS = (("PC", "MP"), ("T", "MP"), ("PC", "T"))
 
 def random_limits(*, n: int = 1000, seed: int = 0, robot: str = "girona_maris7_full", dt: float = 1 / 200) -> Study:
     """`n` runs on the kinematic plant with the seeds `seed`, `seed` + 1, ..., see `close_quarters`."""
-    cases = [{"seed": seed + k, "robot": robot, "dt": dt} for k in range(n)]
+    cases = [{"seed": drawn, "robot": robot, "dt": dt} for drawn in seeds_from(seed, n)]
     title = f"{n} random starts and goals among obstacles"
     return Study(name="random_limits", title=title, cases=cases, run_case=run_limits, summarize=largest)
 
@@ -102,31 +102,45 @@ def run_limits(case: dict[str, Any]) -> Row:
 def limit_violations(scenario: Scenario, record: Record) -> dict[str, float]:
     """Largest violation at any tick of joint limits [rad], minimum altitude [m] and clearances [m], 0 where kept.
 
-    From the true configurations and the definition of each limit alone.
+    From the true configurations, the floor and the definition of each limit alone. Infinite where a value is no number.
     """
     robot, q = scenario.robot, record["q"]
+    known = bool(np.isfinite(q).all())
     joints, limits = q[:, robot.joint_q], robot.limits
     beyond = np.maximum(limits.position_lower - joints, joints - limits.position_upper)
-    found = {"joints_rad": float(beyond.max())}
+    found = {"joints_rad": beyond.max()}
     for task in scenario.mission.hierarchy.tasks:
         if isinstance(task, MinimumAltitude):
-            altitude = record["quantities"][:, record.meta["quantities"].index(f"{task.name}.altitude")]
-            found[f"{task.name}_m"] = float(task.threshold - altitude.min())
+            found[f"{task.name}_m"] = task.threshold - _altitudes(scenario, task, q).min() if known else np.nan
         elif isinstance(task, Clearance):
-            found[f"{task.name}_m"] = float(task.threshold - min(task.model.values(row).min() for row in q))
-    return {name: max(value, 0.0) for name, value in found.items()}
+            found[f"{task.name}_m"] = (
+                task.threshold - np.min([task.model.values(row) for row in q]) if known else np.nan
+            )
+    return {name: np.inf if np.isnan(value) else max(float(value), 0.0) for name, value in found.items()}
+
+
+def _altitudes(scenario: Scenario, task: MinimumAltitude, q: np.ndarray) -> np.ndarray:
+    """(n,) [m] of the sensor above the floor straight below it, at q (n, n_q)."""
+    robot, floor = scenario.robot, scenario.environment.seafloor
+    data, frame = robot.model.createData(), robot.frame_id(task.frame or robot.description.altimeter or "")
+    altitudes = []
+    for row in q:
+        pin.framesForwardKinematics(robot.model, data, row)
+        x, y, z = data.oMf[frame].translation
+        altitudes.append(z - floor.height(x, y))
+    return np.array(altitudes)
 
 
 def largest(rows: Sequence[Row]) -> list[Row]:
     """One row: the largest violation and step of all runs, and in how many runs any limit is violated by > 1e-6."""
     violations = [name for name in rows[0] if name.endswith(("_rad", "_m")) and name != "path_m"]
-    violated = [row for row in rows if max(row[name] for name in violations) > _TOLERANCE]
+    violated = [row for row in rows if not all(row[name] <= _TOLERANCE for name in violations)]
     return [
         {
             "runs": len(rows),
             "violated": len(violated),
             "seeds": " ".join(str(row["seed"]) for row in violated),
-            **{name: max(row[name] for row in rows) for name in (*violations, "largest_step")},
+            **{name: float(np.max([row[name] for row in rows])) for name in (*violations, "largest_step")},
             "slowed_share": float(np.mean([row["slowed_share"] for row in rows])),
             "mean_path_m": float(np.mean([row["path_m"] for row in rows])),
         }

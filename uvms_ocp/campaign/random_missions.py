@@ -10,7 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.campaign.study import Row, Study
+from uvms_ocp.campaign.study import Row, Study, seeds_from
 from uvms_ocp.mission import Mission
 from uvms_ocp.model.collision import CollisionModel
 from uvms_ocp.model.obstacles import Obstacle, obstacle
@@ -35,7 +35,7 @@ def random_missions(
 
     force: run those too that pre-flight refuses, which tells the refusals that were false.
     """
-    cases = [{"seed": seed + k, "plant": plant, "dt": dt, "force": force} for k in range(n)]
+    cases = [{"seed": drawn, "plant": plant, "dt": dt, "force": force} for drawn in seeds_from(seed, n)]
     title = f"{n} random missions on the {plant} plant"
     return Study(name="random_missions", title=title, cases=cases, run_case=run_mission, summarize=totals)
 

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from uvms_ocp.exceptions import InvalidInput
+
 Row = Mapping[str, Any]
 """One line of a table: plain values by column name."""
 
@@ -53,6 +55,15 @@ class Study:
             if progress is not None:
                 progress(len(rows), len(self.cases))
         return StudyResult(name=self.name, title=self.title, cases=tuple(rows), table=tuple(self.summarize(rows)))
+
+
+def seeds_from(seed: int, n: int) -> range:
+    """`seed`, `seed` + 1, ... of `n` drawn cases. Raises `InvalidInput` for no cases or a negative seed."""
+    if n < 1:
+        raise InvalidInput(f"n = {n} runs of a study; give 1 or more")
+    if seed < 0:
+        raise InvalidInput(f"seed = {seed}; give 0 or more")
+    return range(seed, seed + n)
 
 
 def _mapped(function: Callable[[Any], Row], cases: Sequence[Any], jobs: int) -> Any:

@@ -21,7 +21,7 @@ from uvms_ocp.tasks.task import PositionLimit, StopAhead, Task
 
 _SAMPLES = np.array([0.25, 0.5, 0.75, 1.0])  # shares of the way to rest
 _HALVINGS = 5
-_ENDLESS = 1e6  # stands in for infinite reaches and accelerations, whose product with 0 must be 0
+_ENDLESS = 1e6  # stands in for infinite accelerations and for reaches that nobody knows: its product with 0 is 0
 _STILL = 1e-12  # [s] to rest
 
 
@@ -120,7 +120,7 @@ class Viability:
                 limit=limit,
                 task=index,
                 quantity=quantity_names.index(f"{task.name}.{limit.quantity}"),
-                reach=np.minimum(limit.reach, _ENDLESS),
+                reach=np.fmin(limit.reach, _ENDLESS),
             )
             for index, task in enumerate(tasks)
             if (limit := task.position_limit(robot)) is not None
@@ -139,7 +139,8 @@ class Viability:
         if not self._within(travel, gates, quantities):
             return Kept(v=wanted, share=1.0, near=False)
         slower = self.stop.slower(q, previous)
-        travel = np.maximum(travel, self.stop.travel(slower))
+        # Of every mixture of the two: it may be as fast as the one and need as long to rest as the other.
+        travel = self.stop.travel(np.maximum(np.abs(wanted), np.abs(slower)))
         near = self._within(travel, gates, quantities)
         barriers = [_barrier(guard, q, travel, float(quantities[guard.quantity])) for guard in near]
         if self._clear(barriers, q, wanted):

@@ -133,7 +133,7 @@ def _pair_reach(robot: Robot, geometry: pin.GeometryModel) -> np.ndarray:
     """(n_v,) largest over all pairs; an axis that carries both shapes of a pair does not change its distance."""
     reaches = [shape_reach(robot, shape) for shape in geometry.geometryObjects]
     pairs = [(reaches[pair.first], reaches[pair.second]) for pair in geometry.collisionPairs]
-    moved = [np.maximum(a, b) * ((a > 0) != (b > 0)) for a, b in pairs]
+    moved = [np.where((a > 0) != (b > 0), np.maximum(a, b), 0.0) for a, b in pairs]
     return np.max([np.zeros(robot.n_v), *moved], axis=0)
 
 

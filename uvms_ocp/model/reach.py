@@ -9,35 +9,61 @@ from uvms_ocp.model.robot import Robot
 
 
 def shape_reach(robot: Robot, shape: pin.GeometryObject) -> np.ndarray:
-    """(n_v,) upper bound on the speed of any point of a shape per unit of each axis, at any configuration [m, or 1]."""
-    reach = np.zeros(robot.n_v)
+    """(n_v,) upper bound on the speed of any point of a shape per unit of each axis, within the joint limits [m, or 1].
+
+    Infinite for what turns a joint that travels without limit.
+    """
     shape.geometry.computeLocalAABB()
     centre = shape.placement.act(np.array(shape.geometry.aabb_center))
-    return _reach_of_ball(robot, shape.parentJoint, float(np.linalg.norm(centre)) + shape.geometry.aabb_radius, reach)
+    return _reach_of_ball(robot, shape.parentJoint, float(np.linalg.norm(centre)) + shape.geometry.aabb_radius)
 
 
 def point_reach(robot: Robot, frame: str) -> np.ndarray:
     """(n_v,) as `shape_reach`, for the origin of a frame. Raises FrameNotFound."""
     found = robot.model.frames[robot.frame_id(frame)]
-    length = float(np.linalg.norm(found.placement.translation))
-    return _reach_of_ball(robot, found.parentJoint, length, np.zeros(robot.n_v))
+    return _reach_of_ball(robot, found.parentJoint, float(np.linalg.norm(found.placement.translation)))
 
 
-def _reach_of_ball(robot: Robot, carrier: int, length: float, reach: np.ndarray) -> np.ndarray:
+def largest_change(reach: np.ndarray, motion: np.ndarray) -> np.ndarray:
+    """Upper bound (..., m) of what moves by at most `reach` (m, n) per unit, or (...) by reach (n,), in `motion` (..., n) >= 0.
+
+    An axis that stands still costs nothing, however far it reaches.
+    """
+    endless = ~np.isfinite(reach)
+    if not endless.any():
+        return np.asarray(motion @ reach.T)
+    bound = motion @ np.where(endless, 0.0, reach).T
+    return np.where((motion > 0.0) @ endless.T, np.inf, bound)
+
+
+def _reach_of_ball(robot: Robot, carrier: int, length: float) -> np.ndarray:
     """`length` [m] is the radius of a ball around the joint `carrier` that holds all points; it grows to the base."""
+    reach, neutral = np.zeros(robot.n_v), pin.neutral(robot.model)
     while carrier:
         joint = robot.model.joints[carrier]
-        if joint.nv == 6:
-            reach[:3], reach[3:6] = 1.0, length
-        else:
-            prismatic = joint.shortname().startswith("JointModelP")
-            reach[joint.idx_v] = 1.0 if prismatic else length
-            length += _travel(robot, joint.idx_v) if prismatic else 0.0
+        linear, angular = _speeds(joint, neutral)
+        turns = angular > 0.0
+        own = linear.copy()
+        own[turns] += angular[turns] * length
+        reach[joint.idx_v : joint.idx_v + joint.nv] = own
+        length += _travel(robot, joint.idx_v + np.flatnonzero(linear))
         length += float(np.linalg.norm(robot.model.jointPlacements[carrier].translation))
         carrier = robot.model.parents[carrier]
     return reach
 
 
-def _travel(robot: Robot, idx_v: int) -> float:
-    axis = idx_v - robot.n_vehicle
-    return float(max(abs(robot.limits.position_lower[axis]), abs(robot.limits.position_upper[axis])))
+def _speeds(joint: pin.JointModel, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Linear and angular speed (nv,) per unit of each axis; the same at any configuration for the joints of a URDF."""
+    data = joint.createData()
+    joint.calc(data, q)
+    subspace = np.array(data.S).reshape(6, joint.nv)
+    return np.linalg.norm(subspace[:3], axis=0), np.linalg.norm(subspace[3:], axis=0)
+
+
+def _travel(robot: Robot, axes: np.ndarray) -> float:
+    """[m] from zero to the farthest corner of the limits of the axes."""
+    own = axes - robot.n_vehicle
+    if (own < 0).any():
+        return np.inf
+    limits = robot.limits
+    return float(np.linalg.norm(np.maximum(np.abs(limits.position_lower[own]), np.abs(limits.position_upper[own]))))

@@ -15,6 +15,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from uvms_ocp.model.reach import largest_change
+
 from .collision_scene import CollisionScene
 from .polynomial import PiecewisePolynomial
 
@@ -72,7 +74,7 @@ def check_clearance(
         if worst[0] <= 0.0 and not all_collisions:
             break
         move = _motion_bound(trajectory, middle, half, acceleration)
-        open_ = ((d - move @ distances.scene.reach.T) <= _TOLERANCE).any(axis=1)
+        open_ = ~(d - largest_change(distances.scene.reach, move) > _TOLERANCE).all(axis=1)
         short = open_ & (half < shortest * trajectory.duration)
         undecided |= bool(short.any())
         middle, half = _halved(middle[open_ & ~short], half[open_ & ~short])

@@ -10,6 +10,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from uvms_ocp.model.reach import largest_change
+
 from .collision_scene import CollisionScene
 
 Array = NDArray[np.float64]
@@ -54,7 +56,7 @@ class _Bounds:
         if x.shape != self.x.shape:
             self.lower = np.full((x.shape[0], scene.n_pairs), -np.inf)
         else:
-            self.lower -= np.abs(x - self.x) @ scene.reach.T
+            self.lower -= largest_change(scene.reach, np.abs(x - self.x))
         self.x = x.copy()
 
 

@@ -105,7 +105,7 @@ def _with_moving_pairs(
         geometry=geometry,
         pairs=tuple(pairs),
         moved=moved,
-        reach=reach * np.abs(moved),
+        reach=np.where(moved != 0.0, reach, 0.0),
         carried=carried,
         follows=coordinates.follows(),
         gyration=radii * np.sqrt(0.4),

@@ -13,16 +13,18 @@ def impossible_start(problem: OcpProblem) -> str | None:
     """An axis whose limits the second node cannot keep, in words; None where every axis can.
 
     Velocity changes by at most the acceleration limit times the step, and a joint goes on meanwhile. These are limits
-    of single axes: where they can be kept, forces, constraints or goals may still be out of reach.
+    of single axes: where they can be kept, forces, constraints or goals may still be out of reach. A free duration
+    counts as impossible only if every step in its range is.
     """
     if not problem.limited:
         return None
     phase = problem.phases[0]
-    h = phase.range[1] / phase.n_steps
-    return _too_fast(problem, h) or _too_near(problem, h)
+    shortest, longest = (duration / phase.n_steps for duration in phase.range)
+    return _too_fast(problem, longest) or _too_near(problem, shortest, longest)
 
 
 def _too_fast(problem: OcpProblem, h: float) -> str | None:
+    """After the longest step, which leaves the most time to slow down."""
     limits, v = problem.robot.limits, problem.start.v
     excess = np.abs(v) - limits.acceleration * h - limits.velocity
     i = int(np.argmax(excess))
@@ -34,7 +36,8 @@ def _too_fast(problem: OcpProblem, h: float) -> str | None:
     )
 
 
-def _too_near(problem: OcpProblem, h: float) -> str | None:
+def _too_near(problem: OcpProblem, shortest: float, longest: float) -> str | None:
+    """After the best step: a short one does not get to the limit, a long one may have turned back."""
     robot, limits = problem.robot, problem.robot.limits
     for joint in robot.joints:
         if joint.n_q != joint.n_v:
@@ -43,15 +46,26 @@ def _too_near(problem: OcpProblem, h: float) -> str | None:
             q, v = float(problem.start.q[joint.q][i]), float(problem.start.v[joint.idx_v + i])
             a, speed = limits.acceleration[joint.idx_v + i], limits.velocity[joint.idx_v + i]
             own = joint.idx_v - robot.n_vehicle + i
-            least = q + h * (v + max(v - a * h, -speed)) / 2
-            most = q + h * (v + min(v + a * h, speed)) / 2
+            least = q + _least_way(v, a, speed, shortest, longest)
+            most = q - _least_way(-v, a, speed, shortest, longest)
             low, high = limits.position_lower[own], limits.position_upper[own]
             if least > high + _ROUNDING or most < low - _ROUNDING:
                 return (
                     f"joint {joint.name!r} starts at {q:.4g} with {v:.4g} per second and cannot stay between {low:.4g} "
-                    f"and {high:.4g} in the first step of {h:.3g} s"
+                    f"and {high:.4g} in the first step of {_range(shortest, longest)} s"
                 )
     return None
+
+
+def _least_way(v: float, a: float, speed: float, shortest: float, longest: float) -> float:
+    """Smallest displacement after any step in the range; concave in the step but for where the speed limit is met."""
+    kink = (v + speed) / a if np.isfinite(a) else 0.0
+    steps = (shortest, longest, min(max(kink, shortest), longest))
+    return min(h * (v + max(v - a * h, -speed)) / 2 for h in steps)
+
+
+def _range(shortest: float, longest: float) -> str:
+    return f"{longest:.3g}" if shortest == longest else f"{shortest:.3g} to {longest:.3g}"
 
 
 def _axes(problem: OcpProblem) -> list[str]:

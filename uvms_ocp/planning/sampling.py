@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.reach import largest_change
 
 from .certificate import PairDistances
 
@@ -55,7 +56,7 @@ def edge_reach(distances: PairDistances, a: Array, b: Array, clearance: float) -
 
     Advances by the distance at hand over the fastest approach any pair can make, so nothing is skipped.
     """
-    pace = np.maximum(distances.scene.reach @ np.abs(b - a), 1e-12)
+    pace = np.maximum(largest_change(distances.scene.reach, np.abs(b - a)), 1e-12)
     done = 0.0
     while done < 1.0:
         d = distances.distances((a + done * (b - a))[None])[0]

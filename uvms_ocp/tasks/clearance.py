@@ -10,6 +10,7 @@ import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.collision import CollisionModel
+from uvms_ocp.model.reach import largest_change
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.tasks.activation import Bell
 from uvms_ocp.tasks.limits import approach_speed, row_acceleration, saturate
@@ -84,7 +85,7 @@ class Clearance(Task):
 
     def _nearest_on_the_way(self, now: np.ndarray, stop: StopAhead) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Pairs (n,) that come nearest, their smallest distance, and where that is: 0 now, k at the k-th place."""
-        approach = float(self.model.reach @ np.abs(stop.velocity)) * stop.durations[-1]
+        approach = float(largest_change(self.model.reach, np.abs(stop.velocity))) * stop.durations[-1]
         near = np.flatnonzero(now <= np.sort(now)[self._n_rows - 1] + approach)
         distances = np.array([now[near], *(self.model.values(place, near) for place in stop.configurations)])
         chosen = np.argsort(distances.min(axis=0))[: self._n_rows]
