@@ -86,6 +86,15 @@ def test_a_start_nearer_than_the_clearance_is_a_verdict_and_one_that_touches_is_
         )
 
 
+def test_samples_of_iterates_that_left_their_manifold_are_configurations() -> None:
+    robot = load_robot("girona_maris7_full")
+    result = solve_ocp(asked(robot, PostureGoal(position=(2.0, 0.0, 0.0)), n_steps=2, current=(3.0, 0.0, 0.0)))
+    assert not result.plan.status.usable
+    assert np.abs(np.linalg.norm(result.plan.trajectory.q[:, 3:7], axis=1) - 1.0).max() > 1e-4
+    for q in result.samples[1]:
+        np.testing.assert_allclose(robot.check_configuration(q), q)
+
+
 def test_a_goal_out_of_reach_is_a_verdict_with_a_motion(planar: Robot) -> None:
     result = solve_ocp(asked(planar, ToolGoal(position=(1.0, 0.0, 2.0)), n_steps=10))
     report = ocp_report(result)

@@ -20,18 +20,23 @@ _TOUCHING = "two shapes touch: add way for them, move the goal, or plan with ano
 
 
 def ocp_report(result: OcpResult) -> dict[str, Any]:
-    """The content of ``report.json``: lengths in m, angles in rad, times in s, energy in J, thrust in N."""
-    request, plan, (when, least, pair) = result.request, result.plan, result.smallest
+    """The content of ``report.json``: lengths in m, angles in rad, times in s, energy in J, thrust in N.
+
+    What is measured along the motion is `None` where the plan is not usable: no motion is there to measure.
+    """
+    request, plan = result.request, result.plan
     summary = plan.summary()
     levels = summary.pop("levels")
     usable = plan.status.usable
+    when, least, pair = result.smallest if usable else (None, np.inf, None)
+    free = usable and result.collision_free
     return {
         "method": "ocp",
         "robot": summary["robot"],
         "status": summary["status"],
         "reason": summary["reason"],
-        "advice": summary["advice"] if result.collision_free or not usable else _TOUCHING,
-        "collision_free": result.collision_free,
+        "advice": summary["advice"] if free or not usable else _TOUCHING,
+        "collision_free": free,
         "duration_s": summary["duration"],
         "n_steps": request.n_steps,
         "energy_j": summary["energy"] if usable else None,

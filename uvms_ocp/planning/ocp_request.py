@@ -54,7 +54,7 @@ class OcpRequest:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OcpResult:
-    """The plan, and what its true shapes keep from each other."""
+    """The plan, and what its true shapes keep from each other; of a plan that is not usable that means nothing."""
 
     request: OcpRequest
     scene: CollisionScene
@@ -62,7 +62,7 @@ class OcpResult:
 
     @cached_property
     def samples(self) -> tuple[Array, Array]:
-        """Times (n,) [s], and configurations (n, n_q) within the limits of the joints."""
+        """Times (n,) [s], and configurations (n, n_q) on their manifold, within the limits of the joints."""
         robot, trajectory = self.request.robot, self.plan.trajectory
         n = max(2, min(int(np.ceil(self.plan.duration / _PERIOD)) + 1, _MAX_SAMPLES))
         t = np.linspace(0.0, self.plan.duration, n)
@@ -163,8 +163,8 @@ def _check_start(scene: CollisionScene, q: Array) -> None:
 
 
 def _within(robot: Robot, q: Array) -> Array:
-    """q with its joints inside their limits, which a solver keeps but for its tolerance."""
-    inside = q.copy()
+    """q with unit quaternions and its joints inside their limits, which a solver keeps but for its tolerance."""
+    inside: Array = pin.normalize(robot.model, q)
     for joint in robot.joints:
         if joint.n_q == joint.n_v:
             own = slice(joint.idx_v - robot.n_vehicle, joint.idx_v - robot.n_vehicle + joint.n_v)
