@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -108,6 +109,49 @@ def test_a_goal_that_no_posture_reaches_exits_with_3_and_advice(tmp_path: Path) 
     assert report["collision_free"] is False
     assert "move the goal" in report["advice"]
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["report.json"]
+
+
+OCP_OF_TWO = ("--method", "ocp", "--steps", "2")
+FAILING = {
+    "infeasible": ("--to", "2", "0", "0", "--current", "3", "0", "0", *OCP_OF_TWO),
+    "obstructed": ("--to", "0.5", "1", "0", "--sphere", "-1,0,0.25,0.05", *OCP_OF_TWO),
+    "unreached": ("--tool", "9", "0", "0", "--axes", "joints"),
+}
+
+
+@pytest.fixture(scope="module")
+def replanned(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Run]:
+    """Each failing plan, in a folder of a plan of either method that was found."""
+    folder = tmp_path_factory.mktemp("again")
+    for number, method in enumerate((("--method", "curve"), OCP_OF_TWO)):
+        assert plan("--to", "0.3", "0", "0", *method, "--out", str(number), cwd=folder).returncode == 0
+    runs = {}
+    for name, options in FAILING.items():
+        for number in "01":
+            shutil.copytree(folder / number, folder / name, dirs_exist_ok=True)
+        runs[name] = plan(*options, "--out", name, cwd=folder), folder / name
+    return runs
+
+
+@pytest.mark.parametrize("name", FAILING)
+def test_a_plan_that_fails_leaves_nothing_of_an_earlier_one(name: str, replanned: dict[str, Run]) -> None:
+    process, folder = replanned[name]
+    assert process.returncode == 3, process.stdout + process.stderr
+    assert [path.name for path in folder.iterdir()] == ["report.json"]
+
+
+@pytest.mark.parametrize("name", ["infeasible", "obstructed"])
+def test_optimal_control_without_a_usable_plan_says_why_and_claims_no_motion(
+    name: str, replanned: dict[str, Run]
+) -> None:
+    process, folder = replanned[name]
+    report = json.loads((folder / "report.json").read_text())
+    assert name in report["status"]
+    assert report["reason"]
+    assert report["advice"].split(":")[0] in " ".join(process.stdout.split())
+    assert report["collision_free"] is False
+    assert report["min_clearance_m"] is None
+    assert " between " not in process.stdout.splitlines()[-2]
 
 
 def test_a_robot_shut_in_exits_with_3_and_shows_the_collision(tmp_path: Path) -> None:

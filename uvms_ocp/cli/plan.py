@@ -39,6 +39,11 @@ from uvms_ocp.solvers.nlp_options import PLUGINS
 _PLAN_PERIOD = 0.02  # [s] between rows of plan.csv
 _Triple = tuple[float, float, float]
 CURVE, OCP = METHODS = ("curve", "ocp")
+_FIGURES = ("vehicle_motion", "joint_motion", "clearance", "efforts")
+_FILES = (  # of any plan; which of them there are depends on the method and on what came of it
+    *("report.json", "plan.npz", "plan.csv", "plan.json", "record.npz", "scene.html"),
+    *(f"figures/{name}.png" for name in _FIGURES),
+)
 
 
 def plan(
@@ -85,7 +90,7 @@ def plan(
     }
     curve, ocp = {"axes": axes, "seed": seed}, {"duration": duration, "steps": steps, "current": current, "nlp": nlp}
     chosen = asked | _chosen(method, {CURVE: curve, OCP: ocp})
-    with staged_folder(out) as staging:
+    with staged_folder(out, earlier=_FILES) as staging:
         with console.status("planning"):
             made = _by_curve(PlanRequest(**chosen)) if method == CURVE else _by_ocp(OcpRequest(**chosen))
         made.write(staging)
