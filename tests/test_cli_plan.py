@@ -207,6 +207,41 @@ def test_optimal_control_that_misses_its_goal_exits_with_3_and_says_why(tmp_path
     assert (tmp_path / "out" / "plan.npz").exists()
 
 
+def compared(*folders: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "uvms_ocp", "compare", *map(str, folders), "--json"]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
+def test_plans_of_either_method_compare_figure_by_figure(around: Run, controlled: Run) -> None:
+    process = compared(around[1], controlled[1])
+    assert process.returncode == 0, process.stderr
+    rows = {row["figure"]: row for row in json.loads(process.stdout)}
+    reports = [json.loads((folder / "report.json").read_text()) for _, folder in (around, controlled)]
+    for figure in ("duration_s", "min_clearance_m"):
+        ours = [report[figure] for report in reports]
+        assert [rows[figure]["first"], rows[figure]["second"]] == pytest.approx(ours)
+        assert rows[figure]["change"] == pytest.approx(100.0 * (ours[1] / ours[0] - 1.0))
+        assert f"{rows[figure]['change']:+.4g} %" in process.stderr
+    assert rows["energy_j"]["first"] is None
+    assert rows["energy_j"]["second"] == pytest.approx(reports[1]["energy_j"])
+    assert rows["peak_thrust_n"]["second"] == pytest.approx(reports[1]["peak_thrust_n"])
+
+
+def test_a_plan_against_anything_else_is_refused_in_one_line(around: Run, tmp_path: Path) -> None:
+    t = np.zeros(1)
+    Record(series={"t": t}, meta={"completed": True}).save(tmp_path / "run.npz")
+    Record(series={"t": t}, meta={}).save(tmp_path / "other.npz")
+    for name, message in (
+        ("run.npz", "the second a run"),
+        ("other.npz", "neither a run nor a plan"),
+        ("", "not a record"),
+    ):
+        process = compared(around[1], tmp_path / name)
+        assert process.returncode == 2
+        assert message in process.stderr
+        assert len(process.stderr.strip().splitlines()) == 1
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
