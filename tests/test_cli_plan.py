@@ -154,6 +154,13 @@ def test_optimal_control_without_a_usable_plan_says_why_and_claims_no_motion(
     assert " between " not in process.stdout.splitlines()[-2]
 
 
+def test_an_obstructed_start_names_the_shapes_and_how_far_to_move_them(replanned: dict[str, Run]) -> None:
+    text = " ".join(replanned["obstructed"][0].stdout.split())
+    assert "sphere1 - base_link_" in text
+    assert "the capsules that cover them" in text
+    assert "m farther apart for a clearance of 0.06 m" in text
+
+
 def test_a_robot_shut_in_exits_with_3_and_shows_the_collision(tmp_path: Path) -> None:
     wall = ("--robot", "planar5", "--box", "2,0,0,0.1,30,30")
     process = plan("--joint", "x0=4", *wall, "--out", "out", "--json", cwd=tmp_path)

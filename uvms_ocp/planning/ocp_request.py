@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,13 +13,13 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.kinematics import Kinematics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
-from uvms_ocp.planning.capsule_clearance import capsule_clearance
+from uvms_ocp.planning.capsule_clearance import CapsuleClearance, capsule_clearance, nearest_capsules
 from uvms_ocp.planning.clearance import CoalDistances
 from uvms_ocp.planning.collision_scene import CollisionScene, collision_scene
 from uvms_ocp.planning.coordinates import coordinates
 from uvms_ocp.planning.obstacle_file import ObstacleData, check_names
 from uvms_ocp.planning.ocp import OcpLevel, OcpProblem, single_phase
-from uvms_ocp.planning.plan import Plan
+from uvms_ocp.planning.plan import OcpStatus, Plan
 from uvms_ocp.planning.planner import Planner
 from uvms_ocp.planning.request import PostureGoal, ToolGoal
 from uvms_ocp.planning.terms import AtRest, Effort, Posture, Smoothness, TaskTerm
@@ -104,15 +104,17 @@ def solve_ocp(request: OcpRequest) -> OcpResult:
     check_names(request.obstacles)
     obstacles = [item.build() for item in request.obstacles]
     scene = collision_scene(coordinates(request.robot, reference=request.start), obstacles)
-    problem = _problem(request, scene)
+    clearance = capsule_clearance(scene, margin=request.clearance)
+    problem = _problem(request, clearance)
     _check_start(scene, request.start)
     plan = Planner(problem, NlpOptions(plugin=request.plugin)).plan()
+    if plan.status is OcpStatus.OBSTRUCTED and clearance.pairs:
+        plan = replace(plan, reason=_too_near(request, clearance) or plan.reason)
     return OcpResult(request=request, scene=scene, plan=plan)
 
 
-def _problem(request: OcpRequest, scene: CollisionScene) -> OcpProblem:
+def _problem(request: OcpRequest, clearance: CapsuleClearance) -> OcpProblem:
     robot = request.robot
-    clearance = capsule_clearance(scene, margin=request.clearance)
     return single_phase(
         robot=robot,
         start=State(q=request.start, v=np.zeros(robot.n_v)),
@@ -160,6 +162,18 @@ def _check_start(scene: CollisionScene, q: Array) -> None:
     if d.size and d.min() <= 0.0:
         pair = scene.pairs[int(np.argmin(d))].name
         raise InvalidInput(f"the start is in collision: {pair}, {d.min():.3g} m; move the start or the obstacle")
+
+
+def _too_near(request: OcpRequest, clearance: CapsuleClearance) -> str | None:
+    """Which shapes are too near at the start and by how much; `None` where none are."""
+    gap, pair = nearest_capsules(clearance, request.robot, request.start)
+    if gap >= clearance.margin:
+        return None
+    state = f"{gap:.3g} m apart" if gap >= 0 else f"{-gap:.3g} m inside each other"
+    return (
+        f"{pair}: the capsules that cover them, wider than the shapes, are {state} at the start; "
+        f"move them {clearance.margin - gap:.3g} m farther apart for a clearance of {clearance.margin:g} m"
+    )
 
 
 def _within(robot: Robot, q: Array) -> Array:
