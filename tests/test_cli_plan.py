@@ -214,6 +214,15 @@ def test_optimal_control_that_misses_its_goal_exits_with_3_and_says_why(tmp_path
     assert (tmp_path / "out" / "plan.npz").exists()
 
 
+def test_a_solver_that_runs_out_of_time_says_what_to_give(tmp_path: Path) -> None:
+    process = plan("--to", "2", "0", "0", "--method", "ocp", "--time-limit", "1e-6", "--out", "out", cwd=tmp_path)
+    assert process.returncode == 3, process.stderr
+    text = " ".join(process.stdout.split())
+    assert "unfinished" in text
+    assert "raise time_limit" in text
+    assert "max_iterations" not in text
+
+
 def compared(*folders: Path) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "uvms_ocp", "compare", *map(str, folders), "--json"]
     return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
@@ -253,6 +262,12 @@ def test_a_plan_against_anything_else_is_refused_in_one_line(around: Run, tmp_pa
     ("arguments", "message"),
     [
         ([], "give one goal"),
+        (["--to", "2", "0", "-1", "--robot", "planar5"], "--to: planar5 has no free vehicle pose; give --joint NAME=Q"),
+        (["--to", "2", "0", "-1", "--robot", "planar5", "--method", "ocp"], "with any of x0"),
+        (["--joint", "x0=1", "--rpy", "0", "0", "1", "--robot", "planar5"], "--rpy: planar5 has no free vehicle pose"),
+        (["--to", "3", "0", "0", "--time-limit", "5"], "--time-limit is for --method ocp, not for curve"),
+        (["--to", "3", "0", "0", "--method", "ocp", "--time-limit", "0"], "time_limit = 0.0; give a finite value > 0"),
+        (["--to", "3", "0", "0", "--obstacles", "list.yaml"], "give a mapping such as obstacles: [{name: ball"),
         (["--to", "3", "0", "0", "--method", "prm"], "unknown method 'prm'"),
         (["--to", "3", "0", "0", "--duration", "5"], "--duration is for --method ocp, not for curve"),
         (["--to", "3", "0", "0", "--method", "ocp", "--axes", "all"], "--axes is for --method curve, not for ocp"),
@@ -291,6 +306,7 @@ def test_mistakes_get_one_line_and_exit_code_2(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     (tmp_path / "bad.yaml").write_text("obstacles: [{name: a, shape: box, size: [1, 1], position: [0, 0, 0]}]")
+    (tmp_path / "list.yaml").write_text("[{name: a, shape: sphere, size: [1], position: [9, 9, 9]}]")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["uvms-ocp", "plan", *arguments])
     with pytest.raises(SystemExit) as exit_:
@@ -300,4 +316,4 @@ def test_mistakes_get_one_line_and_exit_code_2(
     assert message in shown.err
     assert len(shown.err.strip().splitlines()) == 1
     assert shown.out == ""
-    assert [path.name for path in tmp_path.iterdir()] == ["bad.yaml"]
+    assert {path.name for path in tmp_path.iterdir()} == {"bad.yaml", "list.yaml"}

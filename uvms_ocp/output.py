@@ -41,9 +41,7 @@ def _make_staging(target: Path) -> Path:
         target.mkdir(parents=True, exist_ok=True)
         return Path(tempfile.mkdtemp(prefix=".partial-", dir=target))
     except OSError as error:
-        raise OutputError(
-            f"{target}: cannot write there ({error.strerror}); choose another folder with --out"
-        ) from error
+        raise OutputError(f"{target}: cannot write there ({error.strerror}); choose another folder") from error
 
 
 def _replace(entry: Path, destination: Path) -> None:

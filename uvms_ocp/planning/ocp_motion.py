@@ -10,6 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from uvms_ocp.planning.ocp_request import OcpResult
+from uvms_ocp.planning.plan import OcpStatus
 from uvms_ocp.planning.request import ToolGoal
 from uvms_ocp.record import Record
 from uvms_ocp.version import __version__
@@ -17,6 +18,9 @@ from uvms_ocp.version import __version__
 Array = NDArray[np.float64]
 
 _TOUCHING = "two shapes touch: add way for them, move the goal, or plan with another --method"
+_ADVICE = {  # where a request has other means than a problem
+    OcpStatus.UNFINISHED: "the solver stopped early: give a longer duration, a nearer goal or fewer steps, or raise time_limit",
+}
 
 
 def ocp_report(result: OcpResult) -> dict[str, Any]:
@@ -35,7 +39,7 @@ def ocp_report(result: OcpResult) -> dict[str, Any]:
         "robot": summary["robot"],
         "status": summary["status"],
         "reason": summary["reason"],
-        "advice": summary["advice"] if free or not usable else _TOUCHING,
+        "advice": _TOUCHING if usable and not free else _ADVICE.get(plan.status, summary["advice"]),
         "collision_free": free,
         "duration_s": summary["duration"],
         "n_steps": request.n_steps,

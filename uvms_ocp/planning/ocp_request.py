@@ -50,6 +50,8 @@ class OcpRequest:
     current: Triple = (0.0, 0.0, 0.0)
     """[m/s] of the water in W."""
     plugin: str = "ipopt"
+    time_limit: float = 20.0
+    """[s] for the solver."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -107,7 +109,7 @@ def solve_ocp(request: OcpRequest) -> OcpResult:
     clearance = capsule_clearance(scene, margin=request.clearance)
     problem = _problem(request, clearance)
     _check_start(scene, request.start)
-    plan = Planner(problem, NlpOptions(plugin=request.plugin)).plan()
+    plan = Planner(problem, NlpOptions(plugin=request.plugin, time_limit=request.time_limit)).plan()
     if plan.status is OcpStatus.OBSTRUCTED and clearance.pairs:
         plan = replace(plan, reason=_too_near(request, clearance) or plan.reason)
     return OcpResult(request=request, scene=scene, plan=plan)
