@@ -174,6 +174,11 @@ def test_export_writes_the_tick_whole_or_not_at_all(tmp_path: Path) -> None:
     }
     assert cli("export", "tick", "--scenario", "case9", "d", cwd=tmp_path).returncode == 2
     assert not (tmp_path / "d").exists()
+    (tmp_path / "file").write_text("")
+    refused = cli("export", "tick", "file/c", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "cannot write there" in refused.stderr
+    assert "--out" not in refused.stderr  # it has no such option
 
 
 def test_without_a_compiler_a_run_works_and_says_so_once(tmp_path: Path) -> None:

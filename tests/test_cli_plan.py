@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -110,6 +111,56 @@ def test_a_goal_that_no_posture_reaches_exits_with_3_and_advice(tmp_path: Path) 
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["report.json"]
 
 
+OCP_OF_TWO = ("--method", "ocp", "--steps", "2")
+FAILING = {
+    "infeasible": ("--to", "2", "0", "0", "--current", "3", "0", "0", *OCP_OF_TWO),
+    "obstructed": ("--to", "0.5", "1", "0", "--sphere", "-1,0,0.25,0.05", *OCP_OF_TWO),
+    "unreached": ("--tool", "9", "0", "0", "--axes", "joints"),
+}
+
+
+@pytest.fixture(scope="module")
+def replanned(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Run]:
+    """Each failing plan, in a folder of a plan of either method that was found."""
+    folder = tmp_path_factory.mktemp("again")
+    for number, method in enumerate((("--method", "curve"), OCP_OF_TWO)):
+        assert plan("--to", "0.3", "0", "0", *method, "--out", str(number), cwd=folder).returncode == 0
+    runs = {}
+    for name, options in FAILING.items():
+        for number in "01":
+            shutil.copytree(folder / number, folder / name, dirs_exist_ok=True)
+        runs[name] = plan(*options, "--out", name, cwd=folder), folder / name
+    return runs
+
+
+@pytest.mark.parametrize("name", FAILING)
+def test_a_plan_that_fails_leaves_nothing_of_an_earlier_one(name: str, replanned: dict[str, Run]) -> None:
+    process, folder = replanned[name]
+    assert process.returncode == 3, process.stdout + process.stderr
+    assert [path.name for path in folder.iterdir()] == ["report.json"]
+
+
+@pytest.mark.parametrize("name", ["infeasible", "obstructed"])
+def test_optimal_control_without_a_usable_plan_says_why_and_claims_no_motion(
+    name: str, replanned: dict[str, Run]
+) -> None:
+    process, folder = replanned[name]
+    report = json.loads((folder / "report.json").read_text())
+    assert name in report["status"]
+    assert report["reason"]
+    assert report["advice"].split(":")[0] in " ".join(process.stdout.split())
+    assert report["collision_free"] is False
+    assert report["min_clearance_m"] is None
+    assert " between " not in process.stdout.splitlines()[-2]
+
+
+def test_an_obstructed_start_names_the_shapes_and_how_far_to_move_them(replanned: dict[str, Run]) -> None:
+    text = " ".join(replanned["obstructed"][0].stdout.split())
+    assert "sphere1 - base_link_" in text
+    assert "the capsules that cover them" in text
+    assert "m farther apart for a clearance of 0.06 m" in text
+
+
 def test_a_robot_shut_in_exits_with_3_and_shows_the_collision(tmp_path: Path) -> None:
     wall = ("--robot", "planar5", "--box", "2,0,0,0.1,30,30")
     process = plan("--joint", "x0=4", *wall, "--out", "out", "--json", cwd=tmp_path)
@@ -163,10 +214,60 @@ def test_optimal_control_that_misses_its_goal_exits_with_3_and_says_why(tmp_path
     assert (tmp_path / "out" / "plan.npz").exists()
 
 
+def test_a_solver_that_runs_out_of_time_says_what_to_give(tmp_path: Path) -> None:
+    process = plan("--to", "2", "0", "0", "--method", "ocp", "--time-limit", "1e-6", "--out", "out", cwd=tmp_path)
+    assert process.returncode == 3, process.stderr
+    text = " ".join(process.stdout.split())
+    assert "unfinished" in text
+    assert "raise time_limit" in text
+    assert "max_iterations" not in text
+
+
+def compared(*folders: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "uvms_ocp", "compare", *map(str, folders), "--json"]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
+def test_plans_of_either_method_compare_figure_by_figure(around: Run, controlled: Run) -> None:
+    process = compared(around[1], controlled[1])
+    assert process.returncode == 0, process.stderr
+    rows = {row["figure"]: row for row in json.loads(process.stdout)}
+    reports = [json.loads((folder / "report.json").read_text()) for _, folder in (around, controlled)]
+    for figure in ("duration_s", "min_clearance_m"):
+        ours = [report[figure] for report in reports]
+        assert [rows[figure]["first"], rows[figure]["second"]] == pytest.approx(ours)
+        assert rows[figure]["change"] == pytest.approx(100.0 * (ours[1] / ours[0] - 1.0))
+        assert f"{rows[figure]['change']:+.4g} %" in process.stderr
+    assert rows["energy_j"]["first"] is None
+    assert rows["energy_j"]["second"] == pytest.approx(reports[1]["energy_j"])
+    assert rows["peak_thrust_n"]["second"] == pytest.approx(reports[1]["peak_thrust_n"])
+
+
+def test_a_plan_against_anything_else_is_refused_in_one_line(around: Run, tmp_path: Path) -> None:
+    t = np.zeros(1)
+    Record(series={"t": t}, meta={"completed": True}).save(tmp_path / "run.npz")
+    Record(series={"t": t}, meta={}).save(tmp_path / "other.npz")
+    for name, message in (
+        ("run.npz", "the second a run"),
+        ("other.npz", "neither a run nor a plan"),
+        ("", "not a record"),
+    ):
+        process = compared(around[1], tmp_path / name)
+        assert process.returncode == 2
+        assert message in process.stderr
+        assert len(process.stderr.strip().splitlines()) == 1
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         ([], "give one goal"),
+        (["--to", "2", "0", "-1", "--robot", "planar5"], "--to: planar5 has no free vehicle pose; give --joint NAME=Q"),
+        (["--to", "2", "0", "-1", "--robot", "planar5", "--method", "ocp"], "with any of x0"),
+        (["--joint", "x0=1", "--rpy", "0", "0", "1", "--robot", "planar5"], "--rpy: planar5 has no free vehicle pose"),
+        (["--to", "3", "0", "0", "--time-limit", "5"], "--time-limit is for --method ocp, not for curve"),
+        (["--to", "3", "0", "0", "--method", "ocp", "--time-limit", "0"], "time_limit = 0.0; give a finite value > 0"),
+        (["--to", "3", "0", "0", "--obstacles", "list.yaml"], "give a mapping such as obstacles: [{name: ball"),
         (["--to", "3", "0", "0", "--method", "prm"], "unknown method 'prm'"),
         (["--to", "3", "0", "0", "--duration", "5"], "--duration is for --method ocp, not for curve"),
         (["--to", "3", "0", "0", "--method", "ocp", "--axes", "all"], "--axes is for --method curve, not for ocp"),
@@ -205,6 +306,7 @@ def test_mistakes_get_one_line_and_exit_code_2(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     (tmp_path / "bad.yaml").write_text("obstacles: [{name: a, shape: box, size: [1, 1], position: [0, 0, 0]}]")
+    (tmp_path / "list.yaml").write_text("[{name: a, shape: sphere, size: [1], position: [9, 9, 9]}]")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["uvms-ocp", "plan", *arguments])
     with pytest.raises(SystemExit) as exit_:
@@ -214,4 +316,4 @@ def test_mistakes_get_one_line_and_exit_code_2(
     assert message in shown.err
     assert len(shown.err.strip().splitlines()) == 1
     assert shown.out == ""
-    assert [path.name for path in tmp_path.iterdir()] == ["bad.yaml"]
+    assert {path.name for path in tmp_path.iterdir()} == {"bad.yaml", "list.yaml"}

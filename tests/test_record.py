@@ -74,6 +74,24 @@ def test_an_error_keeps_earlier_results(tmp_path: Path) -> None:
     assert len(list(tmp_path.iterdir())) == 1
 
 
+def test_files_of_an_earlier_result_go_and_others_stay(tmp_path: Path) -> None:
+    for name in ("figures/old.png", "figures/mine.png", "plots/old.png", "old.npz", "mine.txt"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("old")
+    earlier = ("report.json", "old.npz", "never.npz", "figures/old.png", "plots/old.png")
+    with staged_folder(tmp_path, earlier=earlier) as staging:
+        (staging / "report.json").write_text("new")
+    files = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*")}
+    assert files == {"report.json", "mine.txt", "figures", "figures/mine.png"}
+
+
+def test_an_error_removes_nothing(tmp_path: Path) -> None:
+    (tmp_path / "old.npz").write_text("old")
+    with pytest.raises(RuntimeError), staged_folder(tmp_path, earlier=("old.npz",)):
+        raise RuntimeError
+    assert [path.name for path in tmp_path.iterdir()] == ["old.npz"]
+
+
 def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="cannot write there"), staged_folder(tmp_path / "file" / "out"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -12,8 +12,11 @@ from uvms_ocp.exceptions import OutputError
 
 
 @contextmanager
-def staged_folder(target: Path) -> Iterator[Path]:
+def staged_folder(target: Path, *, earlier: Collection[str] = ()) -> Iterator[Path]:
     """Give a staging folder beside `target`; on success its entries replace those of the same name in `target`.
+
+    earlier: files, relative to `target`, that an earlier result may have left; those not written anew are removed on
+    success, so that the folder tells of one result only. Other files stay, as `target` may be a folder in use.
 
     On any error the staging folder is removed and `target` is as before. Raises `OutputError` before the work begins
     where `target` cannot be written.
@@ -22,8 +25,10 @@ def staged_folder(target: Path) -> Iterator[Path]:
     staging = _make_staging(target)
     try:
         yield staging
+        outdated = [target / name for name in earlier if not (staging / name).exists()]
         for entry in sorted(staging.iterdir()):
             _replace(entry, target / entry.name)
+        _remove_files(outdated)
     except BaseException:
         shutil.rmtree(staging, ignore_errors=True)
         _remove_empty(created)
@@ -36,15 +41,21 @@ def _make_staging(target: Path) -> Path:
         target.mkdir(parents=True, exist_ok=True)
         return Path(tempfile.mkdtemp(prefix=".partial-", dir=target))
     except OSError as error:
-        raise OutputError(
-            f"{target}: cannot write there ({error.strerror}); choose another folder with --out"
-        ) from error
+        raise OutputError(f"{target}: cannot write there ({error.strerror}); choose another folder") from error
 
 
 def _replace(entry: Path, destination: Path) -> None:
     if destination.is_dir():
         shutil.rmtree(destination)
     entry.replace(destination)
+
+
+def _remove_files(files: list[Path]) -> None:
+    """Remove the files there are, and the folders that this leaves empty."""
+    present = [file for file in files if file.is_file()]
+    for file in present:
+        file.unlink()
+    _remove_empty(list({file.parent: None for file in present}))
 
 
 def _remove_empty(created: list[Path]) -> None:

@@ -30,7 +30,7 @@ from uvms_ocp.planning import (
     single_phase,
     solve_ocp,
 )
-from uvms_ocp.planning.capsule_clearance import capsule_clearance
+from uvms_ocp.planning.capsule_clearance import capsule_clearance, nearest_capsules
 from uvms_ocp.planning.clearance import CoalDistances
 from uvms_ocp.planning.stage import StageModel
 
@@ -80,10 +80,25 @@ def test_a_start_nearer_than_the_clearance_is_a_verdict_and_one_that_touches_is_
     assert result.plan.status is OcpStatus.OBSTRUCTED
     assert result.collision_free
     assert "lower the margin" in ocp_report(result)["advice"]
+    assert result.plan.reason.startswith("ball - ")
+    missing = float(result.plan.reason.split("move them ")[1].split()[0])
+    for share, kept in ((0.98, False), (1.02, True)):
+        away = near.model_copy(update={"position": (0.0, 0.45 + share * missing, 0.0)})
+        moved = solve_ocp(asked(planar, PostureGoal(joints={"x0": 0.5}), obstacles=(away,), clearance=0.2))
+        assert (moved.plan.status is not OcpStatus.OBSTRUCTED) is kept
     with pytest.raises(InvalidInput, match="the start is in collision: ball"):
         solve_ocp(
             asked(planar, PostureGoal(joints={"x0": 0.5}), obstacles=(BALL.model_copy(update={"position": (0, 0, 0)}),))
         )
+
+
+def test_samples_of_iterates_that_left_their_manifold_are_configurations() -> None:
+    robot = load_robot("girona_maris7_full")
+    result = solve_ocp(asked(robot, PostureGoal(position=(2.0, 0.0, 0.0)), n_steps=2, current=(3.0, 0.0, 0.0)))
+    assert not result.plan.status.usable
+    assert np.abs(np.linalg.norm(result.plan.trajectory.q[:, 3:7], axis=1) - 1.0).max() > 1e-4
+    for q in result.samples[1]:
+        np.testing.assert_allclose(robot.check_configuration(q), q)
 
 
 def test_a_goal_out_of_reach_is_a_verdict_with_a_motion(planar: Robot) -> None:
@@ -119,6 +134,9 @@ def test_capsules_are_never_farther_apart_than_the_shapes_they_cover(shape: coal
         true = CoalDistances(scene).distances(scene.coordinates.x(q)[None])[0, scene.groups()["thing"]]
         covered = np.array(rows(q)).ravel()
         assert covered.min() <= true.min() + 1e-6
+        gap, name = nearest_capsules(capsule_clearance(scene, margin=0.0), robot, q)
+        assert gap == pytest.approx(covered.min(), abs=1e-9)
+        assert name.startswith("thing - ")
 
 
 def clearance_rows(robot: Robot, item: Obstacle) -> tuple[Any, ca.Function]:

@@ -125,7 +125,7 @@ def test_a_shape_without_an_end_has_no_data() -> None:
             "obstacles: [{name: a, shape: mesh, vertices: [[0, 0, 0]], triangles: [[0, 0, 1]], position: [0, 0, 0]}]",
             "indices from 0 below",
         ),
-        ("", "valid dictionary"),
+        ("", "holds no obstacles; give a mapping"),
         ("obstacles: [", "cannot be read as YAML"),
     ],
 )

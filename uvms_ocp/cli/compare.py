@@ -1,4 +1,4 @@
-"""``compare``: two runs side by side."""
+"""``compare``: two runs, or two plans, side by side."""
 
 from __future__ import annotations
 
@@ -15,14 +15,19 @@ from uvms_ocp.report import compare
 
 
 def compare_runs(
-    first: Annotated[Path, typer.Argument(metavar="A", help="Folder of a run, or its record.npz.")],
-    second: Annotated[Path, typer.Argument(metavar="B", help="The other run.")],
+    first: Annotated[Path, typer.Argument(metavar="A", help="Folder of a run or of a plan, or its record.npz.")],
+    second: Annotated[Path, typer.Argument(metavar="B", help="The other of the same kind.")],
     as_json: Json = False,
 ) -> None:
-    """Compare the resources that two runs took."""
+    """Compare the resources that two runs took, or two plans would take."""
     records = [Record.load(path / "record.npz" if path.is_dir() else path) for path in (first, second)]
     rows = compare(records[0], records[1])
     console = Console(stderr=as_json)
-    console.print(table_of(f"{first} against {second}", rows, ("figure", "first", "second", "change")))
+    shown = [row | {"change": _percent(row["change"])} for row in rows]
+    console.print(table_of(f"{first} against {second}", shown, ("figure", "first", "second", "change")))
     if as_json:
         print_json(rows)
+
+
+def _percent(change: float | None) -> str | None:
+    return None if change is None else f"{round(change, 4) + 0.0:+.4g} %"  # without the noise of sums, and no -0

@@ -39,6 +39,11 @@ from uvms_ocp.solvers.nlp_options import PLUGINS
 _PLAN_PERIOD = 0.02  # [s] between rows of plan.csv
 _Triple = tuple[float, float, float]
 CURVE, OCP = METHODS = ("curve", "ocp")
+_FIGURES = ("vehicle_motion", "joint_motion", "clearance", "efforts")
+_FILES = (  # of any plan; which of them there are depends on the method and on what came of it
+    *("report.json", "plan.npz", "plan.csv", "plan.json", "record.npz", "scene.html"),
+    *(f"figures/{name}.png" for name in _FIGURES),
+)
 
 
 def plan(
@@ -68,6 +73,9 @@ def plan(
     current: Annotated[
         _Triple | None, typer.Option(metavar="X Y Z", help="ocp: current in W [m/s]; default: none.")
     ] = None,
+    time_limit: Annotated[
+        float | None, typer.Option(metavar="S", help="ocp: time limit of the solver [s]; default: 20.")
+    ] = None,
     nlp: Annotated[str | None, typer.Option(help=f"ocp: {' or '.join(PLUGINS)}; default: {PLUGINS[0]}.")] = None,
     out: Annotated[Path, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")] = Path(
         "uvms_runs/plan"
@@ -76,6 +84,7 @@ def plan(
 ) -> None:
     """Plan a motion among obstacles to a goal of the tool, the vehicle or joints, from the stowed posture."""
     console, model = Console(stderr=as_json), load_robot(robot)
+    _check_vehicle(model, {"to": to, "to-rpy": to_rpy, "position": position, "rpy": rpy})
     asked: dict[str, Any] = {
         "robot": model,
         "start": model.configuration(position=position, rpy=rpy),
@@ -83,9 +92,10 @@ def plan(
         "obstacles": _plan_obstacles(sphere or [], box or [], obstacles),
         "clearance": clearance,
     }
-    curve, ocp = {"axes": axes, "seed": seed}, {"duration": duration, "steps": steps, "current": current, "nlp": nlp}
+    curve = {"axes": axes, "seed": seed}
+    ocp = {"duration": duration, "steps": steps, "current": current, "time-limit": time_limit, "nlp": nlp}
     chosen = asked | _chosen(method, {CURVE: curve, OCP: ocp})
-    with staged_folder(out) as staging:
+    with staged_folder(out, earlier=_FILES) as staging:
         with console.status("planning"):
             made = _by_curve(PlanRequest(**chosen)) if method == CURVE else _by_ocp(OcpRequest(**chosen))
         made.write(staging)
@@ -154,7 +164,11 @@ def _by_ocp(request: OcpRequest) -> _Made:
     )
 
 
-_FIELDS = {"steps": "n_steps", "nlp": "plugin"}  # of the request, where options are called otherwise
+_FIELDS = {
+    "steps": "n_steps",
+    "nlp": "plugin",
+    "time-limit": "time_limit",
+}  # of the request, where options are called otherwise
 
 
 def _chosen(method: str, options: dict[str, dict[str, Any]]) -> dict[str, Any]:
@@ -166,6 +180,16 @@ def _chosen(method: str, options: dict[str, dict[str, Any]]) -> dict[str, Any]:
             if other != method:
                 raise InvalidInput(f"--{name} is for --method {other}, not for {method}; leave it out")
     return {_FIELDS.get(name, name): value for name, value in given(**options[method]).items()}
+
+
+def _check_vehicle(robot: Robot, poses: dict[str, _Triple | None]) -> None:
+    """Raise `InvalidInput` for an option of the vehicle where the robot has none."""
+    for name in given(**poses):
+        if not robot.n_vehicle:
+            raise InvalidInput(
+                f"--{name}: {robot.name} has no free vehicle pose; give --joint NAME=Q with any of "
+                f"{', '.join(robot.joint_names)}, or --tool"
+            )
 
 
 def _joint_goals(words: list[str]) -> dict[str, float]:

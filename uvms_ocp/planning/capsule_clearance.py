@@ -9,7 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.planning.capsules import capsule_of, cover, symbolic_segment_distance
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.planning.capsules import capsule_of, cover, segment_distance, symbolic_segment_distance
 from uvms_ocp.planning.collision_scene import CollisionScene
 from uvms_ocp.planning.terms import At, StageSymbols, Term
 from uvms_ocp.tasks.task import Residual, bounded_residual
@@ -33,6 +34,8 @@ class CapsuleClearance(Term):
 
     at: At = At.PATH
     pairs: tuple[tuple[PlacedCapsule, PlacedCapsule], ...]
+    names: tuple[str, ...]
+    """Of the two shapes that each pair covers, as in `CollisionScene.pairs`."""
     margin: float  # [m]
 
     @property
@@ -58,20 +61,38 @@ def capsule_clearance(scene: CollisionScene, *, margin: float) -> CapsuleClearan
     if not (np.isfinite(margin) and margin >= 0):
         raise InvalidInput(f"clearance is {margin} m; give a finite number >= 0")
     covers = [_covered(item) for item in scene.geometry.geometryObjects]
-    pairs = tuple(
-        (link, other)
+    named = [
+        ((link, other), pair.name)
         for pair in scene.pairs
         if scene.is_obstacle(pair.first)
         for other in covers[pair.first]
         for link in covers[pair.second]
-    )
+    ]
+    pairs, names = tuple(pair for pair, _ in named), tuple(name for _, name in named)
     if len(pairs) > _MOST_PAIRS:
         most = max(range(len(covers)), key=lambda i: len(covers[i]))
         raise InvalidInput(
             f"{len(pairs)} pairs of capsules, {len(covers[most])} of which cover "
             f"{scene.geometry.geometryObjects[most].name!r}, are more than {_MOST_PAIRS}; give fewer or less flat obstacles"
         )
-    return CapsuleClearance(pairs=pairs, margin=margin)
+    return CapsuleClearance(pairs=pairs, names=names, margin=margin)
+
+
+def nearest_capsules(clearance: CapsuleClearance, robot: Robot, q: np.ndarray) -> tuple[float, str]:
+    """Signed distance [m] and shapes of the pair of capsules that are nearest at q (n_q,); there must be a pair."""
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q)
+    ends = [
+        np.array(
+            [data.oMi[pair[side].joint].act(p) for pair in clearance.pairs for p in (pair[side].p0, pair[side].p1)]
+        )
+        for side in (0, 1)
+    ]
+    (a0, a1), (b0, b1) = ((points[::2], points[1::2]) for points in ends)
+    radii = np.array([first.radius + second.radius for first, second in clearance.pairs])
+    gaps = segment_distance(a0, a1, b0, b1).distance - radii
+    nearest = int(np.argmin(gaps))
+    return float(gaps[nearest]), clearance.names[nearest]
 
 
 def _covered(item: pin.GeometryObject) -> list[PlacedCapsule]:

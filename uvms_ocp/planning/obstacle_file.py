@@ -27,6 +27,7 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.obstacles import Obstacle, mesh_shape, obstacle
 
 _MESH = "mesh"
+_EXAMPLE = "obstacles: [{name: ball, shape: sphere, size: [0.3], position: [1.0, 0.0, 0.0]}]"
 _N_SIZES: Mapping[str, int] = MappingProxyType(
     {"sphere": 1, "capsule": 2, "cylinder": 2, "cone": 2, "box": 3, "ellipsoid": 3, _MESH: 0}
 )
@@ -99,6 +100,8 @@ def read_obstacles(path: Path | str) -> tuple[ObstacleData, ...]:
     """Read a file of obstacles. Raises ``InvalidInput`` naming the file and the entry that is wrong."""
     try:
         content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        if not isinstance(content, dict) or "obstacles" not in content:
+            raise InvalidInput(f"{path}: holds no obstacles; give a mapping such as {_EXAMPLE}")
         return ObstacleFile.model_validate(content).obstacles
     except ValidationError as error:
         raise InvalidInput(f"{path}: {_first(error)}") from error

@@ -10,6 +10,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from uvms_ocp.planning.ocp_request import OcpResult
+from uvms_ocp.planning.plan import OcpStatus
 from uvms_ocp.planning.request import ToolGoal
 from uvms_ocp.record import Record
 from uvms_ocp.version import __version__
@@ -17,21 +18,29 @@ from uvms_ocp.version import __version__
 Array = NDArray[np.float64]
 
 _TOUCHING = "two shapes touch: add way for them, move the goal, or plan with another --method"
+_ADVICE = {  # where a request has other means than a problem
+    OcpStatus.UNFINISHED: "the solver stopped early: give a longer duration, a nearer goal or fewer steps, or raise time_limit",
+}
 
 
 def ocp_report(result: OcpResult) -> dict[str, Any]:
-    """The content of ``report.json``: lengths in m, angles in rad, times in s, energy in J, thrust in N."""
-    request, plan, (when, least, pair) = result.request, result.plan, result.smallest
+    """The content of ``report.json``: lengths in m, angles in rad, times in s, energy in J, thrust in N.
+
+    What is measured along the motion is `None` where the plan is not usable: no motion is there to measure.
+    """
+    request, plan = result.request, result.plan
     summary = plan.summary()
     levels = summary.pop("levels")
     usable = plan.status.usable
+    when, least, pair = result.smallest if usable else (None, np.inf, None)
+    free = usable and result.collision_free
     return {
         "method": "ocp",
         "robot": summary["robot"],
         "status": summary["status"],
         "reason": summary["reason"],
-        "advice": summary["advice"] if result.collision_free or not usable else _TOUCHING,
-        "collision_free": result.collision_free,
+        "advice": _TOUCHING if usable and not free else _ADVICE.get(plan.status, summary["advice"]),
+        "collision_free": free,
         "duration_s": summary["duration"],
         "n_steps": request.n_steps,
         "energy_j": summary["energy"] if usable else None,

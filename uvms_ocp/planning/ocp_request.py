@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,13 +13,13 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.kinematics import Kinematics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
-from uvms_ocp.planning.capsule_clearance import capsule_clearance
+from uvms_ocp.planning.capsule_clearance import CapsuleClearance, capsule_clearance, nearest_capsules
 from uvms_ocp.planning.clearance import CoalDistances
 from uvms_ocp.planning.collision_scene import CollisionScene, collision_scene
 from uvms_ocp.planning.coordinates import coordinates
 from uvms_ocp.planning.obstacle_file import ObstacleData, check_names
 from uvms_ocp.planning.ocp import OcpLevel, OcpProblem, single_phase
-from uvms_ocp.planning.plan import Plan
+from uvms_ocp.planning.plan import OcpStatus, Plan
 from uvms_ocp.planning.planner import Planner
 from uvms_ocp.planning.request import PostureGoal, ToolGoal
 from uvms_ocp.planning.terms import AtRest, Effort, Posture, Smoothness, TaskTerm
@@ -50,11 +50,13 @@ class OcpRequest:
     current: Triple = (0.0, 0.0, 0.0)
     """[m/s] of the water in W."""
     plugin: str = "ipopt"
+    time_limit: float = 20.0
+    """[s] for the solver."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OcpResult:
-    """The plan, and what its true shapes keep from each other."""
+    """The plan, and what its true shapes keep from each other; of a plan that is not usable that means nothing."""
 
     request: OcpRequest
     scene: CollisionScene
@@ -62,7 +64,7 @@ class OcpResult:
 
     @cached_property
     def samples(self) -> tuple[Array, Array]:
-        """Times (n,) [s], and configurations (n, n_q) within the limits of the joints."""
+        """Times (n,) [s], and configurations (n, n_q) on their manifold, within the limits of the joints."""
         robot, trajectory = self.request.robot, self.plan.trajectory
         n = max(2, min(int(np.ceil(self.plan.duration / _PERIOD)) + 1, _MAX_SAMPLES))
         t = np.linspace(0.0, self.plan.duration, n)
@@ -104,15 +106,17 @@ def solve_ocp(request: OcpRequest) -> OcpResult:
     check_names(request.obstacles)
     obstacles = [item.build() for item in request.obstacles]
     scene = collision_scene(coordinates(request.robot, reference=request.start), obstacles)
-    problem = _problem(request, scene)
+    clearance = capsule_clearance(scene, margin=request.clearance)
+    problem = _problem(request, clearance)
     _check_start(scene, request.start)
-    plan = Planner(problem, NlpOptions(plugin=request.plugin)).plan()
+    plan = Planner(problem, NlpOptions(plugin=request.plugin, time_limit=request.time_limit)).plan()
+    if plan.status is OcpStatus.OBSTRUCTED and clearance.pairs:
+        plan = replace(plan, reason=_too_near(request, clearance) or plan.reason)
     return OcpResult(request=request, scene=scene, plan=plan)
 
 
-def _problem(request: OcpRequest, scene: CollisionScene) -> OcpProblem:
+def _problem(request: OcpRequest, clearance: CapsuleClearance) -> OcpProblem:
     robot = request.robot
-    clearance = capsule_clearance(scene, margin=request.clearance)
     return single_phase(
         robot=robot,
         start=State(q=request.start, v=np.zeros(robot.n_v)),
@@ -162,9 +166,21 @@ def _check_start(scene: CollisionScene, q: Array) -> None:
         raise InvalidInput(f"the start is in collision: {pair}, {d.min():.3g} m; move the start or the obstacle")
 
 
+def _too_near(request: OcpRequest, clearance: CapsuleClearance) -> str | None:
+    """Which shapes are too near at the start and by how much; `None` where none are."""
+    gap, pair = nearest_capsules(clearance, request.robot, request.start)
+    if gap >= clearance.margin:
+        return None
+    state = f"{gap:.3g} m apart" if gap >= 0 else f"{-gap:.3g} m inside each other"
+    return (
+        f"{pair}: the capsules that cover them, wider than the shapes, are {state} at the start; "
+        f"move them {clearance.margin - gap:.3g} m farther apart for a clearance of {clearance.margin:g} m"
+    )
+
+
 def _within(robot: Robot, q: Array) -> Array:
-    """q with its joints inside their limits, which a solver keeps but for its tolerance."""
-    inside = q.copy()
+    """q with unit quaternions and its joints inside their limits, which a solver keeps but for its tolerance."""
+    inside: Array = pin.normalize(robot.model, q)
     for joint in robot.joints:
         if joint.n_q == joint.n_v:
             own = slice(joint.idx_v - robot.n_vehicle, joint.idx_v - robot.n_vehicle + joint.n_v)

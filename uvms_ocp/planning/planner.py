@@ -137,14 +137,14 @@ class Planner:
         text = f"level {level!r}: {status.value} with {name} broken by {groups[name]:.4g}"
         if status is NlpStatus.INFEASIBLE:
             return OcpStatus.INFEASIBLE, f"{text}, and no small change helps"
-        return OcpStatus.UNFINISHED, f"{text}; {status.advice}"
+        return OcpStatus.UNFINISHED, text
 
     def _unfinished(self, result: LexicographicResult) -> Verdict | None:
         if result.status.optimal:
             return None
         index = _first_failure(result)
         status = result.level_status[index]
-        return OcpStatus.UNFINISHED, f"level {self.problem.levels[index].name!r}: {status.value}; {status.advice}"
+        return OcpStatus.UNFINISHED, f"level {self.problem.levels[index].name!r}: {status.value}"
 
     def _reached(self, given: OcpProblem, result: LexicographicResult, t0: float, deadline: float | None) -> Verdict:
         missed = self._missed(result)
