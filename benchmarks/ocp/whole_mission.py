@@ -45,7 +45,7 @@ def one_problem(scenario: Scenario) -> tuple[Plan, float, list[int]]:
         way_point=WAY_POINT,
         target=TARGET,
         tool_goal=TOOL_GOAL,
-        durations=((5.0, 20.0), (2.0, 6.0), (4.0, 14.0), (4.0, 14.0))
+        durations=((5.0, 20.0), (2.0, 6.0), (4.0, 14.0), (4.0, 14.0)),
         tilt=TILT,
         misalignment=MISALIGNMENT,
     )
