@@ -8,8 +8,9 @@ import time
 
 import numpy as np
 
-from uvms_ocp.control.allocation import Allocation, allocation_of
-from uvms_ocp.model.robot import list_robots, load_robot
+from uvms_ocp.control.force.allocation import Allocation, allocation_of
+from uvms_ocp.model.files.library import list_robots
+from uvms_ocp.model.loading import load_robot
 
 N_WRENCHES, N_CALLS = 500, 20
 GENTLE, BEYOND_THE_LIMITS = 0.02, 1.0  # share of the wrench of all thrusters together, 1 sigma per axis

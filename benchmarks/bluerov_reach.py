@@ -13,9 +13,9 @@ from itertools import product
 from multiprocessing import Pool
 from pathlib import Path
 
-from uvms_ocp.model.robot import list_variants
-from uvms_ocp.report import summarize
-from uvms_ocp.scenarios import reach
+from uvms_ocp.model.files.library import list_variants
+from uvms_ocp.report.summary import summarize
+from uvms_ocp.scenarios.reach import reach
 
 ROBOT = "bluerov2_alpha5"
 

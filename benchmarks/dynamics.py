@@ -12,8 +12,9 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
-from uvms_ocp.model.hydrodynamics import Water
-from uvms_ocp.model.robot import list_robots, load_robot
+from uvms_ocp.model.files.library import list_robots
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.water.hydrodynamics import Water
 
 N_CALLS, N_REPEATS = 1000, 20
 

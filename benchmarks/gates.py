@@ -12,10 +12,11 @@ import csv
 from pathlib import Path
 from typing import Any
 
-from uvms_ocp.report import transition_series, transition_table
-from uvms_ocp.scenarios import case1
-from uvms_ocp.solvers import Icat, LexicographicActiveSet
-from uvms_ocp.viz import figure_transitions
+from uvms_ocp.report.transitions import transition_series, transition_table
+from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.icat import Icat
+from uvms_ocp.viz.comparison import figure_transitions
 
 REPORT = """# Phase changes of Case 1
 

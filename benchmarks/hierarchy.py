@@ -21,10 +21,13 @@ import casadi as ca
 import numpy as np
 from hierarchy_problems import Problem, exactness_problems, problems, random_states, recorded_ticks
 
-from uvms_ocp.solvers import Icat, Level, LexicographicActiveSet, LexicographicQp, Tick
-from uvms_ocp.solvers.active_set_tick import ActiveSetTick
-from uvms_ocp.solvers.certificate import certificate
-from uvms_ocp.solvers.tick import LEVEL_OUTPUTS
+from uvms_ocp.solvers.hierarchy.active_set.fallbacks import ActiveSetTick
+from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
+from uvms_ocp.solvers.hierarchy.certificate import certificate
+from uvms_ocp.solvers.hierarchy.icat import Icat
+from uvms_ocp.solvers.hierarchy.level import Level
+from uvms_ocp.solvers.hierarchy.tick import LEVEL_OUTPUTS, Tick
 
 HERE = Path(__file__).parent
 SOLVERS = {

@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.control.levels import LevelsProblem
-from uvms_ocp.scenarios import case1
-from uvms_ocp.solvers import Level, LexicographicActiveSet, Tick, TickResult
-from uvms_ocp.solvers.level import gated_bounds, row_slices
+from uvms_ocp.control.velocity.levels import LevelsProblem
+from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.level import Level, gated_bounds, row_slices
+from uvms_ocp.solvers.hierarchy.tick import Tick, TickResult
 
 
 @dataclass(frozen=True, kw_only=True)

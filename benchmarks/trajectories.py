@@ -20,18 +20,18 @@ from pathlib import Path
 from time import perf_counter, process_time
 
 import numpy as np
+from closed_forms import ClosedFormDistances, collision_density, density_hessian
 from trajectory_scenes import N_SCENES, Problem, problem
 
-from uvms_ocp.model.robot import load_robot
-from uvms_ocp.planning.capsules import capsule_robot
-from uvms_ocp.planning.clearance import CoalDistances
-from uvms_ocp.planning.closed_forms import ClosedFormDistances, collision_density, density_hessian
-from uvms_ocp.planning.free_derivatives import pieces_of
-from uvms_ocp.planning.min_snap import MinSnap, min_snap
+from uvms_ocp.collision.capsules import capsule_robot
+from uvms_ocp.collision.coal_distances import CoalDistances
+from uvms_ocp.model.loading import load_robot
 from uvms_ocp.planning.path_cost import CostWeights, PathCost
-from uvms_ocp.planning.qp_form import min_snap_qp
-from uvms_ocp.planning.segment_times import MotionLimits
 from uvms_ocp.planning.soft_collision import CollisionPlan, plan_soft_collision
+from uvms_ocp.trajectories.free_derivatives import pieces_of
+from uvms_ocp.trajectories.min_snap import MinSnap, min_snap
+from uvms_ocp.trajectories.qp_form import min_snap_qp
+from uvms_ocp.trajectories.segment_times import MotionLimits
 
 Array = np.ndarray
 

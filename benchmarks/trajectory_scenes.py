@@ -11,11 +11,12 @@ import coal
 import numpy as np
 from numpy.typing import NDArray
 
-from uvms_ocp.model.obstacles import Obstacle, obstacle
-from uvms_ocp.model.robot import Robot, load_robot
-from uvms_ocp.planning.clearance import CoalDistances
-from uvms_ocp.planning.collision_scene import CollisionScene, collision_scene
-from uvms_ocp.planning.coordinates import Coordinates, coordinates
+from uvms_ocp.collision.coal_distances import CoalDistances
+from uvms_ocp.collision.collision_scene import CollisionScene, collision_scene
+from uvms_ocp.collision.coordinates import Coordinates, coordinates
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.obstacles import Obstacle, obstacle
 from uvms_ocp.planning.sampling import SamplingOptions, sampled_waypoints
 
 Array = NDArray[np.float64]

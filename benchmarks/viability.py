@@ -10,7 +10,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from uvms_ocp.campaign import StudyResult, random_limits
+from uvms_ocp.campaign.random_limits import random_limits
+from uvms_ocp.campaign.study import StudyResult
 
 REPORT = """# Limits on positions from random starts and goals
 

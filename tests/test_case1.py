@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 from uvms_ocp.record import Record
-from uvms_ocp.report import summarize, transition_series
+from uvms_ocp.report.summary import summarize
+from uvms_ocp.report.transitions import transition_series
 from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios import Thresholds, case1
-from uvms_ocp.solvers import Icat, LexicographicActiveSet, LexicographicQp
+from uvms_ocp.scenarios.case1 import Thresholds, case1
+from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
+from uvms_ocp.solvers.hierarchy.icat import Icat
 
 SOLVERS = {"lexls": (LexicographicActiveSet, 0.011), "lexqp": (LexicographicQp, 0.011), "icat": (Icat, 0.05)}
 """Solver and the largest change of any component of the command in one tick."""

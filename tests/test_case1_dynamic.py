@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from uvms_ocp.control import VelocityGains
-from uvms_ocp.model.description import TrimBody
+from uvms_ocp.control.force.dynamic import VelocityGains
+from uvms_ocp.model.files.description import TrimBody
 from uvms_ocp.record import Record
-from uvms_ocp.report import summarize
+from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios import case1, reach
+from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.scenarios.reach import reach
 
 CASES: dict[str, tuple[dict[str, Any], float, float]] = {
     "still water": ({}, 2e-3, 5e-3),

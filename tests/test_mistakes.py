@@ -8,7 +8,7 @@ import pytest
 
 from uvms_ocp.exceptions import FrameNotFound, InvalidInput, NameNotFound, UvmsError
 from uvms_ocp.scenario import pose_at
-from uvms_ocp.scenarios import case1
+from uvms_ocp.scenarios.case1 import case1
 
 
 @pytest.mark.parametrize(

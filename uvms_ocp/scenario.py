@@ -13,22 +13,30 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from uvms_ocp.control.dynamic import DynamicController, VelocityGains
-from uvms_ocp.control.estimator import Estimator as NavigationEstimator
-from uvms_ocp.control.estimator import PassThrough
-from uvms_ocp.control.kinematic import HierarchySolver, KinematicController
+from uvms_ocp.collision.obstacle_file import ObstacleData
+from uvms_ocp.control.force.dynamic import DynamicController, VelocityGains
+from uvms_ocp.control.navigation.estimator import Estimator as NavigationEstimator
+from uvms_ocp.control.navigation.estimator import PassThrough
+from uvms_ocp.control.velocity.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.mission import Below, Mission
+from uvms_ocp.mission.conditions import Below
+from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
 from uvms_ocp.model.state import Command, Measurement, State
-from uvms_ocp.planning import ObstacleData
-from uvms_ocp.preflight import PreflightReport, Setup, check_mission
+from uvms_ocp.preflight.checks import check_mission
+from uvms_ocp.preflight.findings import PreflightReport
+from uvms_ocp.preflight.setup import Setup
 from uvms_ocp.record import Record
-from uvms_ocp.sim import DynamicPlant, Environment, KinematicPlant, SensorSuite, floor_relief, simulate
-from uvms_ocp.sim.loop import Controller, Estimator, Plant
-from uvms_ocp.solvers import LexicographicActiveSet, Status
+from uvms_ocp.sim.dynamic_plant import DynamicPlant
+from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.loop import Controller, Estimator, Plant, simulate
+from uvms_ocp.sim.plant import KinematicPlant
+from uvms_ocp.sim.seafloor import floor_relief
+from uvms_ocp.sim.sensors import SensorSuite
+from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.tasks.pose import ToolPose, ToolPosition
 from uvms_ocp.tasks.reference import evaluate_pose
 from uvms_ocp.version import __version__

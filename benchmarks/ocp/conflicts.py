@@ -11,19 +11,13 @@ import pinocchio as pin
 from problems import tool_reach
 
 from uvms_ocp.model.kinematics import Kinematics
-from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
-from uvms_ocp.planning import (
-    AtRest,
-    Effort,
-    OcpLevel,
-    OcpProblem,
-    Plan,
-    Smoothness,
-    TaskTerm,
-    single_phase,
-)
-from uvms_ocp.tasks import ToolPosition
+from uvms_ocp.ocp.plan import Plan
+from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
+from uvms_ocp.ocp.terms import AtRest, Effort, Smoothness, TaskTerm
+from uvms_ocp.tasks.pose import ToolPosition
 
 N_LINKS, LINK = 11, 0.1  # [m]
 MARKS = {"shoulder": 3, "elbow": 6, "tool": 11}  # joints from the base to the frame

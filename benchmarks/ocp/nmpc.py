@@ -18,18 +18,27 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.control.dynamic import DynamicController
-from uvms_ocp.control.kinematic import KinematicController
-from uvms_ocp.control.nmpc import Nmpc
-from uvms_ocp.mission import Mission, Phase
+from uvms_ocp.control.force.dynamic import DynamicController
+from uvms_ocp.control.receding.nmpc import Nmpc
+from uvms_ocp.control.velocity.kinematic import KinematicController
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.mission.phase import Phase
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.kinematics import Kinematics
-from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, Measurement, State
-from uvms_ocp.planning import At, Effort, OcpLevel, OcpProblem, Smoothness, TaskTerm, single_phase
-from uvms_ocp.sim import DynamicPlant, Environment, FlatSeafloor, GustyCurrent, UniformCurrent
-from uvms_ocp.solvers import LexicographicActiveSet
-from uvms_ocp.tasks import Hierarchy, HorizontalAttitude, JointLimits, JointTracking, ToolPose
+from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
+from uvms_ocp.ocp.terms import At, Effort, Smoothness, TaskTerm
+from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
+from uvms_ocp.sim.dynamic_plant import DynamicPlant
+from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.seafloor import FlatSeafloor
+from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.tasks.attitude import HorizontalAttitude
+from uvms_ocp.tasks.hierarchy import Hierarchy
+from uvms_ocp.tasks.joints import JointLimits, JointTracking
+from uvms_ocp.tasks.pose import ToolPose
 from uvms_ocp.tasks.reference import PoseReference
 
 CURRENT = np.array([0.3, 0.0, 0.0])  # [m/s]

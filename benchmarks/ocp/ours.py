@@ -18,9 +18,11 @@ from typing import Any
 import numpy as np
 from peer_problems import quickest_problem, shooting_problem
 
-from uvms_ocp.planning import OcpProblem, Planner, Trajectory
-from uvms_ocp.planning.transcription import Transcription
-from uvms_ocp.solvers.lexicographic import NlpOptions
+from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.ocp.problem import OcpProblem
+from uvms_ocp.ocp.trajectory import Trajectory
+from uvms_ocp.ocp.transcription.transcription import Transcription
+from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 
 REPEATS = 10
 CONVERGENCE = (1e-6, 1e-8)

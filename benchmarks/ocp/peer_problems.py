@@ -12,28 +12,23 @@ import numpy as np
 import pinocchio as pin
 from problems import reach_goal
 
-from uvms_ocp.model.library import robot_folder
-from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.model.files.library import robot_folder
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
-from uvms_ocp.model.symbolic import SymbolicModel
-from uvms_ocp.planning import (
+from uvms_ocp.model.symbolic.tree import SymbolicModel
+from uvms_ocp.ocp.problem import (
     Actuation,
-    At,
-    AtRest,
-    Duration,
-    Effort,
     HessianKind,
     Integrator,
     OcpLevel,
     OcpPhase,
     OcpProblem,
-    TaskTerm,
-    Term,
     single_phase,
 )
-from uvms_ocp.planning.stage import Actuators
-from uvms_ocp.planning.terms import StageSymbols
-from uvms_ocp.tasks import ToolPose
+from uvms_ocp.ocp.terms import At, AtRest, Duration, Effort, StageSymbols, TaskTerm, Term
+from uvms_ocp.ocp.transcription.stage import Actuators
+from uvms_ocp.tasks.pose import ToolPose
 from uvms_ocp.tasks.task import Residual, bounded_residual, zero_residual
 
 ROBOT = "girona_maris7_full"

@@ -20,8 +20,9 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, onenormest, splu
 from toys import toy_rows
 
-from uvms_ocp.planning import Plan, Planner
-from uvms_ocp.solvers.lexicographic import NlpOptions
+from uvms_ocp.ocp.plan import Plan
+from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 
 HERE = Path(__file__).parent
 WEIGHTS = (1.0, 3.0, 1e1, 3e1, 1e2, 3e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8)

@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
-from uvms_ocp.planning import AtRest, Effort, OcpLevel, OcpProblem, Smoothness, TaskTerm, single_phase
-from uvms_ocp.tasks import ToolPose
+from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
+from uvms_ocp.ocp.terms import AtRest, Effort, Smoothness, TaskTerm
+from uvms_ocp.tasks.pose import ToolPose
 
 
 def tool_reach(n_steps: int = 40, **options: Any) -> OcpProblem:

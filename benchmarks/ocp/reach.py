@@ -23,11 +23,15 @@ import numpy as np
 import pinocchio as pin
 from problems import tool_reach
 
-from uvms_ocp.control.plan_tracking import PlanTracker, carry_out
+from uvms_ocp.control.receding.plan_tracking import PlanTracker, carry_out
 from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.planning import HessianKind, OcpProblem, Plan, Planner
-from uvms_ocp.sim import DynamicPlant, Environment, FlatSeafloor
-from uvms_ocp.solvers.lexicographic import NlpOptions
+from uvms_ocp.ocp.plan import Plan
+from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.ocp.problem import HessianKind, OcpProblem
+from uvms_ocp.sim.dynamic_plant import DynamicPlant
+from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.seafloor import FlatSeafloor
+from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 
 HERE = Path(__file__).parent
 REPEATS = 3

@@ -17,17 +17,18 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.control.plan_tracking import PlanTracker
+from uvms_ocp.control.receding.plan_tracking import PlanTracker
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
-from uvms_ocp.planning import Plan, Planner
-from uvms_ocp.planning.whole_mission import WholeMission, whole_mission
+from uvms_ocp.ocp.plan import Plan
+from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.ocp.whole_mission import WholeMission, whole_mission
 from uvms_ocp.report.resources import resources
 from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios import case1
-from uvms_ocp.sim import DynamicPlant
-from uvms_ocp.solvers.lexicographic import NlpOptions
+from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.sim.dynamic_plant import DynamicPlant
+from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 
 HERE = Path(__file__).parent
 DT, FLOOR = 1 / 200, -40.0

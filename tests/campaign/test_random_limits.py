@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uvms_ocp.campaign import Study, random_limits, random_missions
-from uvms_ocp.campaign.random_limits import close_quarters, largest, limit_violations
+from uvms_ocp.campaign.random_limits import close_quarters, largest, limit_violations, random_limits
+from uvms_ocp.campaign.random_missions import random_missions
+from uvms_ocp.campaign.study import Study
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.record import Record
 from uvms_ocp.scenario import Scenario
-from uvms_ocp.sim import FlatSeafloor
+from uvms_ocp.sim.seafloor import FlatSeafloor
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from uvms_ocp.campaign import random_missions
-from uvms_ocp.campaign.random_missions import boulder_clearance, random_mission, totals
+from uvms_ocp.campaign.random_missions import boulder_clearance, random_mission, random_missions, totals
 from uvms_ocp.campaign.study import StudyResult
 from uvms_ocp.scenario import Scenario
 

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from uvms_ocp.campaign import table2
 from uvms_ocp.campaign.study import StudyResult
-from uvms_ocp.campaign.table2 import FLOORS, PAPER, THRESHOLDS, run_transit, verdict
+from uvms_ocp.campaign.table2 import FLOORS, PAPER, THRESHOLDS, run_transit, table2, verdict
 
 
 @pytest.fixture(scope="module")

@@ -5,9 +5,10 @@ import pytest
 from scipy.linalg import null_space
 from scipy.optimize import LinearConstraint, lsq_linear, minimize
 
-from uvms_ocp.control.allocation import Allocation, allocation_of
+from uvms_ocp.control.force.allocation import Allocation, allocation_of
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.robot import list_robots, load_robot
+from uvms_ocp.model.files.library import list_robots
+from uvms_ocp.model.loading import load_robot
 
 ROBOTS = [name for name in list_robots() if load_robot(name).description.thrusters]
 WRENCHES = np.random.default_rng(0).normal(size=(500, 6)) * np.geomspace(0.01, 3.0, 500)[:, None]

@@ -8,14 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uvms_ocp.control import DynamicController, KinematicController
-from uvms_ocp.control.estimator import PassThrough
+from uvms_ocp.control.force.dynamic import DynamicController
+from uvms_ocp.control.navigation.estimator import PassThrough
+from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.sensing import IDEAL_SENSORS
 from uvms_ocp.model.state import Measurement, Readings, State
 from uvms_ocp.record import Record
-from uvms_ocp.scenarios import case1
-from uvms_ocp.sim import DynamicPlant, SensorSuite, simulate
+from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.sim.dynamic_plant import DynamicPlant
+from uvms_ocp.sim.loop import simulate
+from uvms_ocp.sim.sensors import SensorSuite
 
 BLACKOUT = 6.0  # [s] when it begins
 ALL = ("position", "depth", "attitude", "angular_velocity", "linear_velocity", "joint_positions", "joint_velocities",

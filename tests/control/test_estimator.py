@@ -7,12 +7,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.control.estimator import Estimator, EstimatorTuning, PassThrough, age_of
+from uvms_ocp.control.navigation.estimator import Estimator, EstimatorTuning, PassThrough, age_of
 from uvms_ocp.exceptions import FrameNotFound, InvalidInput
-from uvms_ocp.model.robot import list_robots, load_robot
+from uvms_ocp.model.files.library import list_robots
+from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpec, SensorSpecs
 from uvms_ocp.model.state import Command, Reading, Readings, State
-from uvms_ocp.sim import Altimeter, FlatSeafloor, SensorSuite
+from uvms_ocp.sim.seafloor import FlatSeafloor
+from uvms_ocp.sim.sensors import Altimeter, SensorSuite
 
 DT = 1 / 200
 FLOOR = FlatSeafloor(z=-40.0)

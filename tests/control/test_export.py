@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from uvms_ocp.control.export import RecordedTick, RecordingSolver, write_tick
-from uvms_ocp.control.levels import LevelsProblem
+from uvms_ocp.control.velocity.levels import LevelsProblem
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.scenarios import case1
-from uvms_ocp.solvers import LexicographicActiveSet
+from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 
 FILES = {"CMakeLists.txt", "active_set.c", "example.c", "levels.c", "tick.c", "tick.h", "ticks.h"}
 

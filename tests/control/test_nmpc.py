@@ -8,23 +8,20 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.control.nmpc import Nmpc
+from uvms_ocp.control.receding.nmpc import Nmpc
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Measurement, State
-from uvms_ocp.planning import (
-    At,
-    Effort,
-    OcpLevel,
-    OcpPhase,
-    OcpProblem,
-    Smoothness,
-    TaskTerm,
-)
-from uvms_ocp.sim import DynamicPlant, Environment, FlatSeafloor, GustyCurrent, UniformCurrent
-from uvms_ocp.solvers.real_time_sqp import SqpOptions
-from uvms_ocp.tasks import ToolPose
+from uvms_ocp.ocp.problem import OcpLevel, OcpPhase, OcpProblem
+from uvms_ocp.ocp.terms import At, Effort, Smoothness, TaskTerm
+from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
+from uvms_ocp.sim.dynamic_plant import DynamicPlant
+from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.seafloor import FlatSeafloor
+from uvms_ocp.solvers.nlp.real_time_sqp import SqpOptions
+from uvms_ocp.tasks.pose import ToolPose
 from uvms_ocp.tasks.reference import PoseGoal, PoseReference, evaluate_pose
 
 CURRENT = np.array([0.3, 0.0, 0.0])

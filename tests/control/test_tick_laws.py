@@ -10,10 +10,10 @@ import pytest
 
 from uvms_ocp.control.export import RecordingSolver
 from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios import case1
-from uvms_ocp.solvers import Level, Tick, TickResult
-from uvms_ocp.solvers.certificate import certificate
-from uvms_ocp.solvers.level import row_slices
+from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.solvers.hierarchy.certificate import certificate
+from uvms_ocp.solvers.hierarchy.level import Level, row_slices
+from uvms_ocp.solvers.hierarchy.tick import Tick, TickResult
 
 STARTS, TICKS = 100, 150
 

@@ -11,13 +11,16 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.campaign.random_limits import limit_violations, random_limits
-from uvms_ocp.control.viability import Stop, Viability
-from uvms_ocp.model.collision import CollisionModel
-from uvms_ocp.model.obstacles import Obstacle
-from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.control.velocity.viability import Stop, Viability
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.collision_model import CollisionModel
+from uvms_ocp.model.shapes.obstacles import Obstacle
 from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios import case1
-from uvms_ocp.tasks import Clearance, Hierarchy, MinimumAltitude
+from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.tasks.altitude import MinimumAltitude
+from uvms_ocp.tasks.clearance import Clearance
+from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.task import PositionLimit
 
 DT = 0.02

@@ -8,13 +8,13 @@ import math
 import numpy as np
 import pytest
 
-from uvms_ocp.control import DynamicController
-from uvms_ocp.control.watchdog import Freshness, Watchdog
+from uvms_ocp.control.force.dynamic import DynamicController
+from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpec
 from uvms_ocp.model.state import Command, Measurement
-from uvms_ocp.scenarios import case1
+from uvms_ocp.scenarios.case1 import case1
 
 
 def test_the_verdict_follows_the_age() -> None:

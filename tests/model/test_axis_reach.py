@@ -8,12 +8,13 @@ import pinocchio as pin
 import pytest
 from kinematic_trees import MODELS, built_model, random_configuration
 
-from uvms_ocp.model.collision import CollisionModel
-from uvms_ocp.model.description import RobotDescription
-from uvms_ocp.model.obstacles import obstacle
-from uvms_ocp.model.reach import largest_change, point_reach
-from uvms_ocp.model.robot import Robot, robot_of
-from uvms_ocp.model.urdf import UrdfModels
+from uvms_ocp.model.axis_reach import largest_change, point_reach
+from uvms_ocp.model.files.description import RobotDescription
+from uvms_ocp.model.files.urdf import UrdfModels
+from uvms_ocp.model.loading import robot_of
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.collision_model import CollisionModel
+from uvms_ocp.model.shapes.obstacles import obstacle
 
 TYPES = ("free_flyer", "planar", "revolute_y", "unbounded_z", "prismatic_x", "prismatic_unaligned")
 STEP = 1e-6

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from uvms_ocp.model.coefficients import links_in_water
-from uvms_ocp.model.description import RobotDescription
 from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.hydrodynamics import LinkHydrodynamics
-from uvms_ocp.model.robot import list_robots, load_robot
+from uvms_ocp.model.files.description import RobotDescription
+from uvms_ocp.model.files.library import list_robots
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.water.coefficients import links_in_water
+from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics
 
 RHO = 1000.0
 

@@ -14,9 +14,9 @@ from wet_machines import FLOATING, MACHINES
 
 from uvms_ocp.exceptions import FrameNotFound, InvalidInput
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
-from uvms_ocp.model.hydrodynamics import LinkHydrodynamics, Water
-from uvms_ocp.model.robot import load_robot
-from uvms_ocp.model.symbolic_dynamics import SymbolicDynamics
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
+from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics, Water
 
 EXACT = 1e-10
 N_STATES = 10

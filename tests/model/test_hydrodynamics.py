@@ -8,7 +8,7 @@ import pytest
 from wet_machines import random_link
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.hydrodynamics import LinkHydrodynamics, added_mass_wrench, drag_wrench
+from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics, added_mass_wrench, drag_wrench
 
 RNG = np.random.default_rng(6)
 

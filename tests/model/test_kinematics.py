@@ -7,9 +7,11 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.exceptions import FrameNotFound, InvalidInput
+from uvms_ocp.model.files.library import list_robots
 from uvms_ocp.model.kinematics import Kinematics
-from uvms_ocp.model.robot import Robot, list_robots, load_robot
-from uvms_ocp.model.symbolic import SymbolicModel
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.symbolic.tree import SymbolicModel
 
 POSITION, RPY = (1.0, -2.0, -3.0), (0.2, -0.4, 1.3)
 

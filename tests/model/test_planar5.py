@@ -8,7 +8,8 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
-from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
 
 N_STATES = 1000
 

@@ -11,8 +11,9 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.exceptions import FrameNotFound, InvalidInput, NameNotFound, RobotDataError
-from uvms_ocp.model.library import example_robot_data, robot_folder
-from uvms_ocp.model.robot import Robot, list_robots, load_robot
+from uvms_ocp.model.files.library import example_robot_data, list_robots, robot_folder
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
 
 EXAMPLE_ARMS = {
     "panda": ("panda_description/urdf/panda.urdf", 9, 9),

@@ -9,10 +9,11 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.model.description import LinkDescription
-from uvms_ocp.model.library import robot_folder
-from uvms_ocp.model.robot import Robot, list_robots, list_variants, load_robot
-from uvms_ocp.model.thruster_layout import thruster_matrix
+from uvms_ocp.model.files.description import LinkDescription
+from uvms_ocp.model.files.library import list_robots, list_variants, robot_folder
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.thrusters import thruster_matrix
 
 ROBOTS = list_robots()
 GIRONAS = ("girona_maris7", "girona_maris7_full")

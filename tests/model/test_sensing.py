@@ -8,7 +8,7 @@ from typing import get_args
 import pytest
 
 from uvms_ocp.exceptions import RobotDataError
-from uvms_ocp.model.description import Channel, read_description
+from uvms_ocp.model.files.description import Channel, read_description
 from uvms_ocp.model.sensing import CHANNELS, SensorSpec, SensorSpecs, sensors_of
 
 

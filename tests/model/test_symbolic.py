@@ -9,7 +9,7 @@ import pytest
 from kinematic_trees import MODELS, built_model, random_configuration
 
 from uvms_ocp.exceptions import FrameNotFound, InvalidInput
-from uvms_ocp.model.symbolic import SymbolicModel
+from uvms_ocp.model.symbolic.tree import SymbolicModel
 
 EXACT = 1e-10
 N_STATES = 20

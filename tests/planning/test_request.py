@@ -7,22 +7,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from uvms_ocp.collision.obstacle_file import ObstacleData, obstacle_from_words, read_obstacles
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.model.collision import CollisionModel
 from uvms_ocp.model.kinematics import Kinematics
-from uvms_ocp.model.obstacles import mesh_shape, obstacle
-from uvms_ocp.model.robot import Robot, load_robot
-from uvms_ocp.planning import (
-    ObstacleData,
-    PlanRequest,
-    PostureGoal,
-    ToolGoal,
-    motion_record,
-    obstacle_from_words,
-    plan_report,
-    read_obstacles,
-    solve,
-)
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.collision_model import CollisionModel
+from uvms_ocp.model.shapes.obstacles import mesh_shape, obstacle
+from uvms_ocp.planning.request import PlanRequest, PostureGoal, ToolGoal, solve
+from uvms_ocp.report.planned_motion import motion_record, plan_report
 
 BALL = ObstacleData(name="ball", shape="sphere", size=(0.3,), position=(1.6, 0.3, -0.4))
 

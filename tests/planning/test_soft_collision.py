@@ -6,32 +6,33 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from closed_forms import ClosedFormDistances, collision_density, density_hessian
 
+from uvms_ocp.collision.capsules import capsule_robot
+from uvms_ocp.collision.coal_distances import CoalDistances
+from uvms_ocp.collision.collision_scene import CollisionScene, collision_scene
+from uvms_ocp.collision.conservative_advancement import check_clearance
+from uvms_ocp.collision.coordinates import Coordinates, coordinates
 from uvms_ocp.exceptions import FrameNotFound, InvalidInput, NameNotFound
-from uvms_ocp.model.obstacles import obstacle
-from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.obstacles import obstacle
 from uvms_ocp.planning.block_tridiagonal import BlockTridiagonal
-from uvms_ocp.planning.capsules import capsule_robot
-from uvms_ocp.planning.certificate import check_clearance
-from uvms_ocp.planning.clearance import CoalDistances
-from uvms_ocp.planning.closed_forms import ClosedFormDistances, collision_density, density_hessian
-from uvms_ocp.planning.collision_scene import CollisionScene, collision_scene
-from uvms_ocp.planning.coordinates import Coordinates, coordinates
-from uvms_ocp.planning.free_derivatives import pieces_of
 from uvms_ocp.planning.inverse_kinematics import ToolGoalOptions, tool_goal
 from uvms_ocp.planning.ipopt_descent import IpoptOptions
 from uvms_ocp.planning.link_speed import link_speeds
 from uvms_ocp.planning.path_cost import CostWeights, Distances, PathCost
 from uvms_ocp.planning.penalty import outside, penalty, two_sided
 from uvms_ocp.planning.sampling import SamplingOptions, edge_reach, sampled_waypoints
-from uvms_ocp.planning.segment_times import MotionLimits
 from uvms_ocp.planning.soft_collision import (
     PlanStatus,
     SoftCollisionOptions,
     plan_soft_collision,
     straight_start,
 )
-from uvms_ocp.tasks import JointTracking
+from uvms_ocp.tasks.joints import JointTracking
+from uvms_ocp.trajectories.free_derivatives import pieces_of
+from uvms_ocp.trajectories.segment_times import MotionLimits
 
 N = 13
 SPHERE = obstacle("ball", coal.Sphere(0.3), [1.6, 0.1, -0.3])

@@ -13,14 +13,15 @@ import pinocchio as pin
 import pytest
 from scipy.optimize import minimize
 
-from uvms_ocp import pose_at
-from uvms_ocp.mission import DONE, Below, Mission, Phase, Transition
-from uvms_ocp.model.obstacles import obstacle
-from uvms_ocp.preflight import PreflightReport, Severity
+from uvms_ocp.mission.conditions import DONE, Below, Transition
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.mission.phase import Phase
+from uvms_ocp.model.shapes.obstacles import obstacle
+from uvms_ocp.preflight.findings import PreflightReport, Severity
 from uvms_ocp.preflight.forecast import forecast, main_path
-from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios import case1, case1_unreachable, obstacle_field
-from uvms_ocp.scenarios.obstacle_field import FIELD
+from uvms_ocp.scenario import Scenario, pose_at
+from uvms_ocp.scenarios.case1 import case1, case1_unreachable
+from uvms_ocp.scenarios.obstacle_field import FIELD, obstacle_field
 
 
 def with_phases(scenario: Scenario, phases: Sequence[Phase]) -> Scenario:

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from uvms_ocp.record import Record
-from uvms_ocp.report import compare, resources
-from uvms_ocp.scenarios import Thresholds, case1
+from uvms_ocp.report.compare import compare
+from uvms_ocp.report.resources import resources
+from uvms_ocp.scenarios.case1 import Thresholds, case1
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from uvms_ocp.record import Record
-from uvms_ocp.report import transition_series, transition_table
-from uvms_ocp.viz import figure_transitions
+from uvms_ocp.report.transitions import transition_series, transition_table
+from uvms_ocp.viz.comparison import figure_transitions
 
 DT = 0.1
 

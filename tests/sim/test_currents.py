@@ -8,15 +8,10 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.sim import (
-    Environment,
-    FlatSeafloor,
-    GustyCurrent,
-    Obstacle,
-    ShearedCurrent,
-    StillWater,
-    UniformCurrent,
-)
+from uvms_ocp.model.shapes.obstacles import Obstacle
+from uvms_ocp.sim.currents import GustyCurrent, ShearedCurrent, StillWater, UniformCurrent
+from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.seafloor import FlatSeafloor
 
 SHEARED = ShearedCurrent(z=[-40.0, -30.0, 0.0], velocities=[[0.0, 0.0, 0.0], [0.2, 0.1, 0.0], [0.5, 0.0, 0.0]])
 CURRENTS = {

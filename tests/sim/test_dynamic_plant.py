@@ -8,13 +8,18 @@ import numpy as np
 import pytest
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.description import TrimBody
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
-from uvms_ocp.model.robot import Robot, list_robots, load_robot
+from uvms_ocp.model.files.description import TrimBody
+from uvms_ocp.model.files.library import list_robots
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.spatial import quaternion_to_matrix
 from uvms_ocp.model.state import Command
 from uvms_ocp.model.trim import with_trim
-from uvms_ocp.sim import DynamicPlant, Environment, FlatSeafloor, UniformCurrent
+from uvms_ocp.sim.currents import UniformCurrent
+from uvms_ocp.sim.dynamic_plant import DynamicPlant
+from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.seafloor import FlatSeafloor
 
 DEEP = Environment(seafloor=FlatSeafloor(z=-1000.0))
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.sim import FlatSeafloor, HeightField, floor_mesh, mesh_shape
-from uvms_ocp.sim.seafloor import RELIEFS, Relief
+from uvms_ocp.model.shapes.obstacles import mesh_shape
+from uvms_ocp.sim.seafloor import RELIEFS, FlatSeafloor, HeightField, Relief, floor_mesh
 
 FLOORS = {
     "plane": FlatSeafloor(z=-40.0),

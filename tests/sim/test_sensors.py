@@ -9,10 +9,12 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.exceptions import FrameNotFound, InvalidInput
-from uvms_ocp.model.robot import list_robots, load_robot
+from uvms_ocp.model.files.library import list_robots
+from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.sensing import CHANNELS, IDEAL_SENSORS, SensorSpec, SensorSpecs
 from uvms_ocp.model.state import State
-from uvms_ocp.sim import FlatSeafloor, SensorSuite
+from uvms_ocp.sim.seafloor import FlatSeafloor
+from uvms_ocp.sim.sensors import SensorSuite
 
 DT = 1 / 200
 FLOOR = FlatSeafloor(z=-40.0)

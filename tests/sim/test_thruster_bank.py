@@ -7,9 +7,15 @@ import pytest
 from scipy.integrate import quad
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.description import Thruster
-from uvms_ocp.model.robot import Robot, load_robot
-from uvms_ocp.model.thrusters import signals_of_thrust, thrust_of_signals, unactuated_axes, unreachable_axes
+from uvms_ocp.model.files.description import Thruster
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.thrusters import (
+    signals_of_thrust,
+    thrust_of_signals,
+    unactuated_axes,
+    unreachable_axes,
+)
 from uvms_ocp.sim.thrusters import ThrusterBank, joint_power
 
 

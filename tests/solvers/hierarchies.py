@@ -6,7 +6,7 @@ import numpy as np
 from scipy.linalg import lstsq
 from scipy.optimize import nnls
 
-from uvms_ocp.solvers import Level
+from uvms_ocp.solvers.hierarchy.level import Level
 
 Array = np.ndarray
 

@@ -13,10 +13,13 @@ from hierarchies import random_hierarchy, reference
 from test_hierarchy import _arguments, _tick_function
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.solvers import Level, LexicographicActiveSet, LexicographicQp, Solution, Status, active_set_tick
-from uvms_ocp.solvers.active_set import core_source
-from uvms_ocp.solvers.active_set_numpy import Outcome
-from uvms_ocp.solvers.certificate import certificate
+from uvms_ocp.solvers.hierarchy.active_set import fallbacks as active_set_tick
+from uvms_ocp.solvers.hierarchy.active_set.numpy_core import Outcome
+from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet, core_source
+from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
+from uvms_ocp.solvers.hierarchy.certificate import certificate
+from uvms_ocp.solvers.hierarchy.level import Level
+from uvms_ocp.solvers.hierarchy.solution import Solution, Status
 
 COMPILED, NUMPY = LexicographicActiveSet(), LexicographicActiveSet(compiled=False)
 STRUCTURES = [(1, (2, 0, 1)), (4, (3, 2, 2)), (7, (1, 0, 6, 2, 7)), (13, (6, 6, 6, 3, 13)), (60, (20, 9, 30))]

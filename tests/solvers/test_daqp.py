@@ -9,7 +9,9 @@ import pytest
 from hierarchies import random_hierarchy, reference
 
 from uvms_ocp.exceptions import InvalidInput, NotInstalled, UvmsError
-from uvms_ocp.solvers import Daqp, Level, Status
+from uvms_ocp.solvers.hierarchy.daqp import Daqp
+from uvms_ocp.solvers.hierarchy.level import Level
+from uvms_ocp.solvers.hierarchy.solution import Status
 
 
 def test_only_what_the_certificate_confirms_is_called_exact() -> None:

@@ -10,9 +10,12 @@ import pytest
 from hierarchies import random_hierarchy, reference
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.solvers import Daqp, Icat, Level, LexicographicQp, Status
-from uvms_ocp.solvers.level import stack
-from uvms_ocp.solvers.qp_tick import QpTick
+from uvms_ocp.solvers.hierarchy.cascade.qp_tick import QpTick
+from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
+from uvms_ocp.solvers.hierarchy.daqp import Daqp
+from uvms_ocp.solvers.hierarchy.icat import Icat
+from uvms_ocp.solvers.hierarchy.level import Level, stack
+from uvms_ocp.solvers.hierarchy.solution import Status
 
 SOLVERS = [Icat(), LexicographicQp(), Daqp()]
 

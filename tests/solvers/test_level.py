@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.solvers import Level
-from uvms_ocp.solvers.level import stack
+from uvms_ocp.solvers.hierarchy.level import Level, stack
 
 
 def test_omitted_fields_are_neutral() -> None:

@@ -8,9 +8,13 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.solvers.lexicographic import LexicographicNlp, LexicographicResult, NlpOptions
-from uvms_ocp.solvers.nlp_program import NlpLevel, lexicographic_program
-from uvms_ocp.solvers.nlp_status import NlpStatus
+from uvms_ocp.solvers.nlp.lexicographic_nlp import (
+    LexicographicNlp,
+    LexicographicResult,
+    NlpOptions,
+)
+from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
+from uvms_ocp.solvers.nlp.program import NlpLevel, lexicographic_program
 
 TIGHT = NlpOptions(tolerance=1e-9, convergence=1e-10)
 

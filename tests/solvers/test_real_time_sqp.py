@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.solvers.lexicographic import LexicographicNlp, NlpOptions
-from uvms_ocp.solvers.nlp_program import LexicographicProgram, NlpLevel, lexicographic_program
-from uvms_ocp.solvers.nlp_status import NlpStatus
-from uvms_ocp.solvers.real_time_sqp import RealTimeSqp, SqpOptions
+from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicNlp, NlpOptions
+from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
+from uvms_ocp.solvers.nlp.program import LexicographicProgram, NlpLevel, lexicographic_program
+from uvms_ocp.solvers.nlp.real_time_sqp import RealTimeSqp, SqpOptions
 
 
 def with_derivatives(program: LexicographicProgram) -> LexicographicProgram:

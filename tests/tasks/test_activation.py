@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from uvms_ocp.tasks import Bell
+from uvms_ocp.tasks.activation import Bell
 
 BELL = Bell(0.2, 0.7)
 

@@ -8,14 +8,16 @@ import pinocchio as pin
 import pytest
 from test_tasks import evaluate, random_configuration
 
-from uvms_ocp.control.viability import Stop
+from uvms_ocp.control.velocity.viability import Stop
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.collision import CollisionModel, self_pairs
 from uvms_ocp.model.kinematics import Kinematics
-from uvms_ocp.model.obstacles import Obstacle, mesh_shape
-from uvms_ocp.model.robot import Robot, load_robot
-from uvms_ocp.sim import FlatSeafloor, HeightField, floor_obstacle
-from uvms_ocp.tasks import Clearance, MinimumAltitude
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.collision_model import CollisionModel, self_pairs
+from uvms_ocp.model.shapes.obstacles import Obstacle, mesh_shape
+from uvms_ocp.sim.seafloor import FlatSeafloor, HeightField, floor_obstacle
+from uvms_ocp.tasks.altitude import MinimumAltitude
+from uvms_ocp.tasks.clearance import Clearance
 
 STEP = 1e-4
 

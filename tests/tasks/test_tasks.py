@@ -9,22 +9,16 @@ import pytest
 from task_registry import GOAL, REGISTRY
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.robot import Robot, load_robot
-from uvms_ocp.model.symbolic import SymbolicModel
-from uvms_ocp.tasks import (
-    Alignment,
-    Bell,
-    HorizontalAttitude,
-    JointLimits,
-    JointTracking,
-    Manipulability,
-    MinimumAltitude,
-    NullVelocity,
-    Task,
-    ToolPose,
-    VehiclePose,
-)
-from uvms_ocp.tasks.task import TickSymbols
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.symbolic.tree import SymbolicModel
+from uvms_ocp.tasks.activation import Bell
+from uvms_ocp.tasks.altitude import MinimumAltitude
+from uvms_ocp.tasks.attitude import Alignment, HorizontalAttitude
+from uvms_ocp.tasks.joints import JointLimits, JointTracking, Manipulability
+from uvms_ocp.tasks.pose import ToolPose, VehiclePose
+from uvms_ocp.tasks.task import Task, TickSymbols
+from uvms_ocp.tasks.velocity import NullVelocity
 
 STEP = 1e-6
 OUTPUTS = ("jacobian", "rate", "lower", "upper", "activation")

@@ -3,7 +3,8 @@ from __future__ import annotations
 import pytest
 from synthetic_record import synthetic_record
 
-from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
 from uvms_ocp.record import Record
 
 

@@ -14,10 +14,17 @@ from matplotlib.figure import Figure
 from synthetic_record import synthetic_record
 
 from uvms_ocp.exceptions import InvalidInput, OutputError
-from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
 from uvms_ocp.record import Record
-from uvms_ocp.viz import figure_activations, figure_altitude, figure_errors, figure_velocities, write_figures
-from uvms_ocp.viz.plots import FIGURES
+from uvms_ocp.viz.plots import (
+    FIGURES,
+    figure_activations,
+    figure_altitude,
+    figure_errors,
+    figure_velocities,
+    write_figures,
+)
 from uvms_ocp.viz.series import phase_spans, task_activity
 
 _PNG = b"\x89PNG"

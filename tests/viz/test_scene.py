@@ -17,9 +17,10 @@ import umsgpack
 from synthetic_record import synthetic_record
 
 from uvms_ocp.exceptions import InvalidInput, OutputError
-from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
 from uvms_ocp.record import Record
-from uvms_ocp.viz import show, write_scene
+from uvms_ocp.viz.scene import show, write_scene
 from uvms_ocp.viz.series import floor_heights
 from uvms_ocp.viz.shapes import draw_shape, tube
 from uvms_ocp.viz.viewer import CommandLog

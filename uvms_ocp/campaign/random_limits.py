@@ -10,26 +10,26 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.campaign.study import Row, Study, seeds_from
-from uvms_ocp.control.kinematic import HierarchySolver
-from uvms_ocp.mission import DONE, Above, Mission, Phase, Transition
-from uvms_ocp.model.collision import CollisionModel
-from uvms_ocp.model.obstacles import Obstacle
-from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.control.velocity.kinematic import HierarchySolver
+from uvms_ocp.mission.conditions import DONE, Above, Transition
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.mission.phase import Phase
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.collision_model import CollisionModel
+from uvms_ocp.model.shapes.obstacles import Obstacle
 from uvms_ocp.record import Record
 from uvms_ocp.scenario import Scenario, pose_at
 from uvms_ocp.scenarios.parts import always_underactuated, on, underactuation
-from uvms_ocp.sim import Environment, FlatSeafloor, floor_obstacle
-from uvms_ocp.solvers import LexicographicActiveSet
-from uvms_ocp.tasks import (
-    Clearance,
-    Hierarchy,
-    HorizontalAttitude,
-    JointLimits,
-    JointTracking,
-    MinimumAltitude,
-    ToolPose,
-    VehiclePose,
-)
+from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.seafloor import FlatSeafloor, floor_obstacle
+from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.tasks.altitude import MinimumAltitude
+from uvms_ocp.tasks.attitude import HorizontalAttitude
+from uvms_ocp.tasks.clearance import Clearance
+from uvms_ocp.tasks.hierarchy import Hierarchy
+from uvms_ocp.tasks.joints import JointLimits, JointTracking
+from uvms_ocp.tasks.pose import ToolPose, VehiclePose
 
 _FLOOR = -4.0  # [m]
 _ALTITUDE, _CLEARANCE, _SELF = 1.0, 0.05, 0.03  # [m] thresholds of MAC, CL and SC

@@ -11,15 +11,17 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.campaign.study import Row, Study, seeds_from
-from uvms_ocp.mission import Mission
-from uvms_ocp.model.collision import CollisionModel
-from uvms_ocp.model.obstacles import Obstacle, obstacle
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.model.shapes.collision_model import CollisionModel
+from uvms_ocp.model.shapes.obstacles import Obstacle, obstacle
 from uvms_ocp.record import Record
-from uvms_ocp.report import cause_of_end
+from uvms_ocp.report.cause import cause_of_end
 from uvms_ocp.scenario import Scenario, pose_at
 from uvms_ocp.scenarios.case1 import case1
-from uvms_ocp.sim import FlatSeafloor, HeightField, Seafloor, closest_approach
-from uvms_ocp.tasks import Clearance, Hierarchy
+from uvms_ocp.sim.closest_approach import closest_approach
+from uvms_ocp.sim.seafloor import FlatSeafloor, HeightField, Seafloor
+from uvms_ocp.tasks.clearance import Clearance
+from uvms_ocp.tasks.hierarchy import Hierarchy
 
 _PLANE = -40.0  # [m]
 _ABOVE_FLOOR = 0.114  # [m] height of the tool's goal, as in Case 1

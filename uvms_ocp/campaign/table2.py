@@ -7,7 +7,7 @@ from typing import Any
 
 from uvms_ocp.campaign.study import Row, Study
 from uvms_ocp.scenarios.transit import transit
-from uvms_ocp.sim import closest_approach
+from uvms_ocp.sim.closest_approach import closest_approach
 
 THRESHOLDS = (1.0, 5.0, 10.0)  # [m]
 FLOORS = {"flat": "almost flat", "small": "small protuberances", "large": "large protuberances"}

@@ -11,7 +11,7 @@ from rich.console import Console
 from uvms_ocp.cli.options import Json
 from uvms_ocp.cli.printing import print_json, table_of
 from uvms_ocp.record import Record
-from uvms_ocp.report import compare
+from uvms_ocp.report.compare import compare
 
 
 def compare_runs(

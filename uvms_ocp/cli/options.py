@@ -10,11 +10,14 @@ from typing import Annotated, Any
 import typer
 
 from uvms_ocp.campaign import STUDIES
-from uvms_ocp.control.kinematic import HierarchySolver
+from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.exceptions import InvalidInput, NameNotFound, OutputError
 from uvms_ocp.scenario import PLANTS, Scenario
 from uvms_ocp.scenarios import SCENARIOS
-from uvms_ocp.solvers import Daqp, Icat, LexicographicActiveSet, LexicographicQp
+from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
+from uvms_ocp.solvers.hierarchy.daqp import Daqp
+from uvms_ocp.solvers.hierarchy.icat import Icat
 
 SOLVERS: dict[str, type[HierarchySolver]] = {
     "lexls": LexicographicActiveSet,

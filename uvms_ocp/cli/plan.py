@@ -13,28 +13,18 @@ from rich.console import Console
 
 from uvms_ocp.cli.options import NOT_COMPLETED, Json, folder, given
 from uvms_ocp.cli.printing import print_json, print_paths
+from uvms_ocp.collision.obstacle_file import ObstacleData, obstacle_from_words, read_obstacles
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.ocp.plan import OcpStatus
+from uvms_ocp.ocp.request import OcpRequest, solve_ocp
 from uvms_ocp.output import staged_folder
-from uvms_ocp.planning import (
-    AXES,
-    ObstacleData,
-    OcpRequest,
-    OcpStatus,
-    PlanRequest,
-    PostureGoal,
-    ToolGoal,
-    motion_record,
-    obstacle_from_words,
-    ocp_record,
-    ocp_report,
-    plan_report,
-    read_obstacles,
-    solve,
-    solve_ocp,
-)
+from uvms_ocp.planning.request import AXES, PlanRequest, PostureGoal, ToolGoal, solve
 from uvms_ocp.record import Record
-from uvms_ocp.solvers.nlp_options import PLUGINS
+from uvms_ocp.report.ocp_motion import ocp_record, ocp_report
+from uvms_ocp.report.planned_motion import motion_record, plan_report
+from uvms_ocp.solvers.nlp.nlp_options import PLUGINS
 
 _PLAN_PERIOD = 0.02  # [s] between rows of plan.csv
 _Triple = tuple[float, float, float]
@@ -119,7 +109,8 @@ class _Made:
 
     def write(self, folder: Path) -> None:
         """The report always, the rest where there is a motion; a colliding one is worth looking at."""
-        from uvms_ocp.viz import write_plan_figures, write_scene
+        from uvms_ocp.viz.plan_figures import write_plan_figures
+        from uvms_ocp.viz.scene import write_scene
 
         (folder / "report.json").write_text(json.dumps(self.report, indent=2) + "\n")
         if self.record is None:

@@ -11,7 +11,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from uvms_ocp.preflight import PreflightReport, Severity
+from uvms_ocp.preflight.findings import PreflightReport, Severity
 
 
 def print_json(value: Any) -> None:

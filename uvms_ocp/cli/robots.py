@@ -12,9 +12,9 @@ from rich.text import Text
 
 from uvms_ocp.cli.options import BAD_INPUT
 from uvms_ocp.cli.printing import print_json
-from uvms_ocp.model.check_robot import RobotReport, check_robot_files
-from uvms_ocp.model.description import RobotDescription
-from uvms_ocp.model.library import robot_folder
+from uvms_ocp.model.files.description import RobotDescription
+from uvms_ocp.model.files.library import robot_folder
+from uvms_ocp.preflight.robot_check import RobotReport, check_robot_files
 
 
 def check_robot(

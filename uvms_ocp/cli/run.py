@@ -34,12 +34,12 @@ from uvms_ocp.cli.options import (
     require_taken,
 )
 from uvms_ocp.cli.printing import cell, print_findings, print_json, print_paths, table_of
-from uvms_ocp.control.kinematic import KinematicController
+from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.state import Command
 from uvms_ocp.output import staged_folder
 from uvms_ocp.record import Record
-from uvms_ocp.report import summarize
+from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenario import Scenario
 
 _PROGRESS_EVERY = 40  # ticks between two updates of the progress bar
@@ -137,7 +137,8 @@ def _progress(console: Console) -> Iterator[Progress]:
 
 
 def _write(scenario: Scenario, record: Record, report: dict[str, Any], folder: Path) -> None:
-    from uvms_ocp.viz import write_figures, write_scene
+    from uvms_ocp.viz.plots import write_figures
+    from uvms_ocp.viz.scene import write_scene
 
     record.save(folder / "record.npz")
     (folder / "report.json").write_text(json.dumps(report, indent=2) + "\n")

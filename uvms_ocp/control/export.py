@@ -11,12 +11,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.control.kinematic import HierarchySolver
-from uvms_ocp.control.levels import LevelsProblem
+from uvms_ocp.control.velocity.kinematic import HierarchySolver
+from uvms_ocp.control.velocity.levels import LevelsProblem
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.solvers import Tick, TickResult
-from uvms_ocp.solvers.active_set import core_source
-from uvms_ocp.solvers.tick import dense
+from uvms_ocp.solvers.hierarchy.active_set.solver import core_source
+from uvms_ocp.solvers.hierarchy.tick import Tick, TickResult, dense
 
 TEMPLATES = ("tick.c", "example.c", "CMakeLists.txt")
 _WINDOW = 25  # ticks recorded from the start and from every change of the gates

@@ -3,32 +3,96 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.limits import Joint, from_joint_values, read_only
-
-if TYPE_CHECKING:
-    from uvms_ocp.model.robot import Robot
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.model.limits import Joint, Limits, from_joint_values, read_only
 
 _LIMIT_TOLERANCE = 1e-9
 _UNIT_TOLERANCE = 1e-6
 
 
-def vehicle_part(
-    robot: Robot, position: ArrayLike | None, rpy: ArrayLike | None, quaternion: ArrayLike | None
-) -> np.ndarray:
-    """Return [p_WB, quaternion] (7,), or (0,) for a fixed base."""
-    if not robot.n_vehicle:
-        if position is not None or rpy is not None or quaternion is not None:
-            raise InvalidInput(f"robot {robot.name!r} has a fixed base; give joints only")
-        return np.zeros(0)
-    p = np.zeros(3) if position is None else finite("position", position, 3)
-    return np.concatenate([p, _orientation(rpy, quaternion)])
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ConfigurationSpace:
+    """What the configurations of one robot are made of."""
+
+    name: str
+    """Of the robot, for messages."""
+    model: pin.Model
+    joints: tuple[Joint, ...]
+    limits: Limits
+    home: np.ndarray
+    """(n_q - 7,) or (n_q,) [rad or m] stowed posture."""
+
+    @property
+    def _n_vehicle(self) -> int:
+        return self.model.nv - len(self.limits.position_lower)
+
+    @property
+    def _joint_q(self) -> slice:
+        return slice(self.model.nq - len(self.home), self.model.nq)
+
+    def vehicle_part(
+        self, position: ArrayLike | None, rpy: ArrayLike | None, quaternion: ArrayLike | None
+    ) -> np.ndarray:
+        """[p_WB, quaternion] (7,), or (0,) for a fixed base.
+
+        position (3,) [m]; rpy (3,) [rad] or quaternion (4,) [-] xyzw. Raises `InvalidInput`.
+        """
+        if not self._n_vehicle:
+            if position is not None or rpy is not None or quaternion is not None:
+                raise InvalidInput(f"robot {self.name!r} has a fixed base; give joints only")
+            return np.zeros(0)
+        p = np.zeros(3) if position is None else finite("position", position, 3)
+        return np.concatenate([p, _orientation(rpy, quaternion)])
+
+    def joint_part(self, joints: ArrayLike | Mapping[str, float] | None) -> np.ndarray:
+        """The joint part of q from values per degree of freedom (n_joints,) [rad or m], or by name on top of ``home``.
+
+        Raises `InvalidInput` and `NameNotFound`.
+        """
+        if joints is None:
+            return self.home
+        first, values = self._n_vehicle, np.zeros(self.model.nv)
+        if isinstance(joints, Mapping):
+            values[first:] = self._by_name(joints)
+        else:
+            values[first:] = finite("joints", joints, self.model.nv - first)
+        return from_joint_values(self.model, values)[self._joint_q]
+
+    def checked(self, q: ArrayLike) -> np.ndarray:
+        """q (n_q,) [m, rad] read-only. Raises `InvalidInput` naming what is wrong with it."""
+        array = finite("q", q, self.model.nq)
+        if self._n_vehicle:
+            _check_unit("quaternion", array[3:7])
+        for joint in self.joints:
+            self._check_joint(joint, array[joint.q])
+        return read_only(array)
+
+    def _by_name(self, joints: Mapping[str, float]) -> np.ndarray:
+        neutral = pin.neutral(self.model)
+        q = neutral.copy()
+        q[self._joint_q] = self.home
+        values = pin.difference(self.model, neutral, q)
+        own = {joint.name: joint for joint in self.joints}
+        for name, value in joints.items():
+            if name not in own:
+                raise NameNotFound("joint", name, own)
+            values[own[name].v] = value
+        return values[self._n_vehicle :]
+
+    def _check_joint(self, joint: Joint, values: np.ndarray) -> None:
+        if joint.n_q != joint.n_v:
+            _check_unit(f"(cos, sin) of joint {joint.name!r}", values[-2:])
+            return
+        for i, value in enumerate(values, start=joint.idx_v - self._n_vehicle):
+            low, high = self.limits.position_lower[i], self.limits.position_upper[i]
+            if not low - _LIMIT_TOLERANCE <= value <= high + _LIMIT_TOLERANCE:
+                raise InvalidInput(f"joint {joint.name!r}: given {value:.6g}; allowed: {low:.6g} to {high:.6g}")
 
 
 def _orientation(rpy: ArrayLike | None, quaternion: ArrayLike | None) -> np.ndarray:
@@ -40,49 +104,6 @@ def _orientation(rpy: ArrayLike | None, quaternion: ArrayLike | None) -> np.ndar
     return pin.Quaternion(pin.rpy.rpyToMatrix(angles)).coeffs()
 
 
-def joint_part(robot: Robot, joints: ArrayLike | Mapping[str, float] | None) -> np.ndarray:
-    """Return the joint part of q from values per degree of freedom, or by name on top of ``home``."""
-    if joints is None:
-        return robot.home
-    values = np.zeros(robot.n_v)
-    if isinstance(joints, Mapping):
-        values[robot.joint_v] = _by_name(robot, joints)
-    else:
-        values[robot.joint_v] = finite("joints", joints, robot.n_joints)
-    return from_joint_values(robot.model, values)[robot.joint_q]
-
-
-def _by_name(robot: Robot, joints: Mapping[str, float]) -> np.ndarray:
-    neutral = pin.neutral(robot.model)
-    q = neutral.copy()
-    q[robot.joint_q] = robot.home
-    values = pin.difference(robot.model, neutral, q)
-    for name, value in joints.items():
-        values[robot.joint(name).v] = value
-    return values[robot.joint_v]
-
-
-def checked(robot: Robot, q: ArrayLike) -> np.ndarray:
-    """Return q (n_q,) read-only. Raises ``InvalidInput`` naming what is wrong with it."""
-    array = finite("q", q, robot.n_q)
-    if robot.n_vehicle:
-        _check_unit("quaternion", array[3:7])
-    for joint in robot.joints:
-        _check_joint(robot, joint, array[joint.q])
-    return read_only(array)
-
-
-def _check_joint(robot: Robot, joint: Joint, values: np.ndarray) -> None:
-    if joint.n_q != joint.n_v:
-        _check_unit(f"(cos, sin) of joint {joint.name!r}", values[-2:])
-        return
-    first = joint.idx_v - robot.n_vehicle
-    for i, value in enumerate(values, start=first):
-        low, high = robot.limits.position_lower[i], robot.limits.position_upper[i]
-        if not low - _LIMIT_TOLERANCE <= value <= high + _LIMIT_TOLERANCE:
-            raise InvalidInput(f"joint {joint.name!r}: given {value:.6g}; allowed: {low:.6g} to {high:.6g}")
-
-
 def _check_unit(what: str, values: np.ndarray) -> None:
     norm = float(np.linalg.norm(values))
     if abs(norm - 1.0) > _UNIT_TOLERANCE:
@@ -90,7 +111,7 @@ def _check_unit(what: str, values: np.ndarray) -> None:
 
 
 def finite(what: str, values: ArrayLike, size: int) -> np.ndarray:
-    """Return ``values`` as a finite array (size,). Raises ``InvalidInput``."""
+    """``values`` (size,) as finite numbers, in the unit of `what` [-]. Raises `InvalidInput`."""
     try:
         array = np.array(values, dtype=float)
     except (TypeError, ValueError):

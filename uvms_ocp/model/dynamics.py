@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.model.buffered import BufferedFunction
-from uvms_ocp.model.coefficients import links_in_water
-from uvms_ocp.model.hydrodynamics import STILL_WATER, Water
+from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.symbolic_dynamics import SymbolicDynamics
+from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
+from uvms_ocp.model.water.coefficients import links_in_water
+from uvms_ocp.model.water.hydrodynamics import STILL_WATER, Water
 
 
 @dataclass(frozen=True, slots=True, eq=False)

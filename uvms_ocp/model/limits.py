@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from uvms_ocp.model.description import RobotDescription
+from uvms_ocp.model.files.description import RobotDescription
 
 _UNLIMITED = 1e12  # Pinocchio writes the largest float where a URDF has no limit
 

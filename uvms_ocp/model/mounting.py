@@ -7,10 +7,11 @@ from collections.abc import Mapping
 import pinocchio as pin
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.bounding import cylinders_around_links
-from uvms_ocp.model.description import LinkDescription, RobotDescription, checked_copy
-from uvms_ocp.model.robot import Robot, robot_of
-from uvms_ocp.model.urdf import UrdfModels
+from uvms_ocp.model.files.description import LinkDescription, RobotDescription, checked_copy
+from uvms_ocp.model.files.urdf import UrdfModels
+from uvms_ocp.model.loading import robot_of
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.bounding import cylinders_around_links
 
 
 def mount(

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, fields, replace
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.description import RobotDescription, SensorDescription
+from uvms_ocp.model.files.description import RobotDescription, SensorDescription
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

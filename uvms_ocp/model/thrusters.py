@@ -1,15 +1,28 @@
-"""What a set of thrusters can do: limits, signals, power and the vehicle axes out of its reach."""
+"""What a set of thrusters can do: the wrench of each, limits, signals and the vehicle axes out of reach."""
 
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import scipy.linalg
 
-from uvms_ocp.model.description import Thruster
+from uvms_ocp.model.files.description import Thruster
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.thruster_layout import thruster_matrix as thruster_matrix
 
 _RANK_TOLERANCE = 1e-6  # relative; layouts are known to about a millimetre
+
+
+def thruster_matrix(robot: Robot) -> np.ndarray:
+    """Return (6, n_thrusters) [N/N, N m/N]: wrench on the vehicle about the origin of B, in B, linear rows first."""
+    columns = [_column(robot.model, thruster) for thruster in robot.description.thrusters]
+    return np.column_stack(columns) if columns else np.zeros((6, 0))
+
+
+def _column(model: pin.Model, thruster: Thruster) -> np.ndarray:
+    direction = np.array(thruster.direction) / np.linalg.norm(thruster.direction)
+    X_BF = model.frames[model.getFrameId(thruster.link)].placement
+    force = X_BF.rotation @ direction
+    return np.concatenate([force, np.cross(X_BF.act(np.array(thruster.position)), force)])
 
 
 def thrust_limits(robot: Robot) -> tuple[np.ndarray, np.ndarray]:

@@ -9,9 +9,10 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.coefficients import links_in_water
-from uvms_ocp.model.description import RobotDescription, TrimBody, checked_copy
-from uvms_ocp.model.robot import Robot, trim_inertia
+from uvms_ocp.model.files.description import RobotDescription, TrimBody, checked_copy
+from uvms_ocp.model.loading import trim_inertia
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.water.coefficients import links_in_water
 
 _FOAM = 200.0  # [kg/m3] syntactic foam
 _LEAD = 11340.0  # [kg/m3]

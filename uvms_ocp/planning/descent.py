@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .block_tridiagonal import BlockTridiagonal
-from .path_cost import LocalModel
+from uvms_ocp.planning.block_tridiagonal import BlockTridiagonal
+from uvms_ocp.planning.path_cost import LocalModel
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

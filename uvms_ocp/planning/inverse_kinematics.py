@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
+from uvms_ocp.collision.conservative_advancement import PairDistances
+from uvms_ocp.collision.coordinates import Coordinates
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.planning.certificate import PairDistances
-from uvms_ocp.planning.coordinates import Coordinates
 
 Array = NDArray[np.float64]
 

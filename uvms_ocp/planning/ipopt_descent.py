@@ -9,9 +9,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from .block_tridiagonal import BlockTridiagonal
-from .descent import Descent
-from .path_cost import LocalModel
+from uvms_ocp.planning.block_tridiagonal import BlockTridiagonal
+from uvms_ocp.planning.descent import Descent
+from uvms_ocp.planning.path_cost import LocalModel
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .clearance import NearPairs
-from .collision_scene import CollisionScene
+from uvms_ocp.collision.coal_distances import NearPairs
+from uvms_ocp.collision.collision_scene import CollisionScene
 
 Array = NDArray[np.float64]
 

@@ -12,16 +12,15 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from uvms_ocp.collision.coal_distances import NearPairs
+from uvms_ocp.collision.collision_scene import CollisionScene
 from uvms_ocp.exceptions import InvalidInput
-
-from .block_tridiagonal import BlockTridiagonal
-from .clearance import NearPairs
-from .collision_scene import CollisionScene
-from .free_derivatives import Pieces
-from .hermite import basis, hermite_cost
-from .link_speed import link_speeds
-from .penalty import Penalty, outside, penalty, two_sided
-from .segment_times import MotionLimits
+from uvms_ocp.planning.block_tridiagonal import BlockTridiagonal
+from uvms_ocp.planning.link_speed import link_speeds
+from uvms_ocp.planning.penalty import Penalty, outside, penalty, two_sided
+from uvms_ocp.trajectories.free_derivatives import Pieces
+from uvms_ocp.trajectories.hermite import basis, hermite_cost
+from uvms_ocp.trajectories.segment_times import MotionLimits
 
 Array = NDArray[np.float64]
 

@@ -9,18 +9,21 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from uvms_ocp.collision.coal_distances import CoalDistances
+from uvms_ocp.collision.collision_scene import CollisionScene, collision_scene
+from uvms_ocp.collision.coordinates import VEHICLE_AXES, Coordinates, coordinates
+from uvms_ocp.collision.obstacle_file import ObstacleData, check_names
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.robot import Robot
-
-from .clearance import CoalDistances
-from .collision_scene import CollisionScene, collision_scene
-from .coordinates import VEHICLE_AXES, Coordinates, coordinates
-from .inverse_kinematics import ToolGoalOptions, tool_goal
-from .obstacle_file import ObstacleData, check_names
-from .path_cost import CostWeights
-from .sampling import SamplingOptions
-from .segment_times import MotionLimits
-from .soft_collision import CollisionPlan, SoftCollisionOptions, plan_soft_collision
+from uvms_ocp.planning.inverse_kinematics import ToolGoalOptions, tool_goal
+from uvms_ocp.planning.path_cost import CostWeights
+from uvms_ocp.planning.sampling import SamplingOptions
+from uvms_ocp.planning.soft_collision import (
+    CollisionPlan,
+    SoftCollisionOptions,
+    plan_soft_collision,
+)
+from uvms_ocp.trajectories.segment_times import MotionLimits
 
 Array = NDArray[np.float64]
 Triple = tuple[float, float, float]

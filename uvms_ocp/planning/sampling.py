@@ -10,10 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from uvms_ocp.collision.conservative_advancement import PairDistances
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.reach import largest_change
-
-from .certificate import PairDistances
+from uvms_ocp.model.axis_reach import largest_change
 
 Array = NDArray[np.float64]
 

@@ -11,19 +11,22 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from uvms_ocp.collision.coal_distances import CoalDistances
+from uvms_ocp.collision.collision_scene import CollisionScene
+from uvms_ocp.collision.conservative_advancement import (
+    ClearanceReport,
+    PairDistances,
+    check_clearance,
+)
 from uvms_ocp.exceptions import InvalidInput
-
-from .certificate import ClearanceReport, PairDistances, check_clearance
-from .clearance import CoalDistances
-from .collision_scene import CollisionScene
-from .descent import Descent, DescentOptions, descend
-from .free_derivatives import pieces_of
-from .ipopt_descent import Bounds, IpoptOptions, descend_ipopt
-from .min_snap import min_snap, solution_of
-from .path_cost import CostParts, CostWeights, Distances, LocalModel, PathCost
-from .polynomial import PiecewisePolynomial
-from .sampling import SamplingOptions, sampled_waypoints
-from .segment_times import MotionLimits, scale_to_limits, trapezoidal_times
+from uvms_ocp.planning.descent import Descent, DescentOptions, descend
+from uvms_ocp.planning.ipopt_descent import Bounds, IpoptOptions, descend_ipopt
+from uvms_ocp.planning.path_cost import CostParts, CostWeights, Distances, LocalModel, PathCost
+from uvms_ocp.planning.sampling import SamplingOptions, sampled_waypoints
+from uvms_ocp.trajectories.free_derivatives import pieces_of
+from uvms_ocp.trajectories.min_snap import min_snap, solution_of
+from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
+from uvms_ocp.trajectories.segment_times import MotionLimits, scale_to_limits, trapezoidal_times
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

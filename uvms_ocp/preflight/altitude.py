@@ -12,8 +12,9 @@ from uvms_ocp.preflight.findings import Finding, Severity
 from uvms_ocp.preflight.forecast import Visit, ball, limit_of
 from uvms_ocp.preflight.setup import Setup
 from uvms_ocp.preflight.tool import goals_of
-from uvms_ocp.tasks import HorizontalAttitude, LandingAltitude, MinimumAltitude, ToolPosition, VehiclePose
-from uvms_ocp.tasks.pose import PoseTask
+from uvms_ocp.tasks.altitude import LandingAltitude, MinimumAltitude
+from uvms_ocp.tasks.attitude import HorizontalAttitude
+from uvms_ocp.tasks.pose import PoseTask, ToolPosition, VehiclePose
 from uvms_ocp.tasks.reference import evaluate_pose
 
 CHECK = "minimum altitude"

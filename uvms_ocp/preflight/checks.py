@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from uvms_ocp.control.levels import LevelsProblem, build_levels
+from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.preflight.altitude import check_altitude, check_goals
 from uvms_ocp.preflight.findings import Finding, PreflightReport, Severity
 from uvms_ocp.preflight.forces import check_forces

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uvms_ocp.control.allocation import allocation_of
+from uvms_ocp.control.force.allocation import allocation_of
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
-from uvms_ocp.model.hydrodynamics import Water
 from uvms_ocp.model.thrusters import unactuated_axes
+from uvms_ocp.model.water.hydrodynamics import Water
 from uvms_ocp.preflight.findings import Finding, Severity
 from uvms_ocp.preflight.forecast import Visit
 from uvms_ocp.preflight.setup import Setup

@@ -10,11 +10,15 @@ from typing import TypeVar
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.mission import DONE, Below, Phase
+from uvms_ocp.mission.conditions import DONE, Below
+from uvms_ocp.mission.phase import Phase
 from uvms_ocp.preflight.setup import Setup
-from uvms_ocp.tasks import Alignment, LandingAltitude, NullVelocity, VehiclePose
+from uvms_ocp.tasks.altitude import LandingAltitude
+from uvms_ocp.tasks.attitude import Alignment
+from uvms_ocp.tasks.pose import VehiclePose
 from uvms_ocp.tasks.reference import evaluate_pose, evaluate_vector
 from uvms_ocp.tasks.task import Task
+from uvms_ocp.tasks.velocity import NullVelocity
 
 _N_RIM = 8  # positions on the rim of the ball in which a phase may end
 _BEND = 0.3  # [rad] by which a way point may be entered beside the straight way

@@ -9,7 +9,7 @@ import numpy as np
 from uvms_ocp.preflight.findings import Finding, Severity
 from uvms_ocp.preflight.forecast import Visit
 from uvms_ocp.preflight.setup import Setup
-from uvms_ocp.sim.clearance import closest_approach
+from uvms_ocp.sim.closest_approach import closest_approach
 
 CHECK = "obstacles"
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.mission import Mission
+from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.sim.environment import Environment
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from uvms_ocp.mission import DONE, Below, Mission, Phase
+from uvms_ocp.mission.conditions import DONE, Below
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.mission.phase import Phase
 from uvms_ocp.preflight.findings import Finding, Severity
 from uvms_ocp.tasks.task import TaskClass
 

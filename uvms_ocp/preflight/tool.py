@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.mission import Mission
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.preflight.arm_reach import REACHED, ArmReach, Reach
 from uvms_ocp.preflight.findings import Finding, Severity
 from uvms_ocp.preflight.forecast import Stance, Visit, forecast
-from uvms_ocp.preflight.reach import REACHED, ArmReach, Reach
 from uvms_ocp.preflight.setup import Setup
-from uvms_ocp.tasks import NullVelocity, ToolPose, ToolPosition, VehiclePose
+from uvms_ocp.tasks.pose import ToolPose, ToolPosition, VehiclePose
 from uvms_ocp.tasks.reference import PoseGoal, evaluate_pose
+from uvms_ocp.tasks.velocity import NullVelocity
 
 CHECK = "reachability"
 _N_TIMES = 5  # samples of a goal that moves

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.mission import ABORT, DONE
+from uvms_ocp.mission.conditions import ABORT, DONE
 from uvms_ocp.record import Record
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.mission import ABORT, DONE
+from uvms_ocp.mission.conditions import ABORT, DONE
 from uvms_ocp.record import Record
 from uvms_ocp.report.cause import cause_of_end
 from uvms_ocp.report.resources import figures_between, resources

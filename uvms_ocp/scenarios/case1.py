@@ -9,30 +9,36 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.control.dynamic import VelocityGains
-from uvms_ocp.control.kinematic import HierarchySolver
-from uvms_ocp.mission import DONE, Below, Mission, Phase, Transition
-from uvms_ocp.model.description import TrimBody
-from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.control.force.dynamic import VelocityGains
+from uvms_ocp.control.velocity.kinematic import HierarchySolver
+from uvms_ocp.mission.conditions import DONE, Below, Transition
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.mission.phase import Phase
+from uvms_ocp.model.files.description import TrimBody
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, sensors_of
 from uvms_ocp.model.trim import with_trim
 from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios.parts import always_underactuated, current_field, full_order, on, override, underactuation
-from uvms_ocp.sim import Current, Environment, FlatSeafloor
-from uvms_ocp.solvers import LexicographicActiveSet
-from uvms_ocp.tasks import (
-    Alignment,
-    Hierarchy,
-    HorizontalAttitude,
-    JointLimits,
-    JointTracking,
-    LandingAltitude,
-    MinimumAltitude,
-    NullVelocity,
-    Task,
-    ToolPose,
-    VehiclePose,
+from uvms_ocp.scenarios.parts import (
+    always_underactuated,
+    current_field,
+    full_order,
+    on,
+    override,
+    underactuation,
 )
+from uvms_ocp.sim.currents import Current
+from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.seafloor import FlatSeafloor
+from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.tasks.altitude import LandingAltitude, MinimumAltitude
+from uvms_ocp.tasks.attitude import Alignment, HorizontalAttitude
+from uvms_ocp.tasks.hierarchy import Hierarchy
+from uvms_ocp.tasks.joints import JointLimits, JointTracking
+from uvms_ocp.tasks.pose import ToolPose, VehiclePose
+from uvms_ocp.tasks.task import Task
+from uvms_ocp.tasks.velocity import NullVelocity
 
 _N_POSTURE_JOINTS = 4  # MP holds the last four joints ([Gao2022] Case 2)
 

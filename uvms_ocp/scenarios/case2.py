@@ -10,28 +10,29 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.collision import collision_scene, coordinates
+from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.mission import Phase
+from uvms_ocp.mission.phase import Phase
 from uvms_ocp.model.kinematics import Kinematics
-from uvms_ocp.model.obstacles import Obstacle, obstacle
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.planning import (
-    CoalDistances,
-    CollisionPlan,
-    MotionLimits,
-    PiecewisePolynomial,
-    SoftCollisionOptions,
-    collision_scene,
-    coordinates,
-    plan_soft_collision,
-    tool_goal,
-)
+from uvms_ocp.model.shapes.obstacles import Obstacle, obstacle
+from uvms_ocp.planning.inverse_kinematics import tool_goal
 from uvms_ocp.planning.path_cost import CostWeights
-from uvms_ocp.preflight import forecast
+from uvms_ocp.planning.soft_collision import (
+    CollisionPlan,
+    SoftCollisionOptions,
+    plan_soft_collision,
+)
+from uvms_ocp.preflight.forecast import forecast
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.scenarios.case1 import case1
-from uvms_ocp.sim import floor_obstacle
-from uvms_ocp.tasks import JointTracking, NullVelocity, ToolPose
+from uvms_ocp.sim.seafloor import floor_obstacle
+from uvms_ocp.tasks.joints import JointTracking
+from uvms_ocp.tasks.pose import ToolPose
+from uvms_ocp.tasks.velocity import NullVelocity
+from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
+from uvms_ocp.trajectories.segment_times import MotionLimits
 
 ROCK = obstacle("rock", coal.Sphere(0.12), (12.25, 37.1, -39.8))
 """Stands beside the target, in the way of the elbow."""

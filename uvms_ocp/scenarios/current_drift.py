@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from uvms_ocp.control.dynamic import VelocityGains
-from uvms_ocp.mission import Above, Phase, Transition
+from uvms_ocp.control.force.dynamic import VelocityGains
+from uvms_ocp.mission.conditions import Above, Transition
+from uvms_ocp.mission.phase import Phase
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.scenarios.case1 import case1
-from uvms_ocp.sim import OnsetCurrent
+from uvms_ocp.sim.currents import OnsetCurrent
 
 ADRIFT = Above(quantity="PC.horizontal_error", limit=0.5, release=0.4)  # [m] off the way point
 

@@ -6,25 +6,27 @@ from collections.abc import Sequence
 
 import coal
 
-from uvms_ocp.control.kinematic import HierarchySolver
-from uvms_ocp.mission import DONE, Below, Mission, Phase, Transition
-from uvms_ocp.model.collision import CollisionModel
-from uvms_ocp.model.obstacles import Obstacle, obstacle
-from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.control.velocity.kinematic import HierarchySolver
+from uvms_ocp.mission.conditions import DONE, Below, Transition
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.mission.phase import Phase
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, sensors_of
+from uvms_ocp.model.shapes.collision_model import CollisionModel
+from uvms_ocp.model.shapes.obstacles import Obstacle, obstacle
 from uvms_ocp.scenario import Scenario, pose_at
 from uvms_ocp.scenarios.parts import always_underactuated, current_field, on, underactuation
-from uvms_ocp.sim import Current, Environment, FlatSeafloor
-from uvms_ocp.solvers import LexicographicQp
-from uvms_ocp.tasks import (
-    Clearance,
-    Hierarchy,
-    HorizontalAttitude,
-    JointLimits,
-    JointTracking,
-    MinimumAltitude,
-    VehiclePose,
-)
+from uvms_ocp.sim.currents import Current
+from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.seafloor import FlatSeafloor
+from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
+from uvms_ocp.tasks.altitude import MinimumAltitude
+from uvms_ocp.tasks.attitude import HorizontalAttitude
+from uvms_ocp.tasks.clearance import Clearance
+from uvms_ocp.tasks.hierarchy import Hierarchy
+from uvms_ocp.tasks.joints import JointLimits, JointTracking
+from uvms_ocp.tasks.pose import VehiclePose
 
 _SELF = 0.03  # [m] between links, some of which are stowed 0.05 m apart
 

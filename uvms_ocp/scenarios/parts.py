@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.exceptions import NameNotFound
-from uvms_ocp.mission import Below, Phase, Transition
+from uvms_ocp.mission.conditions import Below, Transition
+from uvms_ocp.mission.phase import Phase
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.thrusters import unactuated_axes
-from uvms_ocp.sim import Current, StillWater, UniformCurrent
-from uvms_ocp.tasks import Task, UnderActuation
+from uvms_ocp.sim.currents import Current, StillWater, UniformCurrent
+from uvms_ocp.tasks.task import Task
+from uvms_ocp.tasks.velocity import UnderActuation
 
 
 def current_field(given: Current | Sequence[float] | None) -> Current:

@@ -7,7 +7,7 @@ from typing import Any
 
 from uvms_ocp.scenario import Scenario, pose_at
 from uvms_ocp.scenarios.case1 import case1
-from uvms_ocp.tasks import Hierarchy
+from uvms_ocp.tasks.hierarchy import Hierarchy
 
 
 def priority_swap(*, swapped: bool = True, **options: Any) -> Scenario:

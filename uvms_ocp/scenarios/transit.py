@@ -7,15 +7,23 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.control.kinematic import HierarchySolver
-from uvms_ocp.mission import DONE, Below, Mission, Phase, Transition
-from uvms_ocp.model.robot import Robot, load_robot
+from uvms_ocp.control.velocity.kinematic import HierarchySolver
+from uvms_ocp.mission.conditions import DONE, Below, Transition
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.mission.phase import Phase
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, sensors_of
 from uvms_ocp.scenario import Scenario, pose_at
 from uvms_ocp.scenarios.parts import always_underactuated, current_field, on, underactuation
-from uvms_ocp.sim import Environment, HeightField
-from uvms_ocp.solvers import LexicographicActiveSet
-from uvms_ocp.tasks import Hierarchy, HorizontalAttitude, JointLimits, MinimumAltitude, VehiclePose
+from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.seafloor import HeightField
+from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.tasks.altitude import MinimumAltitude
+from uvms_ocp.tasks.attitude import HorizontalAttitude
+from uvms_ocp.tasks.hierarchy import Hierarchy
+from uvms_ocp.tasks.joints import JointLimits
+from uvms_ocp.tasks.pose import VehiclePose
 
 _PLANE = -40.0  # [m] floor between the protuberances
 _BELOW = 0.8  # [m] way point above the plane: low enough for the minimum altitude to decide the height everywhere

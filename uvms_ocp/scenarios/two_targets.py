@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.mission import Phase, Transition
+from uvms_ocp.mission.conditions import Transition
+from uvms_ocp.mission.phase import Phase
 from uvms_ocp.scenario import Scenario, pose_at
 from uvms_ocp.scenarios.case1 import case1
 

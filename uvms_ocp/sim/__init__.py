@@ -1,9 +1,7 @@
 """The simulated water: environment, sensors, plants and the closed loop."""
 
-from uvms_ocp.model.obstacles import Obstacle as Obstacle
-from uvms_ocp.model.obstacles import mesh_shape as mesh_shape
-from uvms_ocp.sim.clearance import ClosestApproach as ClosestApproach
-from uvms_ocp.sim.clearance import closest_approach as closest_approach
+from uvms_ocp.sim.closest_approach import ClosestApproach as ClosestApproach
+from uvms_ocp.sim.closest_approach import closest_approach as closest_approach
 from uvms_ocp.sim.currents import Current as Current
 from uvms_ocp.sim.currents import GustyCurrent as GustyCurrent
 from uvms_ocp.sim.currents import OnsetCurrent as OnsetCurrent

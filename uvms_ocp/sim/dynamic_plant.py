@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.buffered import BufferedFunction
+from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.model.dynamics import Dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.spatial import quaternion_to_matrix

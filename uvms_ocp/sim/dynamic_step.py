@@ -19,7 +19,7 @@ import numpy as np
 from uvms_ocp.model.limits import bounded_joints
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.spatial import skew
-from uvms_ocp.model.symbolic_dynamics import SymbolicDynamics
+from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
 from uvms_ocp.sim.contact import ContactModel
 
 

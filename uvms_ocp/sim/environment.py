@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.obstacles import Obstacle
+from uvms_ocp.model.shapes.obstacles import Obstacle
 from uvms_ocp.sim.currents import Current, StillWater
 from uvms_ocp.sim.seafloor import Seafloor
 

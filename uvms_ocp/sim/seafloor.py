@@ -12,7 +12,7 @@ import pinocchio as pin
 from scipy.optimize import brentq
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.model.obstacles import Obstacle, mesh_shape
+from uvms_ocp.model.shapes.obstacles import Obstacle, mesh_shape
 
 _LEVEL = 1e-9  # sine of the angle to the horizon below which a ray counts as level
 _SAMPLES_PER_RADIUS = 12  # of the smallest protuberance, when a ray looks for the floor

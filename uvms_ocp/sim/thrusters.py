@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.description import Thruster
+from uvms_ocp.model.files.description import Thruster
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.thrusters import thrust_limits, thrust_of_signals
 

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.reach import point_reach
+from uvms_ocp.model.axis_reach import point_reach
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.tasks.activation import Bell
 from uvms_ocp.tasks.limits import approach_speed, row_acceleration, saturate

@@ -14,7 +14,15 @@ from uvms_ocp.model.spatial import skew
 from uvms_ocp.tasks.activation import Bell
 from uvms_ocp.tasks.limits import approach_speed, row_acceleration, saturate
 from uvms_ocp.tasks.reference import VectorGoal, evaluate_vector
-from uvms_ocp.tasks.task import Residual, Rows, Task, TaskClass, TickSymbols, bounded_residual, require_positive
+from uvms_ocp.tasks.task import (
+    Residual,
+    Rows,
+    Task,
+    TaskClass,
+    TickSymbols,
+    bounded_residual,
+    require_positive,
+)
 
 _SINE_FLOOR = 1e-9  # below this sine of the angle the rotation axis comes from the fallback
 _ROUNDING = 1e-3  # [rad] below which the smooth angle of a residual flattens out

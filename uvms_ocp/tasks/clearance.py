@@ -9,12 +9,20 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.collision import CollisionModel
-from uvms_ocp.model.reach import largest_change
+from uvms_ocp.model.axis_reach import largest_change
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.collision_model import CollisionModel
 from uvms_ocp.tasks.activation import Bell
 from uvms_ocp.tasks.limits import approach_speed, row_acceleration, saturate
-from uvms_ocp.tasks.task import PositionLimit, Rows, StopAhead, Task, TaskClass, TickSymbols, require_positive
+from uvms_ocp.tasks.task import (
+    PositionLimit,
+    Rows,
+    StopAhead,
+    Task,
+    TaskClass,
+    TickSymbols,
+    require_positive,
+)
 
 _FAR = 1e3  # [m] stands for the distance of pairs that do not exist
 

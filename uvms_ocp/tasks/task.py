@@ -2,7 +2,7 @@
 
 Every task turns the symbols of one tick into `Rows`. The rows serve both kinds of solver: the regularised
 pseudo-inverse reads ``rate`` and ``activation``, the strict hierarchy ``lower`` and ``upper``
-(`uvms_ocp.solvers.level`). `Residual` is the same task over a horizon.
+(`uvms_ocp.solvers.hierarchy.level`). `Residual` is the same task over a horizon.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.symbolic import SymbolicKinematics
+from uvms_ocp.model.symbolic.tree import SymbolicKinematics
 
 
 class TaskClass(enum.IntEnum):

@@ -8,7 +8,15 @@ from typing import ClassVar
 import casadi as ca
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.tasks.task import Residual, Rows, Task, TaskClass, TickSymbols, equality_rows, zero_residual
+from uvms_ocp.tasks.task import (
+    Residual,
+    Rows,
+    Task,
+    TaskClass,
+    TickSymbols,
+    equality_rows,
+    zero_residual,
+)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""Figures of a planned motion, read from the `Record` that `uvms_ocp.planning.planned_motion` makes of it."""
+"""Figures of a planned motion, read from the `Record` that `uvms_ocp.report.planned_motion` makes of it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,17 @@ from matplotlib.figure import Figure
 from uvms_ocp.exceptions import OutputError
 from uvms_ocp.record import Record
 from uvms_ocp.viz.efforts import figure_efforts
-from uvms_ocp.viz.style import BLACK, DASHES, DPI, LINES, THRESHOLD, VERMILLION, stacked, styled, threshold
+from uvms_ocp.viz.style import (
+    BLACK,
+    DASHES,
+    DPI,
+    LINES,
+    THRESHOLD,
+    VERMILLION,
+    stacked,
+    styled,
+    threshold,
+)
 
 _ROWS: Mapping[str, str] = MappingProxyType(
     {

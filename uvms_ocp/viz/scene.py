@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.collision.obstacle_file import ObstacleData
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.obstacles import Obstacle
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.planning import ObstacleData
+from uvms_ocp.model.shapes.obstacles import Obstacle
 from uvms_ocp.record import Record
 from uvms_ocp.viz.meshcat_parts import AnimationClip, AnimationTrack, Visualizer
 from uvms_ocp.viz.meshcat_parts import geometry as mg

@@ -3,7 +3,7 @@
 Entries of `Record.meta` that add to a figure or scene where they exist:
 ``thresholds`` list of {quantity, limit}; ``limits`` {position_lower, position_upper, velocity} as lists, joints last;
 ``frames`` {name: [p_WF (3), quaternion xyzw (4)]} drawn as triads; ``markers`` {name: point (3)}; ``floor_z``; ``dt``;
-``obstacles`` list of `uvms_ocp.planning.ObstacleData` as JSON; ``floor`` {x (n), y (m), z (m, n)} of a floor that is not flat,
+``obstacles`` list of `uvms_ocp.collision.ObstacleData` as JSON; ``floor`` {x (n), y (m), z (m, n)} of a floor that is not flat,
 as `uvms_ocp.sim.floor_relief` gives it.
 """
 

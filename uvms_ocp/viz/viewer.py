@@ -14,7 +14,13 @@ from typing import Any
 import umsgpack  # type: ignore[import-untyped]
 
 from uvms_ocp.exceptions import OutputError
-from uvms_ocp.viz.meshcat_parts import Animation, ScenePath, SetAnimation, Visualizer, viewer_assets_path
+from uvms_ocp.viz.meshcat_parts import (
+    Animation,
+    ScenePath,
+    SetAnimation,
+    Visualizer,
+    viewer_assets_path,
+)
 
 
 @dataclass(kw_only=True, slots=True)

@@ -1,0 +1,217 @@
+"""The command line: exit codes, one-line errors, nothing half-written."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uvms_ocp.model.files.library import robot_folder
+from uvms_ocp.record import Record
+
+
+def cli(*arguments: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "uvms_ocp", *arguments]
+    env = os.environ | environment
+    return subprocess.run(command, cwd=cwd, env=env, capture_output=True, text=True, timeout=300, check=False)
+
+
+@pytest.fixture(scope="module")
+def complete(tmp_path_factory: pytest.TempPathFactory) -> tuple[subprocess.CompletedProcess[str], Path]:
+    folder = tmp_path_factory.mktemp("run")
+    return cli("run", "--json", cwd=folder), folder / "uvms_runs" / "case1-dynamic-lexls"
+
+
+def test_run_completes_the_mission(complete: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    process, _ = complete
+    assert process.returncode == 0, process.stderr
+    assert json.loads(process.stdout)["completed"] is True
+
+
+def test_json_is_all_that_stdout_holds(complete: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    process, folder = complete
+    assert json.loads(process.stdout) == json.loads((folder / "report.json").read_text())
+    assert "mission complete" in process.stderr
+
+
+def test_the_report_has_the_documented_keys(complete: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    report = json.loads(complete[0].stdout)
+    assert set(report) >= {
+        "completed",
+        "phases",
+        "tool_position_error_m",
+        "tool_orientation_error_rad",
+        "vehicle_drift_in_last_phase_m",
+        "max_velocity_step",
+        "tick_us",
+        "wall_s",
+        "simulated_s",
+        "versions",
+    }
+    assert set(report["tick_us"]) == {"p50", "p99", "max"}
+    assert all({"name", "start_s", "end_s", "reason"} <= set(phase) for phase in report["phases"])
+
+
+def test_run_writes_record_report_figures_and_scene(complete: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    _, folder = complete
+    assert {path.name for path in folder.iterdir()} == {"record.npz", "report.json", "figures", "scene.html"}
+    assert len(list((folder / "figures").glob("*.png"))) >= 5
+    assert "<html" in (folder / "scene.html").read_text()[:2000].lower()
+    record = Record.load(folder / "record.npz")
+    assert np.isfinite(record["q"]).all()
+
+
+def test_a_mission_out_of_time_exits_with_3_and_says_why(tmp_path: Path) -> None:
+    process = cli("run", "--duration", "0.5", "--out", "short", "--json", cwd=tmp_path)
+    assert process.returncode == 3
+    report = json.loads(process.stdout)
+    assert "PC.position_error" in report["phases"][-1]["reason"]
+    assert (tmp_path / "short" / "report.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "case9"], "unknown scenario 'case9'; known: case1"),
+        (
+            ["run", "--solver", "lexpq"],
+            "unknown solver 'lexpq'; known: lexls, lexqp, icat, daqp. Did you mean 'lexqp'?",
+        ),
+        (["run", "--robot", "girona"], "unknown robot 'girona'; known: bluerov2_alpha5, girona_maris7"),
+        (["run", "--plant", "wet"], "unknown plant 'wet'; known: dynamic, kinematic"),
+        (["run", "--duration", "-1"], "duration = -1.0 s; give a finite time > 0"),
+        (["run", "--duration", "nan"], "duration = nan s"),
+        (["run", "--out", "taken/out"], "cannot write there"),
+        (["run", "--out", ""], "names no folder"),
+        (["plan", "--to", "3", "0", "0", "--out", ""], "names no folder"),
+        (["export", "tick", " "], "names no folder"),
+        (["run", "obstacle_field", "--seabed", "-39"], "obstacle_field has no option --seabed"),
+        (["run", "table2", "--noise"], "table2 has no option --noise"),
+        (["run", "case2", "--n", "3"], "case2 is no study"),
+        (["run", "random_limits", "--n", "0"], "n = 0 runs of a study; give 1 or more"),
+        (["run", "random_missions", "--n", "1", "--seed", "-1"], "seed = -1; give 0 or more"),
+        (["run", "--current", "300", "0", "0", "--plant", "kinematic"], "300 m/s; give at most 10 m/s"),
+        (["check-robot", "girona"], "unknown robot 'girona'; known: bluerov2_alpha5"),
+    ],
+)
+def test_mistakes_get_one_line_and_exit_code_2(arguments: list[str], message: str, tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("a file, not a folder")
+    process = cli(*arguments, cwd=tmp_path)
+    assert process.returncode == 2
+    assert message in process.stderr
+    assert len(process.stderr.strip().splitlines()) == 1
+    assert process.stdout == ""
+    assert [path.name for path in tmp_path.iterdir()] == ["taken"]
+
+
+def test_options_that_do_not_parse_exit_with_2(tmp_path: Path) -> None:
+    assert cli("run", "--duration", "soon", cwd=tmp_path).returncode == 2
+    assert cli("fly", cwd=tmp_path).returncode == 2
+
+
+def test_list_names_everything(tmp_path: Path) -> None:
+    process = cli("list", "--json", cwd=tmp_path)
+    known = json.loads(process.stdout)
+    assert process.returncode == 0
+    assert "case1" in known["scenarios"]
+    assert "girona_maris7_full" in known["robots"]
+    assert set(known["solvers"]) >= {"lexls", "lexqp", "icat"}
+
+
+def test_check_refuses_an_unreachable_goal_with_figures(tmp_path: Path) -> None:
+    process = cli("check", "case1_unreachable", "--plant", "kinematic", "--json", cwd=tmp_path)
+    assert process.returncode == 2
+    report = json.loads(process.stdout)
+    assert report["accepted"] is False
+    assert report["findings"][0]["figures"]["missing_worst_m"] > 0.3
+    assert "misses the goal" in process.stderr
+
+
+def test_check_flags_a_seabed_above_the_way_point(tmp_path: Path) -> None:
+    process = cli("check", "case1", "--seabed", "-39", cwd=tmp_path)
+    assert process.returncode == 2
+    assert "MAC keeps the vehicle 0.33 m above its way point" in process.stderr + process.stdout
+    assert "the goal of T, z = -39.886 m, is 0.89 m below the seafloor" in process.stderr + process.stdout
+
+
+def test_run_refuses_what_check_refuses_unless_forced(tmp_path: Path) -> None:
+    arguments = ("run", "case1_unreachable", "--plant", "kinematic", "--duration", "0.3", "--out", "here")
+    process = cli(*arguments, cwd=tmp_path)
+    assert process.returncode == 2
+    assert "pre-flight refuses case1_unreachable" in process.stderr
+    assert not (tmp_path / "here").exists()
+    assert cli(*arguments, "--force", cwd=tmp_path).returncode == 3
+    assert (tmp_path / "here" / "record.npz").exists()
+
+
+def test_two_runs_compare_from_their_folders(complete: tuple[subprocess.CompletedProcess[str], Path]) -> None:
+    _, folder = complete
+    process = cli("compare", str(folder), str(folder), "--json", cwd=folder.parent)
+    assert process.returncode == 0, process.stderr
+    rows = {row["figure"]: row for row in json.loads(process.stdout)}
+    assert rows["duration_s"]["change"] == 0.0
+
+
+def test_a_mission_prints_as_a_table_or_a_diagram(tmp_path: Path) -> None:
+    assert "MAC   [R,I,S]      1    1    .    ." in cli("mission", "case1", cwd=tmp_path).stdout
+    assert cli("mission", "case1", "--mermaid", cwd=tmp_path).stdout.startswith("stateDiagram-v2")
+
+
+def test_export_writes_the_tick_whole_or_not_at_all(tmp_path: Path) -> None:
+    process = cli("export", "tick", "--scenario", "case1", "c", cwd=tmp_path)
+    assert process.returncode == 0, process.stderr
+    assert {path.name for path in (tmp_path / "c").iterdir()} >= {
+        "tick.h",
+        "levels.c",
+        "active_set.c",
+        "CMakeLists.txt",
+    }
+    assert cli("export", "tick", "--scenario", "case9", "d", cwd=tmp_path).returncode == 2
+    assert not (tmp_path / "d").exists()
+    (tmp_path / "file").write_text("")
+    refused = cli("export", "tick", "file/c", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "cannot write there" in refused.stderr
+    assert "--out" not in refused.stderr  # it has no such option
+
+
+def test_without_a_compiler_a_run_works_and_says_so_once(tmp_path: Path) -> None:
+    options = ("--plant", "kinematic", "--duration", "0.1", "--json")
+    process = cli("run", *options, cwd=tmp_path, PATH=str(tmp_path), CC="")
+    assert process.returncode == 3
+    assert json.loads(process.stdout)["simulated_s"] == pytest.approx(0.1)
+    assert process.stderr.count("no C compiler found (CC, cc, gcc, clang): everything works, only slower") == 1
+
+
+def test_daqp_runs_where_it_is_installed_and_is_one_line_where_it_is_not(tmp_path: Path) -> None:
+    options = ("run", "--plant", "kinematic", "--duration", "0.1", "--solver", "daqp", "--json")
+    process = cli(*options, cwd=tmp_path)
+    assert process.returncode == 3, process.stderr
+    assert json.loads(process.stdout)["solver"] == "Daqp"
+    (tmp_path / "hidden").mkdir()
+    (tmp_path / "hidden" / "daqp.py").write_text("raise ImportError\n")
+    path = os.pathsep.join([str(tmp_path / "hidden"), os.environ.get("PYTHONPATH", "")])
+    process = cli(*options, "--out", "other", cwd=tmp_path, PYTHONPATH=path)
+    assert process.returncode == 2
+    assert process.stderr.splitlines() == [
+        "error: solver Daqp needs the package daqp, which is not installed; pip install daqp"
+    ]
+    assert not (tmp_path / "other").exists()
+
+
+def test_a_robot_is_checked_by_name_as_by_its_folder(tmp_path: Path) -> None:
+    by_name, by_path = (
+        cli("check-robot", words, "--json", cwd=tmp_path) for words in ("planar5", str(robot_folder("planar5")))
+    )
+    assert by_name.returncode == 0, by_name.stderr
+    assert by_name.stdout == by_path.stdout
+
+
+def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
+    assert cli("--version", cwd=tmp_path).stdout == f"uvms-ocp {version('uvms-ocp')}\n"

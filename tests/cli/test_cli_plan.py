@@ -1,0 +1,319 @@
+"""The planning command: what it writes, its exit codes, its one-line errors."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uvms_ocp.cli import main
+from uvms_ocp.model.kinematics import Kinematics
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.record import Record
+from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
+
+OBSTACLES = """
+obstacles:
+  - {name: pile, shape: cylinder, size: [0.2, 2.0], position: [1.2, 1.3, 0.0]}
+  - {name: crate, shape: box, size: [0.4, 0.4, 0.4], position: [4.5, 0.0, 0.0], rpy: [0.0, 0.0, 0.3]}
+  - {name: pipe, shape: capsule, size: [0.1, 1.0], position: [0.0, 3.0, 0.0]}
+"""
+TOOL = (3.0, 0.8, -0.6)
+
+Run = tuple[subprocess.CompletedProcess[str], Path]
+
+
+def plan(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "uvms_ocp", "plan", *arguments]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120, check=False)
+
+
+@pytest.fixture(scope="module")
+def around(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    folder = tmp_path_factory.mktemp("plan")
+    (folder / "obstacles.yaml").write_text(OBSTACLES)
+    goal = ("--tool", *map(str, TOOL), "--sphere", "1.7,0.3,-0.4,0.35", "--obstacles", "obstacles.yaml")
+    return plan(*goal, "--out", "out", "--json", cwd=folder), folder / "out"
+
+
+def test_a_goal_behind_an_obstacle_is_reached_free_of_collision(around: Run) -> None:
+    process, _ = around
+    report = json.loads(process.stdout)
+    assert process.returncode == 0, process.stderr
+    assert report["collision_free"] is True
+    assert report["min_clearance_m"] > 0.0
+    assert 0.0 <= report["min_clearance_at_s"] <= report["duration_s"]
+    assert report["tool_error"]["position_m"] < 1e-5
+
+
+def test_every_output_is_written(around: Run) -> None:
+    _, folder = around
+    files = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    figures = {f"figures/{name}.png" for name in ("vehicle_motion", "joint_motion", "clearance")}
+    assert files == figures | {"plan.npz", "plan.csv", "record.npz", "report.json", "scene.html"}
+
+
+def test_json_is_all_that_stdout_holds(around: Run) -> None:
+    process, folder = around
+    assert json.loads(process.stdout) == json.loads((folder / "report.json").read_text())
+    assert "free of collision" in process.stderr
+
+
+def test_the_plan_ends_with_the_tool_at_its_goal_and_keeps_the_limits(around: Run) -> None:
+    process, folder = around
+    report, curve = json.loads(process.stdout), PiecewisePolynomial.from_numpy(folder / "plan.npz")
+    record, robot = Record.load(folder / "record.npz"), load_robot("girona_maris7_full")
+    np.testing.assert_allclose(Kinematics(robot, record["q"][-1]).pose("tool").translation, TOOL, atol=1e-5)
+    np.testing.assert_allclose(curve.evaluate(curve.end), report["goal"], atol=1e-9)
+    ratios = [ratio for axes in report["limit_ratios"].values() for ratio in axes.values()]
+    assert max(ratios) == pytest.approx(1.0, abs=0.01)
+
+
+def test_the_table_names_its_axes(around: Run) -> None:
+    with (around[1] / "plan.csv").open() as file:
+        rows = list(csv.reader(file))
+    assert rows[0][:2] == ["t", "d0_x"]
+    assert rows[0][-1] == "d4_joint7"
+    assert len(rows) > 100
+
+
+def test_the_recorded_velocity_is_the_derivative_of_the_configuration(around: Run) -> None:
+    record = Record.load(around[1] / "record.npz")
+    q, v, t = record["q"], record["v"], record["t"]
+    np.testing.assert_allclose(np.gradient(q[:, 7:], t, axis=0)[1:-1], v[1:-1, 6:], atol=1e-3)
+
+
+def test_the_scene_holds_the_obstacles(around: Run) -> None:
+    record = Record.load(around[1] / "record.npz")
+    assert [item["name"] for item in record.meta["obstacles"]] == ["pile", "crate", "pipe", "sphere1"]
+    assert "<html" in (around[1] / "scene.html").read_text()[:2000].lower()
+
+
+def test_a_fixed_robot_moves_its_joints_alone(tmp_path: Path) -> None:
+    goal = ("--joint", "theta1=1.2", "--joint", "x0=0.5", "--robot", "planar5")
+    process = plan(*goal, "--out", "out", "--json", cwd=tmp_path)
+    assert process.returncode == 0, process.stderr
+    assert json.loads(process.stdout)["goal"] == pytest.approx([0.5, 0.0, 0.0, 1.2, -1.0])
+
+
+def test_a_goal_that_no_posture_reaches_exits_with_3_and_advice(tmp_path: Path) -> None:
+    process = plan("--tool", "9", "0", "0", "--axes", "joints", "--out", "out", "--json", cwd=tmp_path)
+    assert process.returncode == 3
+    report = json.loads(process.stdout)
+    assert report["collision_free"] is False
+    assert "move the goal" in report["advice"]
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["report.json"]
+
+
+OCP_OF_TWO = ("--method", "ocp", "--steps", "2")
+FAILING = {
+    "infeasible": ("--to", "2", "0", "0", "--current", "3", "0", "0", *OCP_OF_TWO),
+    "obstructed": ("--to", "0.5", "1", "0", "--sphere", "-1,0,0.25,0.05", *OCP_OF_TWO),
+    "unreached": ("--tool", "9", "0", "0", "--axes", "joints"),
+}
+
+
+@pytest.fixture(scope="module")
+def replanned(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Run]:
+    """Each failing plan, in a folder of a plan of either method that was found."""
+    folder = tmp_path_factory.mktemp("again")
+    for number, method in enumerate((("--method", "curve"), OCP_OF_TWO)):
+        assert plan("--to", "0.3", "0", "0", *method, "--out", str(number), cwd=folder).returncode == 0
+    runs = {}
+    for name, options in FAILING.items():
+        for number in "01":
+            shutil.copytree(folder / number, folder / name, dirs_exist_ok=True)
+        runs[name] = plan(*options, "--out", name, cwd=folder), folder / name
+    return runs
+
+
+@pytest.mark.parametrize("name", FAILING)
+def test_a_plan_that_fails_leaves_nothing_of_an_earlier_one(name: str, replanned: dict[str, Run]) -> None:
+    process, folder = replanned[name]
+    assert process.returncode == 3, process.stdout + process.stderr
+    assert [path.name for path in folder.iterdir()] == ["report.json"]
+
+
+@pytest.mark.parametrize("name", ["infeasible", "obstructed"])
+def test_optimal_control_without_a_usable_plan_says_why_and_claims_no_motion(
+    name: str, replanned: dict[str, Run]
+) -> None:
+    process, folder = replanned[name]
+    report = json.loads((folder / "report.json").read_text())
+    assert name in report["status"]
+    assert report["reason"]
+    assert report["advice"].split(":")[0] in " ".join(process.stdout.split())
+    assert report["collision_free"] is False
+    assert report["min_clearance_m"] is None
+    assert " between " not in process.stdout.splitlines()[-2]
+
+
+def test_an_obstructed_start_names_the_shapes_and_how_far_to_move_them(replanned: dict[str, Run]) -> None:
+    text = " ".join(replanned["obstructed"][0].stdout.split())
+    assert "sphere1 - base_link_" in text
+    assert "the capsules that cover them" in text
+    assert "m farther apart for a clearance of 0.06 m" in text
+
+
+def test_a_robot_shut_in_exits_with_3_and_shows_the_collision(tmp_path: Path) -> None:
+    wall = ("--robot", "planar5", "--box", "2,0,0,0.1,30,30")
+    process = plan("--joint", "x0=4", *wall, "--out", "out", "--json", cwd=tmp_path)
+    assert process.returncode == 3
+    report = json.loads(process.stdout)
+    assert report["min_clearance_m"] <= 0.0
+    assert "box1" in report["min_clearance_between"]
+    assert "way points" in report["advice"]
+    assert (tmp_path / "out" / "scene.html").exists()
+
+
+@pytest.fixture(scope="module")
+def controlled(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    folder = tmp_path_factory.mktemp("ocp")
+    options = ("--method", "ocp", "--duration", "14", "--steps", "20", "--current", "0.1", "0", "0")
+    goal = ("--tool", *map(str, TOOL), "--sphere", "1.7,0.3,-0.4,0.35")
+    return plan(*goal, *options, "--out", "out", "--json", cwd=folder), folder / "out"
+
+
+def test_optimal_control_reaches_the_goal_with_what_the_thrusters_have(controlled: Run) -> None:
+    process, folder = controlled
+    report = json.loads(process.stdout)
+    assert process.returncode == 0, process.stderr
+    assert report == json.loads((folder / "report.json").read_text())
+    assert report["status"] == "solved"
+    assert report["collision_free"] is True
+    assert report["tool_error"]["position_m"] < 1e-5
+    assert 0 < report["peak_thrust_n"] < 150
+    assert report["energy_j"] > 0
+    assert "all goals are met" in process.stderr
+
+
+def test_optimal_control_writes_its_plan_with_forces(controlled: Run) -> None:
+    _, folder = controlled
+    files = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    figures = {f"figures/{name}.png" for name in ("vehicle_motion", "joint_motion", "clearance", "efforts")}
+    assert files == figures | {"plan.npz", "plan.json", "record.npz", "report.json", "scene.html"}
+    arrays, text = np.load(folder / "plan.npz"), json.loads((folder / "plan.json").read_text())
+    assert arrays["thrust"].shape == (20, 8)
+    np.testing.assert_allclose(text["q"], arrays["q"])
+    np.testing.assert_allclose(Record.load(folder / "record.npz")["q"][-1], arrays["q"][-1], atol=1e-6)
+
+
+def test_optimal_control_that_misses_its_goal_exits_with_3_and_says_why(tmp_path: Path) -> None:
+    options = ("--method", "ocp", "--duration", "1", "--steps", "5", "--robot", "planar5")
+    process = plan("--joint", "x0=0.9", *options, "--out", "out", "--json", cwd=tmp_path)
+    assert process.returncode == 3, process.stderr
+    report = json.loads(process.stdout)
+    assert report["status"] == "horizon too short"
+    assert "more time" in report["advice"]
+    assert (tmp_path / "out" / "plan.npz").exists()
+
+
+def test_a_solver_that_runs_out_of_time_says_what_to_give(tmp_path: Path) -> None:
+    process = plan("--to", "2", "0", "0", "--method", "ocp", "--time-limit", "1e-6", "--out", "out", cwd=tmp_path)
+    assert process.returncode == 3, process.stderr
+    text = " ".join(process.stdout.split())
+    assert "unfinished" in text
+    assert "raise time_limit" in text
+    assert "max_iterations" not in text
+
+
+def compared(*folders: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "uvms_ocp", "compare", *map(str, folders), "--json"]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
+def test_plans_of_either_method_compare_figure_by_figure(around: Run, controlled: Run) -> None:
+    process = compared(around[1], controlled[1])
+    assert process.returncode == 0, process.stderr
+    rows = {row["figure"]: row for row in json.loads(process.stdout)}
+    reports = [json.loads((folder / "report.json").read_text()) for _, folder in (around, controlled)]
+    for figure in ("duration_s", "min_clearance_m"):
+        ours = [report[figure] for report in reports]
+        assert [rows[figure]["first"], rows[figure]["second"]] == pytest.approx(ours)
+        assert rows[figure]["change"] == pytest.approx(100.0 * (ours[1] / ours[0] - 1.0))
+        assert f"{rows[figure]['change']:+.4g} %" in process.stderr
+    assert rows["energy_j"]["first"] is None
+    assert rows["energy_j"]["second"] == pytest.approx(reports[1]["energy_j"])
+    assert rows["peak_thrust_n"]["second"] == pytest.approx(reports[1]["peak_thrust_n"])
+
+
+def test_a_plan_against_anything_else_is_refused_in_one_line(around: Run, tmp_path: Path) -> None:
+    t = np.zeros(1)
+    Record(series={"t": t}, meta={"completed": True}).save(tmp_path / "run.npz")
+    Record(series={"t": t}, meta={}).save(tmp_path / "other.npz")
+    for name, message in (
+        ("run.npz", "the second a run"),
+        ("other.npz", "neither a run nor a plan"),
+        ("", "not a record"),
+    ):
+        process = compared(around[1], tmp_path / name)
+        assert process.returncode == 2
+        assert message in process.stderr
+        assert len(process.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "give one goal"),
+        (["--to", "2", "0", "-1", "--robot", "planar5"], "--to: planar5 has no free vehicle pose; give --joint NAME=Q"),
+        (["--to", "2", "0", "-1", "--robot", "planar5", "--method", "ocp"], "with any of x0"),
+        (["--joint", "x0=1", "--rpy", "0", "0", "1", "--robot", "planar5"], "--rpy: planar5 has no free vehicle pose"),
+        (["--to", "3", "0", "0", "--time-limit", "5"], "--time-limit is for --method ocp, not for curve"),
+        (["--to", "3", "0", "0", "--method", "ocp", "--time-limit", "0"], "time_limit = 0.0; give a finite value > 0"),
+        (["--to", "3", "0", "0", "--obstacles", "list.yaml"], "give a mapping such as obstacles: [{name: ball"),
+        (["--to", "3", "0", "0", "--method", "prm"], "unknown method 'prm'"),
+        (["--to", "3", "0", "0", "--duration", "5"], "--duration is for --method ocp, not for curve"),
+        (["--to", "3", "0", "0", "--method", "ocp", "--axes", "all"], "--axes is for --method curve, not for ocp"),
+        (["--to", "3", "0", "0", "--method", "ocp", "--nlp", "snopt"], "unknown NLP solver 'snopt'"),
+        (["--to", "3", "0", "0", "--method", "ocp", "--steps", "0"], "give at least 1"),
+        (["--to", "3", "0", "0", "--method", "ocp", "--current", "nan", "0", "0"], "three finite numbers"),
+        (["--to", "3", "0", "0", "--method", "ocp", "--sphere", "0,0,0,0.3"], "the start is in collision: sphere1"),
+        (["--to", "3", "0", "0", "--method", "ocp", "--box", "5,0,0,0.01,9,9"], "give fewer or less flat obstacles"),
+        (["--tool", "1", "0", "0", "--joint", "joint1=0"], "give one goal"),
+        (["--tool-rpy", "1", "0", "0"], "give one goal"),
+        (["--tool", "nan", "0", "0"], "give finite numbers"),
+        (["--joint", "joint1"], "give NAME=VALUE"),
+        (["--joint", "joint9=0.1"], "unknown axis 'joint9'"),
+        (["--joint", "joint1=9"], "the goal) has joint1 = 9"),
+        (["--to", "1", "0", "0", "--axes", "joints"], "the goal moves x"),
+        (["--to-rpy", "0.5", "0", "0"], "the goal moves roll"),
+        (["--to", "0", "0", "0"], "way point"),
+        (["--to", "3", "0", "0", "--axes", "arm"], "unknown axes 'arm'"),
+        (["--to", "3", "0", "0", "--sphere", "3,0,0,0.3"], "(the goal) is in collision: sphere1"),
+        (["--to", "3", "0", "0", "--sphere", "0,0,0,0.3"], "(the start) is in collision: sphere1"),
+        (["--to", "3", "0", "0", "--sphere", "1,0,0"], "give 4 numbers"),
+        (["--to", "3", "0", "0", "--sphere", "1,0,0,-1"], "greater than 0"),
+        (["--to", "3", "0", "0", "--box", "1,0,0,a,1,1"], "give 6 numbers"),
+        (["--to", "3", "0", "0", "--clearance", "0"], "clearance is 0.0"),
+        (["--to", "3", "0", "0", "--obstacles", "none.yaml"], "cannot be read"),
+        (["--to", "3", "0", "0", "--obstacles", "bad.yaml"], "obstacles.0: a box has 3 sizes, not 2"),
+        (["--to", "3", "0", "0", "--robot", "girona"], "unknown robot 'girona'"),
+        (["--to", "3", "0", "0", "--out", "bad.yaml/out"], "cannot write there"),
+    ],
+)
+def test_mistakes_get_one_line_and_exit_code_2(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (tmp_path / "bad.yaml").write_text("obstacles: [{name: a, shape: box, size: [1, 1], position: [0, 0, 0]}]")
+    (tmp_path / "list.yaml").write_text("[{name: a, shape: sphere, size: [1], position: [9, 9, 9]}]")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["uvms-ocp", "plan", *arguments])
+    with pytest.raises(SystemExit) as exit_:
+        main()
+    shown = capsys.readouterr()
+    assert exit_.value.code == 2
+    assert message in shown.err
+    assert len(shown.err.strip().splitlines()) == 1
+    assert shown.out == ""
+    assert {path.name for path in tmp_path.iterdir()} == {"bad.yaml", "list.yaml"}

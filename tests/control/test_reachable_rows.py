@@ -1,0 +1,64 @@
+"""References that acceleration limits can follow: no degree of freedom joins in that is not needed."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from uvms_ocp.control.velocity.levels import build_levels
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.tasks.hierarchy import Hierarchy
+from uvms_ocp.tasks.limits import row_acceleration
+from uvms_ocp.tasks.velocity import NullVelocity
+
+DT = 0.005
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot("girona_maris7_full")
+
+
+def outputs(robot: Robot, previous: np.ndarray, gate: float) -> dict[str, np.ndarray]:
+    problem = build_levels(robot, Hierarchy([NullVelocity()]), DT)
+    values = problem.function(robot.configuration(), np.zeros(13), previous, 5.0, np.zeros(0), gate)
+    return {name: np.array(value).ravel() for name, value in zip(problem.function.name_out(), values, strict=True)}
+
+
+def test_a_row_acceleration_puts_the_first_axis_at_its_limit() -> None:
+    rng = np.random.default_rng(1)
+    J, limit = rng.normal(size=(5, 8)), rng.uniform(0.5, 2, 8)
+    rates = np.array(ca.DM(ca.evalf(row_acceleration(ca.SX(J), limit)))).ravel()
+    for row, rate in zip(J, rates, strict=True):
+        acceleration = row * rate / (row @ row)
+        assert np.max(np.abs(acceleration) / limit) == pytest.approx(1.0)
+
+
+def test_an_equality_approaches_its_rate_in_proportion(robot: Robot) -> None:
+    previous = np.zeros(13)
+    previous[:6] = [0.4, 0.2, 0.0, 0.0, 0.0, 0.1]
+    target = outputs(robot, previous, 1.0)["lower"][13:19]
+    np.testing.assert_allclose(target / previous[:6].clip(1e-12), np.where(previous[:6], 1 - DT / 0.4, 0), atol=1e-9)
+
+
+def test_a_gate_of_zero_removes_rows_and_between_scales_their_change(robot: Robot) -> None:
+    previous = np.zeros(13)
+    previous[0] = 0.4
+    assert not outputs(robot, previous, 0.0)["gate"][13:19].any()
+    half = outputs(robot, previous, 0.5)
+    assert half["gate"][13:19].all()
+    assert half["upper"][13] == pytest.approx(0.4 - 0.5 * DT)
+
+
+def test_a_settled_row_is_exact(robot: Robot) -> None:
+    np.testing.assert_array_equal(outputs(robot, np.zeros(13), 1.0)["lower"][13:19], 0.0)
+
+
+def test_axes_that_no_task_needs_stay_still_through_the_first_transition() -> None:
+    record = case1(duration=20.0).run()
+    assert record["phase"].max() == 1
+    assert np.abs(record["command"][:, 3]).max() < 5e-3  # roll
+    assert np.abs(record["command"][:, 4]).max() < 1e-2  # pitch

@@ -1,0 +1,106 @@
+"""Where the optimiser starts from decides how long it takes, not where the tool reach ends up."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from uvms_ocp.collision import collision_scene, coordinates
+from uvms_ocp.collision.coal_distances import CoalDistances
+from uvms_ocp.control.velocity.kinematic import KinematicController
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.mission.phase import Phase
+from uvms_ocp.model.kinematics import Kinematics
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.state import Measurement
+from uvms_ocp.ocp.plan import OcpStatus, Plan
+from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.ocp.problem import OcpProblem
+from uvms_ocp.ocp.tool_reach import tool_reach
+from uvms_ocp.ocp.trajectory import Trajectory, through
+from uvms_ocp.planning.inverse_kinematics import tool_goal
+from uvms_ocp.sim.plant import KinematicPlant
+from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
+from uvms_ocp.tasks.hierarchy import Hierarchy
+from uvms_ocp.tasks.joints import JointLimits
+from uvms_ocp.tasks.pose import ToolPose
+from uvms_ocp.trajectories import min_snap
+
+DURATION = 8.0
+WAYS = ("hierarchy", "minimum snap", "last solution")
+
+
+PATIENCE = 600.0  # [s] for other programs on the machine must not decide a verdict
+
+
+def patient(problem: OcpProblem) -> Planner:
+    return Planner(problem, NlpOptions(time_limit=PATIENCE))
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot("girona_maris7_full")
+
+
+@pytest.fixture(scope="module")
+def start(robot: Robot) -> np.ndarray:
+    return robot.configuration(position=(0, 0, -5), rpy=(0, -0.06, 0.5))
+
+
+@pytest.fixture(scope="module")
+def goal(robot: Robot, start: np.ndarray) -> pin.SE3:
+    tool = Kinematics(robot, start).pose("tool")
+    return pin.SE3(pin.rpy.rpyToMatrix(0.2, 0.1, 0.3) @ tool.rotation, tool.translation + np.array([1.0, -0.5, -0.6]))
+
+
+@pytest.fixture(scope="module")
+def planner(robot: Robot, start: np.ndarray, goal: pin.SE3) -> Planner:
+    return patient(tool_reach(robot, start, goal, duration=DURATION, n_steps=20))
+
+
+@pytest.fixture(scope="module")
+def plan(planner: Planner) -> Plan:
+    return planner.plan()
+
+
+def rollout(planner: Planner, goal: pin.SE3) -> Trajectory:
+    """What the velocity hierarchy does in the time of the plan."""
+    robot, dt = planner.problem.robot, 1 / 50
+    tasks = [JointLimits(), ToolPose(goal=goal, gain_linear=0.8, gain_angular=0.8)]
+    phase = Phase(name="reach", transitions=(), gates={task.name: 1.0 for task in tasks})
+    mission = Mission(hierarchy=Hierarchy(tasks), phases=(phase,))
+    controller = KinematicController(robot=robot, mission=mission, solver=LexicographicActiveSet(), dt=dt)
+    plant, times = KinematicPlant(robot, planner.problem.start.q), np.arange(0.0, DURATION + dt, dt)
+    configurations = [plant.state.q]
+    for t in times[:-1]:
+        measurement = Measurement(q=plant.state.q, v=plant.state.v, altimeter_range=30.0)
+        plant.step(controller(measurement, float(t)), dt)
+        configurations.append(plant.state.q)
+    error = Kinematics(robot, plant.state.q).pose("tool").translation - goal.translation
+    assert np.linalg.norm(error) < 0.02
+    return through(planner.problem, times, np.array(configurations))
+
+
+def snap(planner: Planner, goal: pin.SE3) -> Trajectory:
+    """The smoothest curve to a posture of inverse kinematics."""
+    robot, q = planner.problem.robot, planner.problem.start.q
+    planned = coordinates(robot, reference=q)
+    x = planned.x(q)
+    end = tool_goal(CoalDistances(collision_scene(planned, [])), "tool", goal, x)
+    assert end is not None
+    times, values = min_snap(np.stack([x, end]), np.array([0.0, DURATION])).trajectory.sample(0.1)
+    return through(planner.problem, times, planned.configurations(values[:, 0]))
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_every_guess_leads_to_the_same_optimum(way: str, planner: Planner, goal: pin.SE3, plan: Plan) -> None:
+    guess: Trajectory | Plan
+    guess = plan if way == "last solution" else rollout(planner, goal) if way == "hierarchy" else snap(planner, goal)
+    again = planner.plan(guess=guess)
+    assert plan.status is again.status is OcpStatus.SOLVED
+    assert again.levels[0].residual < 1e-5
+    assert again.levels[1].residual ** 2 == pytest.approx(plan.levels[1].residual ** 2, rel=1e-6)
+    assert again.iterations <= (1 if way == "last solution" else 60)

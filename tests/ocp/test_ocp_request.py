@@ -1,0 +1,169 @@
+"""Laws of plans by optimal control from a request: goals, obstacles, and what is refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from uvms_ocp.collision import collision_scene, coordinates
+from uvms_ocp.collision.coal_distances import CoalDistances
+from uvms_ocp.collision.obstacle_file import ObstacleData
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.model.kinematics import Kinematics
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.obstacles import Obstacle, obstacle
+from uvms_ocp.model.state import State
+from uvms_ocp.ocp.capsule_clearance import capsule_clearance, nearest_capsules
+from uvms_ocp.ocp.plan import OcpStatus
+from uvms_ocp.ocp.problem import OcpLevel, single_phase
+from uvms_ocp.ocp.request import OcpRequest, solve_ocp
+from uvms_ocp.ocp.terms import Effort
+from uvms_ocp.ocp.transcription.stage import StageModel
+from uvms_ocp.planning.request import PostureGoal, ToolGoal
+from uvms_ocp.report.ocp_motion import ocp_record, ocp_report
+
+BALL = ObstacleData(name="ball", shape="sphere", size=(0.2,), position=(0.8, 0.9, 0.0))
+
+
+@pytest.fixture(scope="module")
+def planar() -> Robot:
+    return load_robot("planar5")
+
+
+def asked(robot: Robot, goal: ToolGoal | PostureGoal, **options: Any) -> OcpRequest:
+    chosen: dict[str, Any] = {"start": robot.configuration(), "n_steps": 20, "duration": 10.0}
+    return OcpRequest(robot=robot, goal=goal, **(chosen | options))
+
+
+def test_the_tool_reaches_its_goal_around_an_obstacle(planar: Robot) -> None:
+    tool = Kinematics(planar, planar.configuration()).pose("tool").translation
+    goal = (float(tool[0]) + 3.0, float(tool[1]) + 1.0, float(tool[2]))
+    free = solve_ocp(asked(planar, ToolGoal(position=goal), duration=20.0))
+    x, y, z = Kinematics(planar, free.samples[1][len(free.samples[0]) // 2]).pose("base_link").translation
+    wall = ObstacleData(name="wall", shape="cylinder", size=(0.15, 1.0), position=(x, y + 0.1, z))
+    around = solve_ocp(asked(planar, ToolGoal(position=goal), duration=20.0, obstacles=(wall,)))
+    for result in (free, around):
+        assert result.plan.status is OcpStatus.SOLVED
+        end = Kinematics(planar, result.samples[1][-1]).pose("tool").translation
+        np.testing.assert_allclose(end, goal, atol=1e-5)
+    assert around.collision_free
+    pairs = around.scene.groups()["wall"]
+    at_nodes = np.array([around.scene.coordinates.x(q) for q in around.plan.trajectory.q])
+    assert CoalDistances(around.scene).distances(at_nodes)[:, pairs].min() > 0.06 - 1e-6
+    assert around.plan.levels[-1].residual > free.plan.levels[-1].residual
+
+
+def test_a_posture_moves_what_was_asked_and_ends_at_rest(planar: Robot) -> None:
+    result = solve_ocp(asked(planar, PostureGoal(joints={"x0": 0.8, "theta1": 1.0})))
+    trajectory = result.plan.trajectory
+    end = dict(zip(planar.joint_names, trajectory.q[-1], strict=True))
+    assert end["x0"] == pytest.approx(0.8, abs=1e-5)
+    assert end["theta1"] == pytest.approx(1.0, abs=1e-5)
+    np.testing.assert_allclose(trajectory.v[-1], 0.0, atol=1e-6)
+
+
+def test_a_start_nearer_than_the_clearance_is_a_verdict_and_one_that_touches_is_refused(planar: Robot) -> None:
+    near = BALL.model_copy(update={"position": (0.0, 0.45, 0.0)})
+    result = solve_ocp(asked(planar, PostureGoal(joints={"x0": 0.5}), obstacles=(near,), clearance=0.2))
+    assert result.plan.status is OcpStatus.OBSTRUCTED
+    assert result.collision_free
+    assert "lower the margin" in ocp_report(result)["advice"]
+    assert result.plan.reason.startswith("ball - ")
+    missing = float(result.plan.reason.split("move them ")[1].split()[0])
+    for share, kept in ((0.98, False), (1.02, True)):
+        away = near.model_copy(update={"position": (0.0, 0.45 + share * missing, 0.0)})
+        moved = solve_ocp(asked(planar, PostureGoal(joints={"x0": 0.5}), obstacles=(away,), clearance=0.2))
+        assert (moved.plan.status is not OcpStatus.OBSTRUCTED) is kept
+    with pytest.raises(InvalidInput, match="the start is in collision: ball"):
+        solve_ocp(
+            asked(planar, PostureGoal(joints={"x0": 0.5}), obstacles=(BALL.model_copy(update={"position": (0, 0, 0)}),))
+        )
+
+
+def test_samples_of_iterates_that_left_their_manifold_are_configurations() -> None:
+    robot = load_robot("girona_maris7_full")
+    result = solve_ocp(asked(robot, PostureGoal(position=(2.0, 0.0, 0.0)), n_steps=2, current=(3.0, 0.0, 0.0)))
+    assert not result.plan.status.usable
+    assert np.abs(np.linalg.norm(result.plan.trajectory.q[:, 3:7], axis=1) - 1.0).max() > 1e-4
+    for q in result.samples[1]:
+        np.testing.assert_allclose(robot.check_configuration(q), q)
+
+
+def test_a_goal_out_of_reach_is_a_verdict_with_a_motion(planar: Robot) -> None:
+    result = solve_ocp(asked(planar, ToolGoal(position=(1.0, 0.0, 2.0)), n_steps=10))
+    report = ocp_report(result)
+    assert report["status"] == "unreachable"
+    assert "level 'goal' is missed by" in report["reason"]
+    assert report["tool_error"]["position_m"] == pytest.approx(2.0, abs=0.1)
+
+
+def test_the_record_adds_up(planar: Robot) -> None:
+    result = solve_ocp(asked(planar, PostureGoal(joints={"x0": 0.5}), obstacles=(BALL,), n_steps=10))
+    record, plan = ocp_record(result), result.plan
+    taken = record["thruster_energy"][-1].sum() + record["joint_energy"][-1]
+    assert taken == pytest.approx(plan.energy, rel=1e-9)
+    assert ocp_report(result)["energy_j"] == pytest.approx(plan.energy)
+    steps = np.diff(record["q"], axis=0) / np.diff(record["t"])[:, None]
+    middle = (record["x_rate"][:-1] + record["x_rate"][1:]) / 2
+    np.testing.assert_allclose(steps, middle, atol=1e-2)
+    assert record.meta["clearance_groups"][0] == "ball"
+
+
+@pytest.mark.parametrize(
+    "shape", [coal.Sphere(0.3), coal.Capsule(0.2, 0.5), coal.Cylinder(0.2, 0.5), coal.Box(0.3, 0.4, 0.5)]
+)
+def test_capsules_are_never_farther_apart_than_the_shapes_they_cover(shape: coal.ShapeBase) -> None:
+    robot, rng = load_robot("girona_maris7_full"), np.random.default_rng(5)
+    item = obstacle("thing", shape, [1.0, 0.4, -0.5], pin.rpy.rpyToMatrix(0.4, 0.2, 0.1))
+    scene, rows = clearance_rows(robot, item)
+    for _ in range(20):
+        joints = rng.uniform(robot.limits.position_lower, robot.limits.position_upper)
+        q = robot.configuration(position=rng.uniform(-1.5, 1.5, 3), rpy=rng.uniform(-1, 1, 3), joints=joints)
+        true = CoalDistances(scene).distances(scene.coordinates.x(q)[None])[0, scene.groups()["thing"]]
+        covered = np.array(rows(q)).ravel()
+        assert covered.min() <= true.min() + 1e-6
+        gap, name = nearest_capsules(capsule_clearance(scene, margin=0.0), robot, q)
+        assert gap == pytest.approx(covered.min(), abs=1e-9)
+        assert name.startswith("thing - ")
+
+
+def clearance_rows(robot: Robot, item: Obstacle) -> tuple[Any, ca.Function]:
+    """The scene and its rows as a function of q, without a margin."""
+    scene = collision_scene(coordinates(robot), [item])
+    start = State(q=robot.configuration(), v=np.zeros(robot.n_v))
+    level = OcpLevel(name="effort", terms=(Effort(),))
+    model = StageModel(single_phase(robot=robot, start=start, duration=1.0, n_steps=1, levels=[level]))
+    value = capsule_clearance(scene, margin=0.0).residual(model.symbols(), ca.SX(0, 1)).value
+    q = model.z[model.layout.q]
+    return scene, ca.Function("rows", [q], [value])
+
+
+def test_mistakes_are_refused_in_one_line(planar: Robot) -> None:
+    goal = PostureGoal(joints={"x0": 0.5})
+    inside = ObstacleData(name="inside", shape="sphere", size=(0.3,), position=(0.0, 0.0, 0.0))
+    cone = ObstacleData(name="spike", shape="cone", size=(0.3, 1.0), position=(5.0, 0.0, 0.0))
+    sheet = ObstacleData(name="sheet", shape="box", size=(0.01, 9.0, 9.0), position=(5.0, 0.0, 0.0))
+    for options, message in (
+        ({"obstacles": (inside,)}, "the start is in collision: inside"),
+        ({"obstacles": (cone,)}, "'spike' is a Cone"),
+        ({"obstacles": (sheet,)}, "cover 'sheet'"),
+        ({"obstacles": (BALL, BALL)}, "two obstacles are called 'ball'"),
+        ({"obstacles": (BALL,), "clearance": -1.0}, "clearance is -1"),
+        ({"duration": 0.0}, "give a time > 0"),
+        ({"n_steps": 0}, "give at least 1"),
+        ({"current": (np.nan, 0.0, 0.0)}, "three finite numbers"),
+    ):
+        with pytest.raises(InvalidInput, match=message):
+            solve_ocp(asked(planar, goal, **options))
+    with pytest.raises(InvalidInput, match="fixed base"):
+        solve_ocp(asked(planar, PostureGoal(position=(1.0, 0.0, 0.0))))
+    with pytest.raises(NameNotFound, match="joint9"):
+        solve_ocp(asked(planar, PostureGoal(joints={"joint9": 1.0})))
+    with pytest.raises(NameNotFound, match="ipopt"):
+        solve_ocp(asked(planar, goal, plugin="snopt"))

@@ -1,0 +1,102 @@
+"""The report of check_robot: what a valid file can still get wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from uvms_ocp.model.files.library import example_robot_data, list_robots, robot_folder
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.mounting import without_arm
+from uvms_ocp.model.trim import without_trim
+from uvms_ocp.preflight.robot_check import (
+    Finding,
+    RobotReport,
+    Verdict,
+    check_robot,
+    check_robot_files,
+)
+
+MASS = "<inertial><mass value='1'/><inertia ixx='{}' ixy='0' ixz='0' iyy='1' iyz='0' izz='1'/></inertial>"
+
+
+def finding(report: RobotReport, subject: str) -> Finding:
+    return next(f for f in report.findings if f.subject == subject)
+
+
+def write(folder: Path, urdf: str, water: str | None = None) -> Path:
+    (folder / "robot.urdf").write_text(f"<robot name='mine'>{urdf}</robot>", encoding="utf-8")
+    if water is not None:
+        (folder / "hydrodynamics.yaml").write_text(water, encoding="utf-8")
+    return folder
+
+
+@pytest.mark.parametrize("name", list_robots())
+def test_every_robot_of_the_package_is_usable(name: str) -> None:
+    report = check_robot_files(robot_folder(name))
+    assert report.usable
+    assert report.name == name
+    assert {f.subject for f in report.findings} >= {"inertias", "mass matrix", "limits", "frames", "shapes"}
+
+
+def test_meshes_of_other_packages_are_resolved() -> None:
+    urdf = example_robot_data() / "robots" / "panda_description/urdf/panda.urdf"
+    report = check_robot_files(urdf, base="fixed")
+    assert report.usable
+    assert finding(report, "shapes").text == "11 visual shapes, 11 of them meshes, all found"
+    assert finding(report, "limits").text == "unlimited: 9 of 9 acceleration"
+    assert "without base_link, altimeter, flange, tool" in finding(report, "frames").text
+
+
+def test_a_file_that_cannot_be_loaded_is_the_one_error(tmp_path: Path) -> None:
+    report = check_robot_files(write(tmp_path, "<link name='a'/>"))
+    assert not report.usable
+    assert [f.verdict for f in report.findings] == [Verdict.ERROR]
+    assert "no link has a mass" in report.findings[0].text
+
+
+def test_the_thrusters_say_which_axis_they_cannot_drive() -> None:
+    report = check_robot(load_robot("girona_maris7"))
+    assert finding(report, "thrusters").verdict is Verdict.WARNING
+    assert "5 thrusters, rank 5" in finding(report, "thrusters").text
+    assert finding(report, "thrusters").text.endswith("under-actuated mainly in roll")
+    assert finding(check_robot(load_robot("girona_maris7_full")), "thrusters").verdict is Verdict.GOOD
+
+
+def test_an_untrimmed_robot_is_told_which_float_would_trim_it() -> None:
+    trim = finding(check_robot(without_trim(load_robot("girona_maris7"))), "trim")
+    assert trim.verdict is Verdict.WARNING
+    assert "-118 N upwards and 146 N m" in trim.text
+    assert "a float of 118 N at x = 1.24 m" in trim.text
+
+
+def test_a_light_vehicle_is_told_to_take_ballast() -> None:
+    trim = finding(check_robot(without_trim(without_arm(load_robot("girona_maris7")))), "trim")
+    assert "a ballast of 23.9 N" in trim.text
+
+
+def test_an_impossible_inertia_is_an_error(tmp_path: Path) -> None:
+    report = check_robot_files(write(tmp_path, f"<link name='base_link'>{MASS.format(3)}</link>"))
+    assert not report.usable
+    assert "a principal moment exceeds the sum of the others" in finding(report, "inertias").text
+
+
+def test_a_massless_tip_makes_the_mass_matrix_singular(tmp_path: Path) -> None:
+    joint = (
+        "<link name='tip'/><joint name='j' type='revolute'><parent link='base_link'/><child link='tip'/>"
+        "<axis xyz='0 0 1'/><limit lower='-1' upper='1' velocity='1' effort='1'/></joint>"
+    )
+    report = check_robot_files(write(tmp_path, f"<link name='base_link'>{MASS.format(1)}</link>{joint}"))
+    assert not report.usable
+    assert finding(report, "inertias").text == "no mass behind joint j"
+    assert finding(report, "mass matrix").verdict is Verdict.ERROR
+
+
+def test_a_free_flyer_without_water_or_thrusters_is_warned_about(tmp_path: Path) -> None:
+    hull = f"<link name='base_link'>{MASS.format(1)}</link>"
+    dry = check_robot_files(write(tmp_path, hull))
+    assert dry.usable
+    assert "give a hydrodynamics.yaml" in finding(dry, "water").text
+    wet = check_robot_files(write(tmp_path, hull, "links: {base_link: {sphere: {radius: 0.1}}}"))
+    assert finding(wet, "thrusters").verdict is Verdict.WARNING

@@ -1,0 +1,139 @@
+"""The robot's shapes, the obstacles, and the pairs of them that must stay apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from uvms_ocp.collision.coordinates import Coordinates
+from uvms_ocp.model.axis_reach import shape_reach
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.collision_model import self_pairs, shapes_among
+from uvms_ocp.model.shapes.obstacles import Obstacle
+
+Array = NDArray[np.float64]
+
+_LINKS = "its own links"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Pair:
+    """Two shapes by index in the geometry model, and the joints that carry them (0 is the world)."""
+
+    first: int
+    second: int
+    first_joint: int
+    second_joint: int
+    name: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class CollisionScene:
+    """What ``collision_scene`` builds: a geometry model whose pairs are the ones checked."""
+
+    coordinates: Coordinates
+    geometry: pin.GeometryModel
+    pairs: tuple[Pair, ...]
+    moved: Array
+    """(n_pairs, n_axes) -1, 0 or 1: does the axis move the second shape minus does it move the first."""
+    reach: Array
+    """(n_pairs, n_axes) upper bound on |d distance / d axis| at any configuration [m per unit of the axis]."""
+    carried: Array
+    """(n_pairs, n_axes) 1 where the axis moves the second shape."""
+    follows: Array
+    """(n_axes, n_axes) see ``Coordinates.follows``."""
+    gyration: Array
+    """(n_pairs,) [m] radius of gyration of the ball around the second shape."""
+    room: Array
+    """(n_pairs,) [m] half the distance of two links at ``robot.home``, close by design; infinite for obstacles."""
+
+    @property
+    def n_pairs(self) -> int:
+        return len(self.pairs)
+
+    def is_obstacle(self, shape: int) -> bool:
+        """True for the index of an obstacle; the robot's own shapes come first."""
+        return shape >= self.coordinates.robot.collision_model.ngeoms
+
+    def groups(self) -> dict[str, list[int]]:
+        """Indices of pairs by the obstacle they are with, and those of two links."""
+        groups: dict[str, list[int]] = {}
+        for index, pair in enumerate(self.pairs):
+            name = self.geometry.geometryObjects[pair.first].name if self.is_obstacle(pair.first) else _LINKS
+            groups.setdefault(name, []).append(index)
+        return groups
+
+
+def collision_scene(
+    coordinates: Coordinates, obstacles: Sequence[Obstacle], *, self_collision: bool = True
+) -> CollisionScene:
+    """All pairs link - obstacle, and the pairs of links of `self_pairs`, except those that no planned axis moves."""
+    robot = coordinates.robot
+    geometry, n_links = shapes_among(robot, obstacles), robot.collision_model.ngeoms
+    names = [shape.name for shape in geometry.geometryObjects]
+    joints = [shape.parentJoint for shape in geometry.geometryObjects]
+    indices = [(o, i) for o in range(n_links, geometry.ngeoms) for i in range(n_links)]
+    if self_collision:
+        indices += self_pairs(robot)
+    pairs = [
+        Pair(first=a, second=b, first_joint=joints[a], second_joint=joints[b], name=f"{names[a]} - {names[b]}")
+        for a, b in indices
+    ]
+    return _with_moving_pairs(coordinates, geometry, pairs)
+
+
+def _with_moving_pairs(
+    coordinates: Coordinates, geometry: pin.GeometryModel, candidates: Sequence[Pair]
+) -> CollisionScene:
+    supports = _supports(coordinates)
+    reaches = np.stack([_reach(coordinates, shape) for shape in geometry.geometryObjects])
+    pairs = [pair for pair in candidates if (supports[pair.second_joint] != supports[pair.first_joint]).any()]
+    shape = (len(pairs), coordinates.n_axes)
+    moved = np.array([supports[p.second_joint] - supports[p.first_joint] for p in pairs]).reshape(shape)
+    reach = np.array([np.maximum(reaches[p.first], reaches[p.second]) for p in pairs]).reshape(shape)
+    carried = np.array([supports[p.second_joint] for p in pairs]).reshape(shape)
+    radii = np.array([geometry.geometryObjects[p.second].geometry.aabb_radius for p in pairs])
+    for pair in pairs:
+        geometry.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
+    return CollisionScene(
+        coordinates=coordinates,
+        geometry=geometry,
+        pairs=tuple(pairs),
+        moved=moved,
+        reach=np.where(moved != 0.0, reach, 0.0),
+        carried=carried,
+        follows=coordinates.follows(),
+        gyration=radii * np.sqrt(0.4),
+        room=_room(coordinates.robot, geometry, pairs),
+    )
+
+
+def _room(robot: Robot, geometry: pin.GeometryModel, pairs: Sequence[Pair]) -> Array:
+    data = geometry.createData()
+    pin.computeDistances(robot.model, robot.model.createData(), geometry, data, robot.configuration())
+    return np.array(
+        [
+            data.distanceResults[k].min_distance / 2.0 if pair.first_joint and pair.second_joint else np.inf
+            for k, pair in enumerate(pairs)
+        ]
+    )
+
+
+def _supports(coordinates: Coordinates) -> Array:
+    """(n_joints + 1, n_axes) 1 where the axis moves the joint."""
+    model = coordinates.robot.model
+    supports = np.zeros((model.njoints, model.nv))
+    for joint in range(1, model.njoints):
+        for carrier in list(model.supports[joint])[1:]:
+            first = model.joints[carrier].idx_v
+            supports[joint, first : first + model.joints[carrier].nv] = 1.0
+    return supports[:, coordinates.planned]
+
+
+def _reach(coordinates: Coordinates, shape: pin.GeometryObject) -> Array:
+    """(n_axes,) the farthest that one unit of each planned axis can move any point of a shape [m]."""
+    return shape_reach(coordinates.robot, shape)[coordinates.planned]

@@ -1,0 +1,1 @@
+"""Reference velocities in, thrust and torque out."""

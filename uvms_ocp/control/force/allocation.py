@@ -1,0 +1,212 @@
+"""Allocation: from the wrench a controller asks for to thrust inside the limits of every thruster."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uvms_ocp.control.force.least_power import PowerLaw, least_power_function, null_space
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions.buffered import BufferedFunction
+from uvms_ocp.model.files.description import Power, Thruster
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.thrusters import thrust_limits, thruster_matrix
+from uvms_ocp.solvers.bounded_least_squares import bounded_least_squares
+
+_all = np.logical_and.reduce  # half the time of ndarray.all
+_REWEIGHTINGS = 3  # of the power at the limits; each divides what is left to save by four
+_SETTLED = 1e-4  # share of the largest thrust
+_EXACT = 1e-9  # relative loss of wrench that counts as none
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AllocationResult:
+    """Thrust for one wrench. Arrays are fresh and owned by the caller."""
+
+    thrust: np.ndarray
+    """(n_thrusters,) [N], inside the limits."""
+    reached: np.ndarray
+    """Wrench of that thrust (6,) [N, N m] in B."""
+    unreachable: np.ndarray
+    """Rest of the wrench asked for (6,) [N, N m], out of reach of the layout or of the limits."""
+    saturated: bool
+    """The limits, and not the layout alone, keep the wrench from being reached."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Allocation:
+    """Thrust of n thrusters for a wrench on the vehicle: bounded weighted least squares, then least power.
+
+    Minimises ``|diag(wrench_weight) (B thrust - wrench)|`` inside the limits; among equal wrenches it minimises
+    the electrical power, to about 1e-4 of it. See `allocation_of` for a robot's. Raises InvalidInput. Not for use
+    from two threads at once.
+    """
+
+    matrix: np.ndarray
+    """B (6, n) [N/N, N m/N]."""
+    lower: np.ndarray
+    """(n,) [N], at most 0."""
+    upper: np.ndarray
+    """(n,) [N], at least 0."""
+    power_factor: np.ndarray
+    """(n,) [W/N^exponent], more than 0: power is ``factor |thrust|^exponent``."""
+    power_exponent: np.ndarray
+    """(n,) [-], 1 to 3."""
+    dead_zone: np.ndarray
+    """(n,) [N]: smaller thrust cannot be commanded; it becomes 0 or the edge, whichever is nearer."""
+    wrench_weight: np.ndarray = field(default_factory=lambda: np.ones(6))
+    """(6,) [1/N, 1/(N m)]: what to give up first when not everything can be reached."""
+    _power: PowerLaw = field(init=False, repr=False)
+    _unbounded: BufferedFunction = field(init=False, repr=False)
+    _is_redundant: bool = field(init=False, repr=False)
+    _has_dead_zone: bool = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        self._check()
+        largest = np.maximum(np.maximum(self.upper, -self.lower), np.finfo(float).tiny)
+        power = PowerLaw(factor=self.power_factor, exponent=self.power_exponent, largest=largest)
+        function = least_power_function(self.matrix, self._inverse(power.quadratic()), power)
+        object.__setattr__(self, "_power", power)
+        object.__setattr__(self, "_unbounded", BufferedFunction(function))
+        object.__setattr__(self, "_is_redundant", null_space(self.matrix).size > 0)
+        object.__setattr__(self, "_has_dead_zone", bool((self.dead_zone > 0.0).any()))
+
+    def allocate(self, wrench: ArrayLike) -> AllocationResult:
+        """Thrust for a wrench (6,) [N, N m] about the origin of B, in B. Raises InvalidInput for NaN."""
+        w = _six(wrench)
+        thrust = self._unbounded(w)[0]
+        inside = _all(thrust >= self.lower) and _all(thrust <= self.upper)  # not so for NaN
+        if inside and not self._has_dead_zone:
+            reached = self.matrix @ thrust
+            return AllocationResult(thrust, reached, w - reached, False)
+        return self._slowly(w, thrust, inside)
+
+    def _slowly(self, w: np.ndarray, unbounded: np.ndarray, inside: bool) -> AllocationResult:
+        _require_finite(w)
+        thrust = unbounded if inside else self._bounded(w)
+        saturated = not inside and self._loses(thrust, unbounded)
+        thrust = self._outside_dead_zone(w, thrust) if self._has_dead_zone else thrust
+        reached = self.matrix @ thrust
+        return AllocationResult(thrust, reached, w - reached, saturated)
+
+    def _bounded(self, w: np.ndarray) -> np.ndarray:
+        thrust = self._least_squares(w, self.lower, self.upper, self._power.quadratic(), None)
+        for _ in range(_REWEIGHTINGS if self._is_redundant else 0):
+            before, weight = thrust, self._power.touching(thrust)
+            thrust = self._least_squares(w, self.lower, self.upper, weight, before)
+            if np.abs(thrust - before).max() < _SETTLED * self._power.largest.max():
+                break
+        return thrust
+
+    def _least_squares(
+        self, w: np.ndarray, lower: np.ndarray, upper: np.ndarray, weight: np.ndarray, start: np.ndarray | None
+    ) -> np.ndarray:
+        A = self.wrench_weight[:, None] * self.matrix
+        return bounded_least_squares(A, self.wrench_weight * w, lower, upper, weight, start)
+
+    def _inverse(self, weight: np.ndarray) -> np.ndarray:
+        """Wrench to the thrust (n, 6) of least weighted squares without limits."""
+        scale = np.sqrt(weight)
+        weighted = self.wrench_weight[:, None] * self.matrix / scale
+        return np.linalg.pinv(weighted, rcond=1e-9) * self.wrench_weight / scale[:, None]
+
+    def _loses(self, thrust: np.ndarray, unbounded: np.ndarray) -> bool:
+        lost = self.wrench_weight * (self.matrix @ (thrust - unbounded))
+        wanted = self.wrench_weight * (self.matrix @ unbounded)
+        return bool(np.linalg.norm(lost) > _EXACT * np.linalg.norm(wanted))
+
+    def _outside_dead_zone(self, w: np.ndarray, thrust: np.ndarray) -> np.ndarray:
+        """Round what lies inside the dead zone, and let the other thrusters make up for it."""
+        lower, upper = self.lower.copy(), self.upper.copy()
+        inside = self._inside_dead_zone(thrust)
+        while inside.any():
+            lower[inside] = upper[inside] = self._rounded(thrust)[inside]
+            weight = self._power.touching(thrust)
+            thrust = self._least_squares(w, lower, upper, weight, None)
+            inside = self._inside_dead_zone(thrust) & (lower < upper)
+        return thrust
+
+    def _inside_dead_zone(self, thrust: np.ndarray) -> np.ndarray:
+        size = np.abs(thrust)
+        return (size > 0.0) & (size < self.dead_zone)
+
+    def _rounded(self, thrust: np.ndarray) -> np.ndarray:
+        edge = np.clip(np.copysign(self.dead_zone, thrust), self.lower, self.upper)
+        far = np.abs(thrust) > 0.5 * self.dead_zone
+        return np.where(far & (np.abs(edge) >= self.dead_zone), edge, 0.0)
+
+    def _check(self) -> None:
+        n = np.shape(self.matrix)[-1] if np.ndim(self.matrix) == 2 else 0
+        for name, shape in _SHAPES.items():
+            rows = tuple(n if size == -1 else size for size in shape)
+            object.__setattr__(self, name, _checked(name, getattr(self, name), rows))
+        _require((self.lower <= 0.0).all() and (self.upper >= 0.0).all(), "limits", "lower <= 0 <= upper")
+        _require((self.power_factor > 0.0).all(), "power_factor", "more than 0")
+        _require(((self.power_exponent >= 1.0) & (self.power_exponent <= 3.0)).all(), "power_exponent", "1 to 3")
+        _require((self.wrench_weight > 0.0).all(), "wrench_weight", "more than 0")
+        _require((self.dead_zone >= 0.0).all(), "dead_zone", "0 or more")
+
+
+_SHAPES = {
+    "matrix": (6, -1),
+    "lower": (-1,),
+    "upper": (-1,),
+    "power_factor": (-1,),
+    "power_exponent": (-1,),
+    "dead_zone": (-1,),
+    "wrench_weight": (6,),
+}
+
+
+def allocation_of(robot: Robot, *, force_weight: float = 1.0, moment_weight: float = 1.0) -> Allocation:
+    """Return the allocation of a robot's thrusters.
+
+    force_weight [1/N] and moment_weight [1/(N m)] say what to give up first when the limits bind.
+    """
+    thrusters = robot.description.thrusters
+    lower, upper = thrust_limits(robot)
+    powers = _powers(thrusters)
+    return Allocation(
+        matrix=thruster_matrix(robot),
+        lower=lower,
+        upper=upper,
+        power_factor=np.array([power.watts / power.thrust**power.exponent for power in powers]),
+        power_exponent=np.array([power.exponent for power in powers]),
+        dead_zone=np.array([thruster.dead_zone for thruster in thrusters]),
+        wrench_weight=np.repeat([force_weight, moment_weight], 3),
+    )
+
+
+def _powers(thrusters: tuple[Thruster, ...]) -> list[Power]:
+    powers = [thruster.power for thruster in thrusters if thruster.power is not None]
+    if len(powers) == len(thrusters):
+        return powers
+    # Without data for all, full thrust costs the same for each.
+    return [Power(thrust=max(thruster.maximum, -thruster.minimum), watts=1.0) for thruster in thrusters]
+
+
+def _six(wrench: ArrayLike) -> np.ndarray:
+    w = np.asarray(wrench, dtype=float)
+    if w.shape != (6,):
+        raise InvalidInput(f"wrench of shape {w.shape} given; allowed: (6,) [N, N m]")
+    return w
+
+
+def _require_finite(w: np.ndarray) -> None:
+    if not np.isfinite(w).all():
+        raise InvalidInput(f"wrench {w} given; allowed: six finite numbers [N, N m]")
+
+
+def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
+    array = np.array(value, dtype=float)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise InvalidInput(f"{name} of shape {array.shape} given; allowed: {shape}, finite numbers")
+    array.flags.writeable = False
+    return array
+
+
+def _require(condition: object, name: str, allowed: str) -> None:
+    if not condition:
+        raise InvalidInput(f"{name} out of range; allowed: {allowed}")

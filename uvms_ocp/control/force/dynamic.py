@@ -1,0 +1,169 @@
+"""Dynamic control layer: forces and torques that make the robot follow reference velocities ([Gao2022] figure 4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uvms_ocp.control.force.allocation import AllocationResult, allocation_of
+from uvms_ocp.control.force.observer import DisturbanceObserver
+from uvms_ocp.control.navigation.last_known import LastSound
+from uvms_ocp.control.velocity.kinematic import KinematicController
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.dynamics import Dynamics
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.state import Command, Measurement
+
+_ENCODER_SILENCE = 0.05  # [s] after which joints are no longer fed back; a joint falls faster than a vehicle drifts
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class VelocityGains:
+    """Gains of the velocity loop, in units of the closed loop: the model takes care of mass and water."""
+
+    vehicle: float = 3.0  # [1/s] proportional
+    joints: float = 12.0  # [1/s]
+    vehicle_reset: float = 1.0  # [1/s] inverse integral time: how fast the integral takes over
+    joints_reset: float = 3.0  # [1/s]
+    observer_vehicle: float = 3.0  # [rad/s] bandwidth of the disturbance observer; 0 turns it off
+    observer_joints: float = 4.0  # [rad/s]
+    lead: float = 4.0  # thrusters are driven this many times faster than their lag
+
+    def __post_init__(self) -> None:
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        for name, value in values.items():
+            if not (np.isfinite(value) and value >= 0):
+                raise InvalidInput(f"gain {name} = {value}; give a finite value >= 0")
+        if self.lead < 1:
+            raise InvalidInput(f"gain lead = {self.lead}; give a factor >= 1")
+
+
+class DynamicController:
+    """Tracks the velocities of a kinematic layer: a callable ``(Measurement, t) -> Command`` with thrust and torque.
+
+    ``tau = M (a_ref + K_p (e + i)) + D i + h(q, v_ref) - d`` with ``i = reset * int e``: model-based feed-forward, PI
+    on the velocity error with anti-windup, and the disturbance d of an observer. Thrusters are inverted through their lag.
+    D in the integral part: without it, axes with much drag are left with a slow tail. Drag in h is that of the
+    reference: fed back from the measured velocity it destabilises the loop wherever the model has too much of it.
+    """
+
+    def __init__(
+        self,
+        *,
+        robot: Robot,
+        dynamics: Dynamics,
+        kinematic: KinematicController,
+        gains: VelocityGains | None = None,
+    ) -> None:
+        """Raises `InvalidInput` for a vehicle without thrusters."""
+        if robot.n_vehicle and not robot.description.thrusters:
+            raise InvalidInput(
+                f"robot {robot.name!r} has no thrusters; give some in its YAML, or use the kinematic plant"
+            )
+        self.kinematic = kinematic
+        self._robot, self._dynamics, self._dt = robot, dynamics, kinematic.dt
+        self._gains = gains or VelocityGains()
+        self._allocation = allocation_of(robot)
+        self._thrusters = ThrusterLag(robot, self._gains.lead, self._dt)
+        self._observer = observer_of(robot, dynamics, self._gains, self._dt)
+        self._sound = LastSound(robot)
+        self._K_p = _per_axis(robot, self._gains.vehicle, self._gains.joints)
+        self._reset = _per_axis(robot, self._gains.vehicle_reset, self._gains.joints_reset)
+        self._integral = np.zeros(robot.n_v)
+        self._reference = np.zeros(robot.n_v)
+        self._torque = np.zeros(robot.n_joints)
+
+    def __call__(self, measurement: Measurement, t: float) -> Command:
+        """The command for the tick at time t [s]."""
+        measurement = self._sound(measurement, t)
+        command = self.kinematic(measurement, t)
+        if command.stop:
+            self._integral[self._robot.vehicle_v] = 0.0
+        trusted = self._trusted(command, measurement)
+        disturbance = self._disturbance(measurement, command)
+        error = np.where(trusted, command.v - measurement.v, 0.0)
+        settled = self._reset * self._integral
+        a = (command.v - self._reference) / self._dt + self._K_p * (error + settled)
+        self._reference = command.v
+        tau = self._dynamics.inverse_dynamics(measurement.q, command.v, a) - disturbance
+        tau += self._dynamics.damping_matrix(measurement.q, command.v) @ settled
+        if command.stop:
+            tau[self._robot.vehicle_v] = 0.0
+        result, torque = self._realize(tau)
+        self._integrate(error, tau, np.concatenate([result.reached[: self._robot.n_vehicle], torque]))
+        telemetry = {
+            **command.telemetry,
+            "disturbance": disturbance.copy(),
+            "wrench": tau[: self._robot.n_vehicle],
+            "unreachable": result.unreachable,
+            "saturated": result.saturated,
+        }
+        thrust = self._thrusters.drive(result.thrust, hurry=not command.stop)
+        return replace(command, thrust=thrust, torque=torque, brakes=not trusted[-1], telemetry=telemetry)
+
+    def _trusted(self, command: Command, measurement: Measurement) -> np.ndarray:
+        """Which axes (n_v,) are fed back. On the others feed-forward goes on alone: feedback from a frozen velocity
+        would accelerate the robot without end."""
+        joints = measurement.joint_age <= _ENCODER_SILENCE
+        return np.repeat([not command.hold, joints], [self._robot.n_vehicle, self._robot.n_joints])
+
+    def _disturbance(self, measurement: Measurement, command: Command) -> np.ndarray:
+        if self._observer is None:
+            return np.zeros(self._robot.n_v)
+        if command.hold:
+            self._observer.pause(forget=command.stop)
+            return self._observer.estimate
+        wrench = (self._allocation.matrix @ self._thrusters.thrust)[: self._robot.n_vehicle]
+        return self._observer.update(measurement.q, measurement.v, np.concatenate([wrench, self._torque]))
+
+    def _realize(self, tau: np.ndarray) -> tuple[AllocationResult, np.ndarray]:
+        wrench = np.zeros(6)
+        wrench[: self._robot.n_vehicle] = tau[self._robot.vehicle_v]
+        effort = self._robot.limits.effort
+        self._torque = np.clip(tau[self._robot.joint_v], -effort, effort)
+        return self._allocation.allocate(wrench), self._torque
+
+    def _integrate(self, error: np.ndarray, wanted: np.ndarray, reached: np.ndarray) -> None:
+        """Conditional integration: an axis whose force falls short does not wind up further in that direction."""
+        short = wanted - reached
+        winding = (np.abs(short) > 1e-6 * (1 + np.abs(wanted))) & (short * error > 0)
+        self._integral += np.where(winding, 0.0, error * self._dt)
+
+
+class ThrusterLag:
+    """Model of first-order thrusters, and the thrust command that makes them `lead` times faster."""
+
+    def __init__(self, robot: Robot, lead: float, dt: float) -> None:
+        thrusters = robot.description.thrusters
+        time_constants = np.array([thruster.time_constant for thruster in thrusters])
+        self._decay = np.exp(-dt / np.maximum(time_constants, 1e-9))
+        self._lower = np.array([thruster.minimum for thruster in thrusters])
+        self._upper = np.array([thruster.maximum for thruster in thrusters])
+        # Faster than the control period would ring.
+        self._lead = np.clip(lead, 1.0, np.maximum(time_constants / (2 * dt), 1.0))
+        self.thrust = np.zeros(len(thrusters))  # [N] modelled thrust now
+
+    def drive(self, wanted: np.ndarray, *, hurry: bool) -> np.ndarray:
+        """Command (n_thrusters,) [N] for the wanted thrust; advances the model by one tick."""
+        lead = self._lead if hurry else 1.0
+        command = np.clip(self.thrust + lead * (wanted - self.thrust), self._lower, self._upper)
+        self.thrust = command + (self.thrust - command) * self._decay
+        return command
+
+
+def _per_axis(robot: Robot, vehicle: float, joints: float) -> np.ndarray:
+    return np.concatenate([np.full(robot.n_vehicle, vehicle), np.full(robot.n_joints, joints)])
+
+
+def observer_of(robot: Robot, dynamics: Dynamics, gains: VelocityGains, dt: float) -> DisturbanceObserver | None:
+    """The observer that `gains` ask for; None where its bandwidth is 0."""
+    if not gains.observer_vehicle:
+        return None
+    wrench = np.abs(allocation_of(robot).matrix) @ np.array([t.maximum for t in robot.description.thrusters])
+    return DisturbanceObserver(
+        dynamics,
+        bandwidth=_per_axis(robot, gains.observer_vehicle, gains.observer_joints or gains.observer_vehicle),
+        limit=np.concatenate([wrench[: robot.n_vehicle], robot.limits.effort]),
+        dt=dt,
+    )

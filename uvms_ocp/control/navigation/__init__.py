@@ -1,0 +1,1 @@
+"""Readings of sensors in, one measurement with its age out."""

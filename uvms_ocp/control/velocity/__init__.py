@@ -1,0 +1,1 @@
+"""A measurement and a mission in, reference velocities out."""

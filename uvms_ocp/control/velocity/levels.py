@@ -1,0 +1,130 @@
+"""From tasks to the levels of one tick: a CasADi Function that stacks limits, tasks and minimum velocity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.control.velocity.reachable_rows import reachable_rows
+from uvms_ocp.model.limits import bounded_joints
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.symbolic.tree import SymbolicModel
+from uvms_ocp.tasks.hierarchy import Hierarchy
+from uvms_ocp.tasks.limits import stopping_speed
+from uvms_ocp.tasks.task import Rows, TickSymbols, equality_rows
+
+LIMITS, REST = "limits", "rest"
+"""Names of the first and the last level, which every hierarchy has."""
+_INPUTS = ("q", "velocity", "previous", "altimeter_range", "parameters", "gates")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LevelsProblem:
+    """The levels of a tick, ready for a solver's ``bind``.
+
+    `function`: (q, velocity, previous, altimeter_range, parameters, gates) ->
+    (J, lower, upper, rate, activation, gate, quantities, activity), rows of all levels stacked. `parameters` are the
+    references of all tasks, then what `measure` returns.
+    """
+
+    function: ca.Function
+    names: tuple[str, ...]  # of the levels
+    sizes: tuple[int, ...]  # rows of each level
+    quantity_names: tuple[str, ...]  # "task.quantity", the order of the output `quantities`
+
+
+def build_levels(robot: Robot, hierarchy: Hierarchy, dt: float) -> LevelsProblem:
+    """Stack the velocity limits of `robot`, the tasks of `hierarchy` and minimum velocity, for control period dt [s].
+
+    Raises `FrameNotFound` or `NameNotFound` where a task names a frame or joint that the robot does not have.
+    """
+    symbols = _symbols(robot, dt)
+    previous = ca.SX.sym("previous", robot.n_v)
+    parameters = ca.SX.sym("parameters", sum(task.n_parameters(robot) for task in hierarchy.tasks))
+    gates = ca.SX.sym("gates", len(hierarchy.tasks))
+    tasks = _task_rows(robot, hierarchy, symbols, parameters)
+    reachable = [
+        reachable_rows(rows, equality=task.equality, symbols=symbols, previous=previous, gate=gate)
+        for task, rows, gate in zip(hierarchy.tasks, tasks, ca.vertsplit(gates), strict=True)
+    ]
+    levels = [_limit_rows(symbols, previous), *reachable, _rest_rows(robot)]
+    quantities = {
+        f"{task.name}.{name}": value
+        for task, rows in zip(hierarchy.tasks, tasks, strict=True)
+        for name, value in rows.quantities.items()
+    }
+    inputs = [symbols.q, symbols.velocity, previous, symbols.altimeter_range, parameters, gates]
+    outputs = _stacked(levels, [ca.SX(1), *ca.vertsplit(gates), ca.SX(1)], quantities)
+    return LevelsProblem(
+        function=ca.Function("levels", inputs, [*outputs.values()], list(_INPUTS), [*outputs], {"cse": True}),
+        names=(LIMITS, *hierarchy.names, REST),
+        sizes=tuple(rows.n_rows for rows in levels),
+        quantity_names=tuple(quantities),
+    )
+
+
+def _stacked(levels: list[Rows], gates: list[ca.SX], quantities: dict[str, ca.SX]) -> dict[str, ca.SX]:
+    """Dense outputs of the levels function; a gate between 0 and 1 is already part of the bounds."""
+    gate = ca.vertcat(*(ca.repmat(g, rows.n_rows, 1) for g, rows in zip(gates, levels, strict=True)))
+    activity = ca.vertcat(*(rows.activation for rows in levels)) * gate
+    outputs = {
+        "J": ca.vertcat(*(rows.jacobian for rows in levels)),
+        "lower": ca.vertcat(*(rows.lower for rows in levels)),
+        "upper": ca.vertcat(*(rows.upper for rows in levels)),
+        "rate": ca.vertcat(*(rows.rate for rows in levels)),
+        "activation": activity,
+        "gate": gate > 0,
+        "quantities": ca.vertcat(ca.SX(0, 1), *quantities.values()),
+        "activity": activity,
+    }
+    return {name: ca.densify(value) for name, value in outputs.items()}
+
+
+def _symbols(robot: Robot, dt: float) -> TickSymbols:
+    q = ca.SX.sym("q", robot.n_q)
+    return TickSymbols(
+        robot=robot,
+        kinematics=SymbolicModel(robot.model).forward_kinematics(q),
+        q=q,
+        velocity=ca.SX.sym("velocity", robot.n_v),
+        altimeter_range=ca.SX.sym("altimeter_range"),
+        dt=dt,
+    )
+
+
+def _task_rows(robot: Robot, hierarchy: Hierarchy, symbols: TickSymbols, parameters: ca.SX) -> list[Rows]:
+    ends = np.cumsum([0, *(task.n_parameters(robot) for task in hierarchy.tasks)])
+    return [
+        task.rows(symbols, parameters[int(start) : int(end)])
+        for task, start, end in zip(hierarchy.tasks, ends, ends[1:], strict=False)
+    ]
+
+
+def _limit_rows(symbols: TickSymbols, previous: ca.SX) -> Rows:
+    """Velocity and position limits, reached no faster than the acceleration limits allow from the previous velocity.
+
+    Joints keep a speed from which they can still stop before their limit. Not read by the regularised pseudo-inverse.
+    """
+    robot = symbols.robot
+    reach = ca.DM(robot.limits.acceleration * symbols.dt)
+    lower, upper = ca.SX(-robot.limits.velocity), ca.SX(robot.limits.velocity)
+    for joint, q_lower, q_upper in bounded_joints(robot.joints, robot.limits):
+        i, q = joint.idx_v, symbols.q[joint.idx_q]
+        braking = {"deceleration": float(robot.limits.acceleration[i]), "dt": symbols.dt}
+        lower[i] = ca.fmax(lower[i], -stopping_speed(q - q_lower, **braking))
+        upper[i] = ca.fmin(upper[i], stopping_speed(q_upper - q, **braking))
+    zeros = ca.SX.zeros(robot.n_v)
+    return Rows(
+        jacobian=ca.SX.eye(robot.n_v),
+        rate=zeros,
+        lower=ca.fmin(ca.fmax(lower, previous - reach), previous + reach),
+        upper=ca.fmin(ca.fmax(upper, previous - reach), previous + reach),
+        activation=zeros,
+    )
+
+
+def _rest_rows(robot: Robot) -> Rows:
+    """Minimise the remaining velocity ([Gao2022] Table 3, last row)."""
+    return equality_rows(ca.SX.eye(robot.n_v), ca.SX.zeros(robot.n_v))

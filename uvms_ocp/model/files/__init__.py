@@ -1,0 +1,1 @@
+"""Paths in, checked text out: URDF, hydrodynamics.yaml and where robots are kept."""

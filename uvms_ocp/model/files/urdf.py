@@ -1,0 +1,89 @@
+"""URDF text to Pinocchio models.
+
+The XML is checked before Pinocchio sees it, because its parser writes to stderr and its messages do not say
+which element is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pinocchio as pin
+
+from uvms_ocp.exceptions import RobotDataError
+from uvms_ocp.model.files.urdf_checks import check_urdf
+
+Element = ElementTree.Element
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class UrdfModels:
+    """What one URDF gives: the mechanism and its two sets of shapes."""
+
+    name: str
+    model: pin.Model
+    visual: pin.GeometryModel
+    collision: pin.GeometryModel
+
+
+def read_urdf(path: Path, *, free_flyer: bool, package_dirs: Sequence[Path] = ()) -> UrdfModels:
+    """Read a URDF file; every mistake in it is a one-line ``RobotDataError``.
+
+    ``package://name/...`` is searched as ``<dir>/name/...`` in ``package_dirs`` and in the folders above the
+    file; other mesh paths are relative to the file.
+    """
+    root = _parse(path)
+    check_urdf(path, root)
+    _resolve_meshes(path, root, (*package_dirs, *path.resolve().parents))
+    return _build(path, root, free_flyer)
+
+
+def _parse(path: Path) -> Element:
+    try:
+        root = ElementTree.fromstring(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise RobotDataError(path, f"cannot be read ({error})") from None
+    except ElementTree.ParseError as error:
+        raise RobotDataError(path, f"not a URDF, the XML is broken ({error})") from None
+    if root.tag != "robot":
+        raise RobotDataError(path, f"not a URDF, the root element is <{root.tag}>; allowed: <robot>")
+    return root
+
+
+def _resolve_meshes(path: Path, root: Element, search: Iterable[Path]) -> None:
+    folders = tuple(search)
+    for mesh in root.iter("mesh"):
+        mesh.set("filename", str(_resolve_mesh(path, mesh.get("filename", ""), folders)))
+
+
+def _resolve_mesh(path: Path, filename: str, folders: Sequence[Path]) -> Path:
+    for candidate in _mesh_candidates(path, filename, folders):
+        if candidate.is_file():
+            return candidate
+    raise RobotDataError(path, f"mesh {filename!r} not found; give package_dirs=[folder that contains the package]")
+
+
+def _mesh_candidates(path: Path, filename: str, folders: Sequence[Path]) -> list[Path]:
+    if filename.startswith("package://"):
+        relative = filename.removeprefix("package://")
+        return [folder / relative for folder in folders]
+    plain = Path(filename.removeprefix("file://"))
+    return [path.resolve().parent / plain, *(folder / plain for folder in folders)]
+
+
+def _build(path: Path, root: Element, free_flyer: bool) -> UrdfModels:
+    text = ElementTree.tostring(root, encoding="unicode")
+    try:
+        model = pin.buildModelFromXML(text, *([pin.JointModelFreeFlyer()] if free_flyer else []))
+        shapes = [
+            pin.buildGeomFromUrdfString(model, text, kind)
+            for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
+        ]
+    except (ValueError, RuntimeError) as error:
+        raise RobotDataError(path, f"Pinocchio refuses it ({' '.join(str(error).split())})") from None
+    name = root.get("name", path.stem)
+    model.name = name
+    return UrdfModels(name=name, model=model, visual=shapes[0], collision=shapes[1])

@@ -1,0 +1,1 @@
+"""Shapes of robots and obstacles in, signed distances out, by coal."""

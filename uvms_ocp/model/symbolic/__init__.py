@@ -1,0 +1,1 @@
+"""A Pinocchio model in, its kinematics and dynamics as CasADi expressions out."""

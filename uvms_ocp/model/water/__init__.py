@@ -1,0 +1,1 @@
+"""Descriptions of links in, Fossen's coefficients and wrenches out."""

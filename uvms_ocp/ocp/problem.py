@@ -1,0 +1,187 @@
+"""Optimal control problems with strict priorities, as data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.state import State
+from uvms_ocp.ocp.terms import At, Duration, Term
+
+
+class Integrator(Enum):
+    """How a constant acceleration a moves the configuration over a step h.
+
+    MIDPOINT: ``q (+) (h v + h^2/2 a)``, second order on the manifold. MAGNUS: with the commutator of v and a, fourth
+    order. EULER: semi-implicit, ``q (+) h (v + h a)`` with the forces of the beginning of the step, first order: what
+    shooting solvers for robots usually have, to compare with them.
+    """
+
+    MIDPOINT = "midpoint"
+    MAGNUS = "magnus"
+    EULER = "euler"
+
+
+class Actuation(Enum):
+    """THRUSTERS: within each thruster's limits, through the thruster matrix. WRENCH: any wrench on the vehicle."""
+
+    THRUSTERS = "thrusters"
+    WRENCH = "wrench"
+
+
+class HessianKind(Enum):
+    """EXACT, or GAUSS_NEWTON: cheaper and never indefinite, but blind to the curvature of the constraints."""
+
+    EXACT = "exact"
+    GAUSS_NEWTON = "gauss-newton"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class OcpPhase:
+    """A stretch of the horizon. duration [s]: fixed, or a range ``(shortest, longest)`` to choose from."""
+
+    name: str = "horizon"
+    n_steps: int = 40
+    duration: float | tuple[float, float]
+
+    def __post_init__(self) -> None:
+        shortest, longest = self.range
+        if self.n_steps < 1:
+            raise InvalidInput(f"phase {self.name!r}: n_steps = {self.n_steps}; give at least 1")
+        if not (np.isfinite([shortest, longest]).all() and 0 < shortest <= longest):
+            raise InvalidInput(f"phase {self.name!r}: duration {self.duration} s; give a time > 0, or a range of such")
+
+    @property
+    def free(self) -> bool:
+        return isinstance(self.duration, tuple)
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Shortest and longest duration [s]."""
+        return self.duration if isinstance(self.duration, tuple) else (self.duration, self.duration)
+
+    @property
+    def nominal(self) -> float:
+        """Duration [s] of guesses and of references to time."""
+        return 0.5 * sum(self.range)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class OcpLevel:
+    """Terms of one priority; their squared distances add up, path terms as a mean over the nominal time.
+
+    relax: see `uvms_ocp.solvers.nlp.program.NlpLevel`.
+    """
+
+    name: str
+    terms: tuple[Term, ...]
+    relax: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.terms:
+            raise InvalidInput(f"level {self.name!r} has no terms; give at least one")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class OcpProblem:
+    """Levels from the highest priority to the lowest, subject to dynamics, limits of the robot and `constraints`.
+
+    Raises `InvalidInput` and `NameNotFound`, naming what is wrong.
+    """
+
+    robot: Robot
+    start: State
+    phases: tuple[OcpPhase, ...]
+    levels: tuple[OcpLevel, ...]
+    constraints: tuple[Term, ...] = ()
+    current: np.ndarray = field(default_factory=lambda: np.zeros(3))  # (3,) [m/s] water velocity in W, uniform
+    floor: float = -np.inf  # [m] height of the seafloor, for altitude terms
+    integrator: Integrator = Integrator.MIDPOINT
+    actuation: Actuation = Actuation.THRUSTERS
+    hessian: HessianKind = HessianKind.EXACT
+    water: bool = True
+    limited: bool = True  # False leaves out all limits of the robot, for comparisons
+    altimeter_frame: str = "altimeter"
+
+    def __post_init__(self) -> None:
+        if not self.phases or not self.levels:
+            raise InvalidInput("an optimal control problem needs phases and levels; give at least one of each")
+        self._check_phase_names()
+        self._check_relaxed_levels()
+        if np.shape(self.current) != (3,) or not np.isfinite(self.current).all():
+            raise InvalidInput(f"current {self.current}; give three finite numbers [m/s]")
+        if self.robot.n_vehicle and self.actuation is Actuation.THRUSTERS and not self.robot.description.thrusters:
+            raise InvalidInput(f"robot {self.robot.name!r} has no thrusters; give some, or use Actuation.WRENCH")
+        _check_state(self.robot, self.start)
+
+    @property
+    def n_steps(self) -> int:
+        return sum(phase.n_steps for phase in self.phases)
+
+    @property
+    def free_time(self) -> bool:
+        return any(phase.free for phase in self.phases)
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """Of constraints and levels."""
+        return (*self.constraints, *(term for level in self.levels for term in level.terms))
+
+    def starts_of_phases(self) -> np.ndarray:
+        """First node of every phase, and the last node of all (n_phases + 1,)."""
+        return np.cumsum([0, *(phase.n_steps for phase in self.phases)])
+
+    def nominal_times(self) -> np.ndarray:
+        """Times (n_steps + 1,) [s] of the nodes with nominal durations."""
+        steps = [np.full(phase.n_steps, phase.nominal / phase.n_steps) for phase in self.phases]
+        return np.concatenate([[0.0], np.cumsum(np.concatenate(steps))])
+
+    def _check_phase_names(self) -> None:
+        names = [phase.name for phase in self.phases]
+        if len(set(names)) < len(names):
+            raise InvalidInput(f"phases {names} share a name; give each its own")
+        for term in self.terms:
+            if term.phase is not None and term.phase not in names:
+                raise NameNotFound(f"phase of {term.name}", term.phase, names)
+
+    def _check_relaxed_levels(self) -> None:
+        for level in self.levels[:-1]:
+            if level.relax is None and any(isinstance(term, Duration) for term in level.terms):
+                raise InvalidInput(
+                    f"level {level.name!r} minimises time: give it `relax`, such as 0.01, or put it last"
+                )
+
+
+def single_phase(
+    *, robot: Robot, start: State, duration: float, n_steps: int, levels: Sequence[OcpLevel], **options: object
+) -> OcpProblem:
+    """A problem over one horizon of fixed duration [s]; `options` are further fields of `OcpProblem`."""
+    phase = OcpPhase(duration=duration, n_steps=n_steps)
+    return OcpProblem(robot=robot, start=start, phases=(phase,), levels=tuple(levels), **options)  # type: ignore[arg-type]
+
+
+def counts_on_path(problem: OcpProblem, term: Term, phase: OcpPhase) -> bool:
+    """True where the term has rows at the steps of the phase."""
+    return term.at is At.PATH and term.phase in (None, phase.name)
+
+
+def counts_at_end(problem: OcpProblem, term: Term, phase: OcpPhase) -> bool:
+    """True where the term has rows at the node that ends the phase.
+
+    The last node of the horizon has no step of its own: path terms of the state count there as well.
+    """
+    last = phase is problem.phases[-1]
+    if term.at is At.PATH:
+        return last and term.state_only and term.phase in (None, phase.name)
+    return term.phase == phase.name or (term.phase is None and last)
+
+
+def _check_state(robot: Robot, start: State) -> None:
+    robot.check_configuration(start.q)
+    if np.shape(start.v) != (robot.n_v,) or not np.isfinite(start.v).all():
+        raise InvalidInput(f"velocity at the start has shape {np.shape(start.v)}; give {robot.n_v} finite numbers")

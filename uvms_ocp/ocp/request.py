@@ -1,0 +1,190 @@
+"""One plan by optimal control from what an engineer asks for: with water, thrusters and torques, among obstacles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from uvms_ocp.collision.coal_distances import CoalDistances
+from uvms_ocp.collision.collision_scene import CollisionScene, collision_scene
+from uvms_ocp.collision.coordinates import coordinates
+from uvms_ocp.collision.obstacle_file import ObstacleData, check_names
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.kinematics import Kinematics
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.state import State
+from uvms_ocp.ocp.capsule_clearance import CapsuleClearance, capsule_clearance, nearest_capsules
+from uvms_ocp.ocp.plan import OcpStatus, Plan
+from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
+from uvms_ocp.ocp.terms import AtRest, Effort, Posture, Smoothness, TaskTerm
+from uvms_ocp.planning.request import PostureGoal, ToolGoal
+from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
+from uvms_ocp.tasks.joints import JointTracking
+from uvms_ocp.tasks.pose import ToolPose, ToolPosition, VehiclePose
+from uvms_ocp.tasks.task import Task
+
+Array = NDArray[np.float64]
+Triple = tuple[float, float, float]
+
+_PERIOD = 0.02  # [s] between the samples whose clearance is looked at
+_MAX_SAMPLES = 5000
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class OcpRequest:
+    """What to plan: first the goal, at rest and within all limits, then little effort on smooth ways."""
+
+    robot: Robot
+    start: Array
+    """(n_q,) configuration."""
+    goal: ToolGoal | PostureGoal
+    obstacles: tuple[ObstacleData, ...] = ()
+    clearance: float = 0.06
+    """[m] kept from obstacles by the capsules that cover the links."""
+    duration: float = 8.0
+    """[s]"""
+    n_steps: int = 40
+    current: Triple = (0.0, 0.0, 0.0)
+    """[m/s] of the water in W."""
+    plugin: str = "ipopt"
+    time_limit: float = 20.0
+    """[s] for the solver."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OcpResult:
+    """The plan, and what its true shapes keep from each other; of a plan that is not usable that means nothing."""
+
+    request: OcpRequest
+    scene: CollisionScene
+    plan: Plan
+
+    @cached_property
+    def samples(self) -> tuple[Array, Array]:
+        """Times (n,) [s], and configurations (n, n_q) on their manifold, within the limits of the joints."""
+        robot, trajectory = self.request.robot, self.plan.trajectory
+        n = max(2, min(int(np.ceil(self.plan.duration / _PERIOD)) + 1, _MAX_SAMPLES))
+        t = np.linspace(0.0, self.plan.duration, n)
+        q = np.array([trajectory.state_at(robot.model, moment)[0] for moment in t])
+        return t, np.array([_within(robot, row) for row in q])
+
+    @cached_property
+    def coordinates(self) -> Array:
+        """(n, n_axes) coordinates of the scene at the samples."""
+        return np.array([self.scene.coordinates.x(q) for q in self.samples[1]])
+
+    @cached_property
+    def distances(self) -> Array:
+        """(n, n_pairs) [m] of all pairs of shapes at the samples."""
+        return CoalDistances(self.scene).distances(self.coordinates)
+
+    @property
+    def smallest(self) -> tuple[float, float, str]:
+        """Time [s], distance [m] and pair of the smallest distance at any sample; infinite without pairs."""
+        if not self.distances.size:
+            return 0.0, np.inf, ""
+        row, pair = np.unravel_index(int(np.argmin(self.distances)), self.distances.shape)
+        return float(self.samples[0][row]), float(self.distances[row, pair]), self.scene.pairs[pair].name
+
+    @property
+    def collision_free(self) -> bool:
+        """True if no two shapes touch at any sample."""
+        return self.smallest[1] > 0.0
+
+
+def solve_ocp(request: OcpRequest) -> OcpResult:
+    """Plan by lexicographic optimal control.
+
+    Raises:
+        NameNotFound: unknown joint, frame or NLP solver.
+        InvalidInput: a goal outside limits, a start in collision, two obstacles of one name, obstacles of shapes that
+            capsules do not cover, or numbers out of their range.
+    """
+    check_names(request.obstacles)
+    obstacles = [item.build() for item in request.obstacles]
+    scene = collision_scene(coordinates(request.robot, reference=request.start), obstacles)
+    clearance = capsule_clearance(scene, margin=request.clearance)
+    problem = _problem(request, clearance)
+    _check_start(scene, request.start)
+    plan = Planner(problem, NlpOptions(plugin=request.plugin, time_limit=request.time_limit)).plan()
+    if plan.status is OcpStatus.OBSTRUCTED and clearance.pairs:
+        plan = replace(plan, reason=_too_near(request, clearance) or plan.reason)
+    return OcpResult(request=request, scene=scene, plan=plan)
+
+
+def _problem(request: OcpRequest, clearance: CapsuleClearance) -> OcpProblem:
+    robot = request.robot
+    return single_phase(
+        robot=robot,
+        start=State(q=request.start, v=np.zeros(robot.n_v)),
+        duration=request.duration,
+        n_steps=request.n_steps,
+        levels=[
+            OcpLevel(name="goal", terms=tuple(TaskTerm(task=task) for task in _tasks(request))),
+            # Links seldom meet near the posture of the start, and no constraint keeps them apart.
+            OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.3), Posture(q=request.start, weight=2.0))),
+        ],
+        constraints=(AtRest(), clearance) if clearance.pairs else (AtRest(),),
+        current=np.asarray(request.current, dtype=float),
+        water=bool(robot.hydrodynamics),
+    )
+
+
+def _tasks(request: OcpRequest) -> list[Task]:
+    goal = request.goal
+    if isinstance(goal, ToolGoal):
+        request.robot.frame_id(goal.frame)
+        if isinstance(goal.target, pin.SE3):
+            return [ToolPose(frame=goal.frame, goal=goal.target)]
+        return [ToolPosition(frame=goal.frame, goal=pin.SE3(np.eye(3), goal.target))]
+    return _posture_tasks(request, goal)
+
+
+def _posture_tasks(request: OcpRequest, goal: PostureGoal) -> list[Task]:
+    robot = request.robot
+    # Refuses unknown joints, values outside the limits, and a vehicle's goal where there is no vehicle.
+    q = robot.configuration(position=goal.position, rpy=goal.rpy, joints=dict(goal.joints))
+    tasks: list[Task] = []
+    if goal.position is not None or goal.rpy is not None:
+        here = Kinematics(robot, request.start).pose("base_link")
+        there = Kinematics(robot, q).pose("base_link")
+        position = here.translation if goal.position is None else there.translation
+        tasks.append(VehiclePose(goal=pin.SE3((here if goal.rpy is None else there).rotation, position)))
+    if goal.joints:
+        values = np.array(list(goal.joints.values()))
+        tasks.append(JointTracking(joints=tuple(goal.joints), goal=values))
+    return tasks
+
+
+def _check_start(scene: CollisionScene, q: Array) -> None:
+    d = CoalDistances(scene).distances(scene.coordinates.x(q)[None])[0]
+    if d.size and d.min() <= 0.0:
+        pair = scene.pairs[int(np.argmin(d))].name
+        raise InvalidInput(f"the start is in collision: {pair}, {d.min():.3g} m; move the start or the obstacle")
+
+
+def _too_near(request: OcpRequest, clearance: CapsuleClearance) -> str | None:
+    """Which shapes are too near at the start and by how much; `None` where none are."""
+    gap, pair = nearest_capsules(clearance, request.robot, request.start)
+    if gap >= clearance.margin:
+        return None
+    state = f"{gap:.3g} m apart" if gap >= 0 else f"{-gap:.3g} m inside each other"
+    return (
+        f"{pair}: the capsules that cover them, wider than the shapes, are {state} at the start; "
+        f"move them {clearance.margin - gap:.3g} m farther apart for a clearance of {clearance.margin:g} m"
+    )
+
+
+def _within(robot: Robot, q: Array) -> Array:
+    """q with unit quaternions and its joints inside their limits, which a solver keeps but for its tolerance."""
+    inside: Array = pin.normalize(robot.model, q)
+    for joint in robot.joints:
+        if joint.n_q == joint.n_v:
+            own = slice(joint.idx_v - robot.n_vehicle, joint.idx_v - robot.n_vehicle + joint.n_v)
+            inside[joint.q] = np.clip(q[joint.q], robot.limits.position_lower[own], robot.limits.position_upper[own])
+    return inside

@@ -1,0 +1,253 @@
+"""Terms of an optimal control problem: rows of state and input that serve as objectives and as constraints alike.
+
+In a level the distance of the rows to their range is minimised; as a constraint the range is kept.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from enum import Enum
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.limits import bounded_joints
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.tasks.task import Residual, Task, TickSymbols, bounded_residual, zero_residual
+
+_ROUNDING = 0.02  # share of the limit below which powers flatten out, so that they can be differentiated at 0
+
+
+class At(Enum):
+    """Where a term counts: along its phase, or at the phase's end."""
+
+    PATH = "path"
+    END = "end"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class StageSymbols:
+    """State and input of one step. Inputs are shares of their limits; see `uvms_ocp.ocp.transcription.stage`."""
+
+    tick: TickSymbols
+    acceleration: ca.SX  # (n_v,) [m/s2, rad/s2]
+    thrust: ca.SX  # (n_thrusters,) [N]
+    thrust_share: ca.SX  # (n_thrusters,)
+    torque: ca.SX  # (n_joints,) [N m or N]
+    torque_share: ca.SX  # (n_joints,)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Term(ABC):
+    """Rows over a horizon. `phase` names the phase in which it counts: by default all along, or at the very end."""
+
+    state_only: ClassVar[bool] = True
+    at: At = At.END
+    weight: float = 1.0
+    phase: str | None = None
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.weight) and self.weight > 0):
+            raise InvalidInput(f"{self.name}: weight = {self.weight}; give a finite value > 0")
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """For reports."""
+
+    @abstractmethod
+    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
+        """The rows; `parameters` holds what `reference` returns at the time of the node."""
+
+    def n_parameters(self, robot: Robot) -> int:
+        """Length of the vector that `reference` returns."""
+        return 0
+
+    def reference(self, t: float) -> np.ndarray:
+        """Goal at time t [s] as a parameter vector (n_parameters,)."""
+        return np.zeros(0)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class TaskTerm(Term):
+    """A task of the velocity hierarchy over the horizon, by its `Task.residual`."""
+
+    task: Task
+    tolerance: float = 0.0  # by which the range of every row is widened, in the unit of the row
+
+    @property
+    def name(self) -> str:
+        return self.task.name
+
+    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
+        given = self.task.residual(stage.tick, parameters)
+        slack = self.tolerance
+        return Residual(value=given.value, lower=given.lower - slack, upper=given.upper + slack)
+
+    def n_parameters(self, robot: Robot) -> int:
+        return self.task.n_parameters(robot)
+
+    def reference(self, t: float) -> np.ndarray:
+        return self.task.reference(t)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class AtRest(Term):
+    """All velocities are zero, in shares of their limits."""
+
+    @property
+    def name(self) -> str:
+        return "at rest"
+
+    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
+        return zero_residual(stage.tick.velocity / ca.DM(finite_or(stage.tick.robot.limits.velocity, 1.0)))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Effort(Term):
+    """Thrust and torque, in shares of their limits: the integral of their squares."""
+
+    state_only: ClassVar[bool] = False
+    at: At = At.PATH
+
+    @property
+    def name(self) -> str:
+        return "effort"
+
+    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
+        return zero_residual(ca.vertcat(stage.thrust_share, stage.torque_share))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Energy(Term):
+    """Electrical energy: rows whose squares are the powers of thrusters and joints [kW], smooth at zero.
+
+    Thruster ``k |T|^n`` and joint ``|tau q_dot| / efficiency``, as in the robot's description.
+    """
+
+    state_only: ClassVar[bool] = False
+    at: At = At.PATH
+
+    @property
+    def name(self) -> str:
+        return "energy"
+
+    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
+        description = stage.tick.robot.description
+        rows = []
+        for i, thruster in enumerate(description.thrusters):
+            if thruster.power is not None:
+                power = thruster.power
+                share = stage.thrust[i] / power.thrust
+                rows.append(np.sqrt(power.watts / 1e3) * _root_of_power(share, power.exponent))
+        arm = stage.tick.velocity[stage.tick.robot.joint_v]
+        for torque, rate in zip(ca.vertsplit(stage.torque), ca.vertsplit(arm), strict=True):
+            rows.append(_root_of_power(torque * rate / (1e3 * description.joint_efficiency), 1.0))
+        return zero_residual(ca.vertcat(ca.SX(0, 1), *rows))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Smoothness(Term):
+    """Accelerations, in shares of their limits: the integral of their squares."""
+
+    state_only: ClassVar[bool] = False
+    at: At = At.PATH
+
+    @property
+    def name(self) -> str:
+        return "smoothness"
+
+    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
+        return zero_residual(stage.acceleration / ca.DM(finite_or(stage.tick.robot.limits.acceleration, 1.0)))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Duration(Term):
+    """Time: a row of ones, whose integral is the duration. Of use where durations are free."""
+
+    state_only: ClassVar[bool] = False
+    at: At = At.PATH
+
+    @property
+    def name(self) -> str:
+        return "duration"
+
+    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
+        return zero_residual(ca.SX(1))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Posture(Term):
+    """Joints away from a preferred posture, in shares of their range: the integral of the squares."""
+
+    at: At = At.PATH
+    q: np.ndarray  # (n_q,) configuration, of which joints with two limits are used
+
+    @property
+    def name(self) -> str:
+        return "posture"
+
+    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
+        robot = stage.tick.robot
+        away = [
+            (stage.tick.q[joint.idx_q] - self.q[joint.idx_q]) / (upper - lower)
+            for joint, lower, upper in bounded_joints(robot.joints, robot.limits)
+            if np.isfinite([lower, upper]).all()
+        ]
+        return zero_residual(ca.vertcat(ca.SX(0, 1), *away))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Ball:
+    """A ball fixed to a frame of the robot or, without a frame, to the world."""
+
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m] in the frame
+    radius: float  # [m]
+    frame: str | None = None
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite([*self.centre, self.radius]).all() and self.radius >= 0):
+            raise InvalidInput(f"ball at {self.centre} of radius {self.radius} m; give finite numbers, radius >= 0")
+
+    def position(self, symbols: TickSymbols) -> ca.SX:
+        """Centre in W (3,) [m]."""
+        if self.frame is None:
+            return ca.SX(ca.DM(self.centre))
+        R, p = symbols.kinematics.pose(self.frame)
+        return p + R @ ca.DM(self.centre)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class BallClearance(Term):
+    """Every ball of the robot stays `margin` away from every obstacle: one row per pair, signed distance [m] >= 0."""
+
+    at: At = At.PATH
+    robot_balls: tuple[Ball, ...]
+    obstacles: tuple[Ball, ...]
+    margin: float = 0.05  # [m]
+
+    @property
+    def name(self) -> str:
+        return "clearance"
+
+    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
+        pairs = [(ball, other) for ball in self.robot_balls for other in self.obstacles]
+        gaps = [self._gap(ball, other, stage.tick) for ball, other in pairs]
+        return bounded_residual(ca.vertcat(ca.SX(0, 1), *gaps), lower=0.0)
+
+    def _gap(self, ball: Ball, other: Ball, symbols: TickSymbols) -> ca.SX:
+        d = ball.position(symbols) - other.position(symbols)
+        return ca.sqrt(ca.sumsqr(d) + 1e-12) - ball.radius - other.radius - self.margin
+
+
+def finite_or(limit: np.ndarray, unit: float) -> np.ndarray:
+    """The limits, and `unit` where there is none: what rows are scaled by."""
+    return np.where(np.isfinite(limit) & (limit > 0), limit, unit)
+
+
+def _root_of_power(x: ca.SX, exponent: float) -> ca.SX:
+    """Signed square root of ``|x|^exponent``, linear near zero."""
+    return x * (x**2 + _ROUNDING**2) ** ((exponent / 2 - 1) / 2)

@@ -1,0 +1,111 @@
+"""Trajectories of states and inputs, and guesses for the optimiser."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.model.state import State
+from uvms_ocp.model.thrusters import thrust_limits, thruster_matrix
+from uvms_ocp.model.water.hydrodynamics import Water
+from uvms_ocp.ocp.problem import Actuation, OcpProblem
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Trajectory:
+    """States at nodes and inputs of steps."""
+
+    t: np.ndarray  # (N + 1,) [s]
+    q: np.ndarray  # (N + 1, n_q)
+    v: np.ndarray  # (N + 1, n_v) [m/s, rad/s]
+    a: np.ndarray  # (N, n_v) [m/s2, rad/s2] constant over each step
+    thrust: np.ndarray  # (N, n_thrusters) [N] at the middle of each step
+    torque: np.ndarray  # (N, n_joints) [N m or N]
+
+    def state_at(self, model: pin.Model, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """q, v and a at time t [s]; the end is held."""
+        if t >= self.t[-1]:
+            return self.q[-1], self.v[-1], np.zeros_like(self.v[-1])
+        k = self.step_at(t)
+        s = t - self.t[k]
+        a = self.a[k]
+        return pin.integrate(model, self.q[k], s * self.v[k] + s * s / 2 * a), self.v[k] + s * a, a
+
+    def step_at(self, t: float) -> int:
+        """The step that holds time t [s]."""
+        return int(np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.a) - 1))
+
+
+def hold(problem: OcpProblem, start: State | None = None) -> Trajectory:
+    """Guess: stay at the start of the problem or at another one, at rest."""
+    robot, t = problem.robot, problem.nominal_times()
+    state = start or problem.start
+    n = len(t)
+    return Trajectory(
+        t=t,
+        q=np.tile(state.q, (n, 1)),
+        v=np.zeros((n, robot.n_v)),
+        a=np.zeros((n - 1, robot.n_v)),
+        thrust=np.zeros((n - 1, _n_thrust(problem))),
+        torque=np.zeros((n - 1, robot.n_joints)),
+    )
+
+
+def shifted(problem: OcpProblem, last: Trajectory, delay: float, start: State) -> Trajectory:
+    """Guess from a solution that is `delay` [s] old: the same motion seen from `start`, its end held."""
+    model, t = problem.robot.model, problem.nominal_times()
+    states = [last.state_at(model, moment + delay) for moment in t]
+    steps = [last.step_at(moment + delay) for moment in t[:-1]]
+    q, v = np.array([state[0] for state in states]), np.array([state[1] for state in states])
+    q[0], v[0] = start.q, start.v
+    return Trajectory(t=t, q=q, v=v, a=last.a[steps], thrust=last.thrust[steps], torque=last.torque[steps])
+
+
+def through(problem: OcpProblem, times: np.ndarray, configurations: np.ndarray) -> Trajectory:
+    """Guess through configurations (n, n_q) at `times` (n,) [s]: a rollout of the hierarchy, or a minimum-snap path.
+
+    Resampled at the nodes on the manifold, with velocities by differences and the forces that the motion takes.
+    Raises `InvalidInput` for times that do not increase.
+    """
+    if len(times) < 2 or not (np.diff(times) > 0).all():
+        raise InvalidInput("guess: times must increase and number at least two")
+    model, t = problem.robot.model, problem.nominal_times()
+    q = np.array([_between(model, times, configurations, moment) for moment in t])
+    h = np.diff(t)
+    mean = np.array([pin.difference(model, q[k], q[k + 1]) / h[k] for k in range(len(h))])
+    v = np.vstack([problem.start.v, (mean[:-1] + mean[1:]) / 2, mean[-1]])
+    a = np.diff(v, axis=0) / h[:, None]
+    forces = _forces(problem, q, v, a)
+    n = problem.robot.n_vehicle
+    return Trajectory(t=t, q=q, v=v, a=a, thrust=_thrust(problem, forces[:, :n]), torque=forces[:, n:])
+
+
+def _between(model: pin.Model, times: np.ndarray, configurations: np.ndarray, t: float) -> np.ndarray:
+    k = int(np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2))
+    share = float(np.clip((t - times[k]) / (times[k + 1] - times[k]), 0.0, 1.0))
+    return np.asarray(pin.interpolate(model, configurations[k], configurations[k + 1], share))
+
+
+def _forces(problem: OcpProblem, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+    dynamics: Dynamics = robot_dynamics(problem.robot)
+    water = Water(velocity=problem.current)
+    return np.array([dynamics.inverse_dynamics(q[k], v[k], a[k], water) for k in range(len(a))])
+
+
+def _thrust(problem: OcpProblem, wrench: np.ndarray) -> np.ndarray:
+    if not _thrusters(problem):
+        return wrench
+    lower, upper = thrust_limits(problem.robot)
+    return np.clip(wrench @ np.linalg.pinv(thruster_matrix(problem.robot)).T, lower, upper)
+
+
+def _thrusters(problem: OcpProblem) -> bool:
+    return bool(problem.robot.n_vehicle) and problem.actuation is Actuation.THRUSTERS
+
+
+def _n_thrust(problem: OcpProblem) -> int:
+    return len(problem.robot.description.thrusters) if _thrusters(problem) else problem.robot.n_vehicle

@@ -1,0 +1,265 @@
+"""Functions of one step of the horizon, with sparse first and second derivatives, as CasADi SX.
+
+Inverse-dynamics form: the acceleration is a decision, and the forces that it takes are an equality. Nothing is solved
+inside the functions, so their derivatives stay short (a Hessian of forward dynamics is ten times as long). The forces
+of a step are those at its middle, so that a step is right to second order in its length (those at its beginning with
+`Integrator.EULER`).
+
+Variables of a step: ``z = [q, v, h, a, f, m]`` with the length of the step h [s], thrust f and joint torque m in shares
+of their limits. Where every velocity has a force of its own that nothing limits, and there is no water, f and m are
+expressions in the others instead: a third of the variables and rows less.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.functions.compile import compile_function
+from uvms_ocp.model.dynamics import robot_dynamics
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
+from uvms_ocp.model.symbolic.tree import SymbolicModel
+from uvms_ocp.model.thrusters import thrust_limits, thruster_matrix
+from uvms_ocp.ocp.problem import Actuation, HessianKind, Integrator, OcpProblem
+from uvms_ocp.ocp.terms import StageSymbols, finite_or
+from uvms_ocp.tasks.task import TickSymbols
+
+_UNLIMITED_EFFORT = 10.0  # [N m] unit of torque where the robot has no limit
+_VEHICLE_FORCE = 100.0  # [N, N m] unit of the wrench on a vehicle without thrusters
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Layout:
+    """Where the parts of z are."""
+
+    n_q: int
+    n_v: int
+    n_thrust: int
+    n_torque: int
+
+    @property
+    def n_z(self) -> int:
+        return self.n_q + 2 * self.n_v + 1 + self.n_thrust + self.n_torque
+
+    @property
+    def q(self) -> slice:
+        return slice(0, self.n_q)
+
+    @property
+    def v(self) -> slice:
+        return slice(self.n_q, self.n_q + self.n_v)
+
+    @property
+    def h(self) -> int:
+        return self.n_q + self.n_v
+
+    @property
+    def a(self) -> slice:
+        return slice(self.h + 1, self.h + 1 + self.n_v)
+
+    @property
+    def thrust(self) -> slice:
+        return slice(self.a.stop, self.a.stop + self.n_thrust)
+
+    @property
+    def torque(self) -> slice:
+        return slice(self.thrust.stop, self.n_z)
+
+
+class Actuators:
+    """Matrix, units and limits of what moves the robot."""
+
+    def __init__(self, robot: Robot, actuation: Actuation) -> None:
+        thrusters = bool(robot.n_vehicle) and actuation is Actuation.THRUSTERS
+        n = robot.n_vehicle
+        self.matrix = thruster_matrix(robot)[:n] if thrusters else np.eye(n)
+        limits = thrust_limits(robot) if thrusters else (np.full(n, -np.inf), np.full(n, np.inf))
+        largest = np.maximum(np.abs(limits[0]), np.abs(limits[1]))
+        self.thrust_unit = finite_or(largest, _VEHICLE_FORCE)
+        self.thrust_lower, self.thrust_upper = (limit / self.thrust_unit for limit in limits)
+        self.torque_unit = finite_or(robot.limits.effort, _UNLIMITED_EFFORT)
+        self.torque_limit = robot.limits.effort / self.torque_unit
+        reach = np.abs(self.matrix) @ self.thrust_unit / 4
+        self.force_unit = np.concatenate([np.maximum(reach, 1e-3 * reach.max(initial=1.0)), self.torque_unit])
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Derivatives:
+    """A vector function ``(z, s) -> rows`` of variables z and parameters s, with a scalar cost and its derivatives.
+
+    `value`: rows (m,). `jacobian`: nonzeros of d rows / dz. `hessian`: nonzeros of the second derivative of
+    ``sigma' costs + lam' rows`` (upper and lower part). `gradient`: of ``sigma' costs``. `costs` (n_costs,).
+    """
+
+    value: ca.Function
+    jacobian: ca.Function
+    hessian: ca.Function
+    costs: ca.Function
+    gradient: ca.Function
+    jacobian_sparsity: ca.Sparsity
+    hessian_sparsity: ca.Sparsity
+
+
+def derivatives(
+    name: str,
+    z: ca.SX,
+    s: ca.SX,
+    rows: ca.SX,
+    *,
+    costs: ca.SX | None = None,
+    residuals: Sequence[ca.SX] | None = None,
+) -> Derivatives:
+    """Functions of rows (m,) and costs in z and s.
+
+    With `residuals`, vectors r whose ``1/2 |r|^2`` are the costs, the Hessian is that of Gauss and Newton: no curvature
+    of residuals or rows.
+    """
+    c = ca.SX(0, 1) if costs is None else costs
+    sigma, lam = ca.SX.sym("sigma", c.shape[0]), ca.SX.sym("lam", rows.shape[0])
+    J = ca.jacobian(rows, z)
+    gradient = ca.gradient(ca.dot(sigma, c), z) if c.numel() else ca.SX.zeros(z.shape)
+    lagrangian = ca.dot(sigma, c) + ca.dot(lam, rows)
+    H = ca.hessian(lagrangian, z)[0] if residuals is None else _gauss_newton(residuals, sigma, z)
+    options = {"cse": True}
+
+    def function(kind: str, inputs: list[ca.SX], output: ca.SX) -> ca.Function:
+        return ca.Function(f"{name}_{kind}", inputs, [ca.densify(output)], options)
+
+    return Derivatives(
+        value=function("value", [z, s], rows),
+        jacobian=function("jacobian", [z, s], _nonzeros(J)),
+        hessian=function("hessian", [z, s, sigma, lam], _nonzeros(H)),
+        costs=function("costs", [z, s], c),
+        gradient=function("gradient", [z, s, sigma], gradient),
+        jacobian_sparsity=J.sparsity(),
+        hessian_sparsity=H.sparsity(),
+    )
+
+
+def _gauss_newton(residuals: Sequence[ca.SX], sigma: ca.SX, z: ca.SX) -> ca.SX:
+    H = ca.SX(z.shape[0], z.shape[0])
+    for i, residual in enumerate(residuals):
+        J = ca.jacobian(residual, z)
+        H += sigma[i] * (J.T @ J)
+    return H
+
+
+def _nonzeros(matrix: ca.SX) -> ca.SX:
+    return ca.vertcat(ca.SX(0, 1), *matrix.nonzeros())
+
+
+class StageModel:
+    """Symbols and dynamics of one step of a problem's robot."""
+
+    def __init__(self, problem: OcpProblem) -> None:
+        robot = problem.robot
+        self.problem, self.robot = problem, robot
+        self.actuators = Actuators(robot, problem.actuation)
+        direct = not robot.n_vehicle or problem.actuation is Actuation.WRENCH
+        self.decides_forces = problem.water or problem.limited or not direct
+        n_thrust, n_torque = (self.actuators.matrix.shape[1], robot.n_joints) if self.decides_forces else (0, 0)
+        self.layout = Layout(n_q=robot.n_q, n_v=robot.n_v, n_thrust=n_thrust, n_torque=n_torque)
+        self.z = ca.SX.sym("z", self.layout.n_z)
+        self._dynamics = robot_dynamics(robot).symbolic if problem.water else SymbolicDynamics(model=robot.model)
+
+    @cached_property
+    def dynamics(self) -> Derivatives:
+        """Rows ``[q_next, v_next, wanted minus given forces]``, the parameter is the water velocity (3,).
+
+        The last rows are left out where forces are no variables.
+        """
+        z, layout = self.z, self.layout
+        q, v, h, a = z[layout.q], z[layout.v], z[layout.h], z[layout.a]
+        u = ca.SX.sym("u", 3)
+        rows = ca.vertcat(self.moved(q, v, a, h), v + h * a)
+        if self.decides_forces:
+            matrix = ca.sparsify(ca.DM(np.where(np.abs(self.actuators.matrix) < 1e-12, 0.0, self.actuators.matrix)))
+            given = ca.vertcat(
+                matrix @ (z[layout.thrust] * ca.DM(self.actuators.thrust_unit)),
+                z[layout.torque] * ca.DM(self.actuators.torque_unit),
+            )
+            rows = ca.vertcat(rows, (self._wanted(u) - given) / ca.DM(self.actuators.force_unit))
+        exact = self.problem.hessian is HessianKind.EXACT
+        return compiled(derivatives("dynamics", z, u, rows, residuals=None if exact else ()))
+
+    def _wanted(self, u: ca.SX) -> ca.SX:
+        """Generalised forces (n_v,) of a step in water of velocity u (3,)."""
+        z, layout = self.z, self.layout
+        q, v, h, a = z[layout.q], z[layout.v], z[layout.h], z[layout.a]
+        euler = self.problem.integrator is Integrator.EULER
+        q_there, v_there = (q, v) if euler else (self.moved(q, v, a, h / 2), v + h / 2 * a)
+        u_links = ca.repmat(u, 1, len(self._dynamics.links))
+        return self._dynamics.inverse_dynamics(q_there, v_there, a, u_links, ca.SX(*u_links.shape))
+
+    @cached_property
+    def inputs(self) -> tuple[ca.SX, ca.SX]:
+        """Thrust and torque of a step, in shares of their limits."""
+        if self.decides_forces:
+            return self.z[self.layout.thrust], self.z[self.layout.torque]
+        n, wanted = self.robot.n_vehicle, self._wanted(ca.SX(3, 1))
+        return wanted[:n] / ca.DM(self.actuators.thrust_unit), wanted[n:] / ca.DM(self.actuators.torque_unit)
+
+    @cached_property
+    def inputs_function(self) -> ca.Function:
+        """``z -> thrust, torque`` in shares of their limits."""
+        return ca.Function("inputs", [self.z], [ca.densify(part) for part in self.inputs])
+
+    def moved(self, q: ca.SX, v: ca.SX, a: ca.SX, h: ca.SX) -> ca.SX:
+        """Configuration after the time h of constant acceleration."""
+        step = h * v + h**2 * a if self.problem.integrator is Integrator.EULER else h * v + h**2 / 2 * a
+        if self.problem.integrator is Integrator.MAGNUS and self.robot.n_vehicle:
+            # Omega = int V + 1/2 int int [V(s), V(t)] ... = h v + h^2/2 a + h^3/12 [v, a] for V = v + a t.
+            step[:6] += h**3 / 12 * _commutator(v[:6], a[:6])
+        return self._dynamics.symbolic.integrate(q, step)
+
+    def symbols(self) -> StageSymbols:
+        """What terms are written in."""
+        z, layout = self.z, self.layout
+        thrust_share, torque_share = self.inputs
+        kinematics = SymbolicModel(self.robot.model).forward_kinematics(z[layout.q])
+        tick = TickSymbols(
+            robot=self.robot,
+            kinematics=kinematics,
+            q=z[layout.q],
+            velocity=z[layout.v],
+            altimeter_range=self._altimeter_range(kinematics),
+            dt=float("nan"),
+        )
+        return StageSymbols(
+            tick=tick,
+            acceleration=z[layout.a],
+            thrust=thrust_share * ca.DM(self.actuators.thrust_unit),
+            thrust_share=thrust_share,
+            torque=torque_share * ca.DM(self.actuators.torque_unit),
+            torque_share=torque_share,
+        )
+
+    def _altimeter_range(self, kinematics: object) -> ca.SX:
+        """Range over a level floor: what makes the vertical part of the beam the height above it."""
+        if not np.isfinite(self.problem.floor) or not self.robot.has_frame(self.problem.altimeter_frame):
+            return ca.SX(ca.inf)
+        R, p = kinematics.pose(self.problem.altimeter_frame)  # type: ignore[attr-defined]
+        return (p[2] - self.problem.floor) / R[2, 2]
+
+
+def _commutator(v: ca.SX, a: ca.SX) -> ca.SX:
+    """Lie bracket of body twists, ``d/ds`` of the adjoint action of exp(s v) on a."""
+    linear = ca.cross(v[3:], a[:3]) + ca.cross(v[:3], a[3:])
+    return ca.vertcat(linear, ca.cross(v[3:], a[3:]))
+
+
+def compiled(given: Derivatives) -> Derivatives:
+    """The functions in machine code where a C compiler exists, as they are otherwise."""
+    return replace(
+        given,
+        value=compile_function(given.value),
+        jacobian=compile_function(given.jacobian),
+        hessian=compile_function(given.hessian),
+        costs=compile_function(given.costs) if given.costs.nnz_out() else given.costs,
+        gradient=compile_function(given.gradient) if given.costs.nnz_out() else given.gradient,
+    )

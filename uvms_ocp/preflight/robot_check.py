@@ -1,0 +1,210 @@
+"""Is this robot fit for use? What a valid file can still get wrong: inertias, trim, thrusters, frames, meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.exceptions import RobotDataError
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.thrusters import thruster_matrix
+from uvms_ocp.model.trim import static_residual
+
+FORCE_TOLERANCE = 0.5  # [N] residual of a trimmed robot with its arm stowed
+MOMENT_TOLERANCE = 0.5  # [N m]
+_RANK_TOLERANCE = 1e-6  # relative to the largest singular value
+_TRIANGLE_TOLERANCE = 1e-3  # relative; published inertias are rounded
+_FRAMES = ("base_link", "altimeter", "flange", "tool")
+_AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+
+
+class Verdict(Enum):
+    """Weight of a finding."""
+
+    GOOD = "ok"
+    """As it should be."""
+    WARNING = "warning"
+    """Usable, but look at it."""
+    ERROR = "error"
+    """Results would be wrong."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Finding:
+    """One thing that was checked."""
+
+    subject: str
+    verdict: Verdict
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class RobotReport:
+    """Everything that was checked about one robot."""
+
+    name: str
+    findings: tuple[Finding, ...]
+
+    @property
+    def usable(self) -> bool:
+        """Whether nothing found would make results wrong."""
+        return all(finding.verdict is not Verdict.ERROR for finding in self.findings)
+
+
+def check_robot_files(
+    path: Path | str,
+    hydrodynamics: Path | str | None = None,
+    *,
+    base: Literal["free_flyer", "fixed"] | None = None,
+    package_dirs: Sequence[Path | str] = (),
+) -> RobotReport:
+    """Load a URDF, or a folder with ``robot.urdf`` and ``hydrodynamics.yaml``, and check the robot.
+
+    Files that cannot be loaded give a report with that one error.
+    """
+    urdf, water = _files(Path(path), hydrodynamics)
+    try:
+        robot = load_robot(urdf=urdf, hydrodynamics=water, base=base, package_dirs=package_dirs)
+    except RobotDataError as error:
+        return RobotReport(name=Path(path).name, findings=(_error("files", str(error)),))
+    return check_robot(robot)
+
+
+def check_robot(robot: Robot) -> RobotReport:
+    """Check a loaded robot; its meshes were resolved by loading it."""
+    findings = (
+        *_inertias(robot),
+        _mass_matrix(robot),
+        *_limits(robot),
+        *_frames(robot),
+        *_shapes(robot),
+        *_water(robot),
+    )
+    return RobotReport(name=robot.name, findings=findings)
+
+
+def _files(path: Path, hydrodynamics: Path | str | None) -> tuple[Path, Path | None]:
+    urdf = path / "robot.urdf" if path.is_dir() else path
+    if hydrodynamics is not None:
+        return urdf, Path(hydrodynamics)
+    beside = urdf.with_name("hydrodynamics.yaml")
+    return urdf, beside if beside.is_file() else None
+
+
+def _good(subject: str, text: str) -> Finding:
+    return Finding(subject=subject, verdict=Verdict.GOOD, text=text)
+
+
+def _warning(subject: str, text: str) -> Finding:
+    return Finding(subject=subject, verdict=Verdict.WARNING, text=text)
+
+
+def _error(subject: str, text: str) -> Finding:
+    return Finding(subject=subject, verdict=Verdict.ERROR, text=text)
+
+
+def _inertias(robot: Robot) -> Iterator[Finding]:
+    names, inertias = list(robot.model.names), list(robot.model.inertias)
+    moving = range(1, robot.model.njoints)
+    massless = [names[i] for i in moving if inertias[i].mass == 0.0]
+    impossible = [names[i] for i in moving if not _is_physical(inertias[i])]
+    if massless:
+        yield _warning("inertias", f"no mass behind joint {', '.join(massless)}")
+    if impossible:
+        yield _error(
+            "inertias", f"behind joint {', '.join(impossible)}: a principal moment exceeds the sum of the others"
+        )
+    if not massless and not impossible:
+        yield _good("inertias", f"{robot.model.njoints - 1} moving bodies, {sum(i.mass for i in inertias):.6g} kg")
+
+
+def _is_physical(inertia: pin.Inertia) -> bool:
+    a, b, c = np.linalg.eigvalsh(inertia.inertia)
+    return bool(a >= -1e-12 and c <= (a + b) * (1.0 + _TRIANGLE_TOLERANCE) + 1e-12)
+
+
+def _mass_matrix(robot: Robot) -> Finding:
+    M = pin.crba(robot.model, robot.model.createData(), np.array(robot.configuration()))
+    smallest = float(np.linalg.eigvalsh(np.triu(M) + np.triu(M, 1).T).min())
+    text = f"smallest eigenvalue of the mass matrix {smallest:.3g}"
+    return (
+        _good("mass matrix", text) if smallest > 0.0 else _error("mass matrix", f"{text}; give inertias to the links")
+    )
+
+
+def _limits(robot: Robot) -> Iterator[Finding]:
+    named = {
+        "velocity": robot.limits.velocity,
+        "acceleration": robot.limits.acceleration,
+        "effort": robot.limits.effort,
+    }
+    unlimited = [
+        f"{np.isinf(values).sum()} of {len(values)} {name}" for name, values in named.items() if np.isinf(values).any()
+    ]
+    if unlimited:
+        yield _warning("limits", f"unlimited: {', '.join(unlimited)}")
+    else:
+        yield _good("limits", "velocity, acceleration and effort are limited")
+
+
+def _frames(robot: Robot) -> Iterator[Finding]:
+    missing = [name for name in _FRAMES if not robot.has_frame(name)]
+    if missing:
+        yield _warning("frames", f"without {', '.join(missing)}: name the frames to use in the tasks")
+    else:
+        yield _good("frames", f"{', '.join(_FRAMES)} exist")
+
+
+def _shapes(robot: Robot) -> Iterator[Finding]:
+    for kind, shapes in (("visual", robot.visual_model), ("collision", robot.collision_model)):
+        meshes = sum(bool(shape.meshPath and Path(shape.meshPath).is_file()) for shape in shapes.geometryObjects)
+        text = f"{shapes.ngeoms} {kind} shapes, {meshes} of them meshes, all found"
+        yield _good("shapes", text) if shapes.ngeoms else _warning("shapes", f"no {kind} shapes")
+
+
+def _water(robot: Robot) -> Iterator[Finding]:
+    if not robot.n_vehicle:
+        yield _good("vehicle", "fixed base: no trim and no thrusters to check")
+        return
+    if not robot.hydrodynamics:
+        yield _warning("water", "no link is in water: give a hydrodynamics.yaml")
+        return
+    yield _trim(robot)
+    yield _thrusters(robot)
+
+
+def _trim(robot: Robot) -> Finding:
+    force, moment = static_residual(robot, robot.configuration())
+    text = f"{force:+.3g} N upwards and {np.linalg.norm(moment):.3g} N m with the arm stowed"
+    density = f"in water of {robot.description.water_density:g} kg/m3"
+    if abs(force) < FORCE_TOLERANCE and np.linalg.norm(moment) < MOMENT_TOLERANCE:
+        return _good("trim", f"{text} {density}")
+    return _warning("trim", f"{text} {density}; {_trim_advice(robot, force, moment)}")
+
+
+def _trim_advice(robot: Robot, force: float, moment: np.ndarray) -> str:
+    if abs(force) < FORCE_TOLERANCE:
+        return "shift a float or ballast"
+    x, y = -moment[1] / force, moment[0] / force
+    kind = "ballast" if force > 0.0 else "float"
+    return f"a {kind} of {abs(force):.3g} N at x = {x:.3g} m, y = {y:.3g} m of {robot.name} would trim it"
+
+
+def _thrusters(robot: Robot) -> Finding:
+    matrix = thruster_matrix(robot)
+    if not matrix.shape[1]:
+        return _warning("thrusters", "none: the vehicle cannot be driven on the dynamic plant")
+    U, singular, _ = np.linalg.svd(matrix)
+    rank = int((singular > _RANK_TOLERANCE * singular[0]).sum())
+    text = f"{matrix.shape[1]} thrusters, rank {rank}, singular values {' '.join(f'{s:.3g}' for s in singular)}"
+    if rank == 6:
+        return _good("thrusters", text)
+    lost = [_AXES[int(np.argmax(np.abs(column)))] for column in U.T[rank:]]
+    return _warning("thrusters", f"{text}; under-actuated mainly in {', '.join(lost)}")

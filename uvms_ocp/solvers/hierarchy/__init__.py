@@ -1,0 +1,1 @@
+"""Levels of linear rows in strict order in, the velocity that is lexicographically best out."""

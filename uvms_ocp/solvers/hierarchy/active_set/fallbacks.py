@@ -1,0 +1,172 @@
+"""A bound active-set solver with its chain of fallbacks: warm, cold, cascade polished, fewer levels; best of all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uvms_ocp.solvers.hierarchy.active_set.numpy_core import Outcome, lexicographic_least_squares
+from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
+from uvms_ocp.solvers.hierarchy.certificate import certificate
+from uvms_ocp.solvers.hierarchy.level import Array, Level, gated, row_slices
+from uvms_ocp.solvers.hierarchy.solution import Status, distance
+from uvms_ocp.solvers.hierarchy.tick import Buffered, TickResult
+
+# A run that does not vouch for itself counts as solved if its certificate is below this; as in entry.c.
+_CERTIFIED = 1e-8
+_STATUS = {(Outcome.SOLVED, 0): Status.SOLVED, (Outcome.SOLVED, 1): Status.COLD_STARTED}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ActiveSetFunctions:
+    """What a tick evaluates."""
+
+    tick: ca.Function | None
+    """(inputs, active set) -> v, active set, report, residual, *extras; None without C."""
+    core: ca.Function | None
+    """(J, lower, upper, gate, active set) -> v, active set, report, residual; None without C."""
+    levels: ca.Function
+    """inputs -> J, lower, upper, rate, activation, gate, *extras; dense"""
+    sizes: tuple[int, ...]
+    cascade: bool
+    time_limit: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Run:
+    v: Array
+    active_set: Array
+    outcome: Outcome
+    status: Status  # if the run is exact
+
+
+class ActiveSetTick:
+    """Warm-started from the active set of the tick before."""
+
+    __slots__ = ("_active_set", "_core", "_functions", "_levels", "_tick")
+
+    def __init__(self, functions: ActiveSetFunctions) -> None:
+        self._functions = functions
+        self._tick = None if functions.tick is None else Buffered(functions.tick)
+        self._core = None if functions.core is None else Buffered(functions.core)
+        self._levels = Buffered(functions.levels)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the active set: the next tick starts cold."""
+        self._active_set = np.zeros(sum(self._functions.sizes))
+
+    @property
+    def compiled(self) -> bool:
+        """True if the whole tick is one Function with the core in C."""
+        return self._tick is not None
+
+    def __call__(self, *inputs: ArrayLike) -> TickResult:
+        """Raise ``InvalidInput`` for a wrong number or shape of inputs."""
+        start = perf_counter()
+        if self._tick is None:
+            return self._recovered(inputs, start)
+        v, active_set, report, residual, *extras = self._tick((*inputs, self._active_set))
+        outcome, _, cold = report.tolist()
+        status = _STATUS.get((outcome, cold))
+        if status is None:
+            return self._recovered(inputs, start)
+        self._active_set = active_set
+        return TickResult(
+            v=v, status=status, residual=residual, extras=tuple(extras), solve_time=perf_counter() - start
+        )
+
+    @np.errstate(over="ignore", invalid="ignore")  # what overflows ends without a certificate
+    def _recovered(self, inputs: Sequence[ArrayLike], start: float) -> TickResult:
+        """The chain in Python, whose first link is the whole tick where there is no compiler."""
+        J, lower, upper, _, _, gate, *extras = self._levels(inputs)
+        J = J.reshape(-1, self._functions.levels.size2_out(0))
+        v, status, residual = np.zeros(J.shape[1]), Status.INVALID_INPUT, np.zeros(len(lower))
+        if _is_valid(J, lower, upper, gate):
+            run = self._chain(J, *gated(J, lower, upper, gate), start + self._functions.time_limit)
+            self._active_set, v, status = run.active_set, run.v, run.status
+            residual = np.where(gate > 0.0, distance(J @ v, lower, upper), 0.0)
+        return TickResult(
+            v=v, status=status, residual=residual, extras=tuple(extras), solve_time=perf_counter() - start
+        )
+
+    def _chain(self, J: Array, low: Array, up: Array, deadline: float) -> _Run:
+        warm = self._run(J, low, up, self._active_set)
+        if warm.outcome is Outcome.SOLVED:
+            return warm
+        levels = [Level(jacobian=J[r], lower=low[r], upper=up[r]) for r in row_slices(self._functions.sizes)]
+        if certificate(levels, warm.v) <= _CERTIFIED:
+            return warm
+        cold = self._cold(J, low, up)
+        if cold.outcome is Outcome.SOLVED or certificate(levels, cold.v) <= _CERTIFIED:
+            return cold
+        runs = [warm, cold]
+        for more in (self._cascaded, self._shortened):
+            if perf_counter() < deadline:
+                runs += more(levels, J, low, up)
+        return self._best(levels, runs)
+
+    def _best(self, levels: list[Level], runs: list[_Run]) -> _Run:
+        """The best of all runs; exact only if its certificate says so."""
+        run = min(runs, key=lambda run: _Badness(levels, run.v))
+        exact = certificate(levels, run.v) <= _CERTIFIED
+        return replace(run, status=Status.CASCADED if exact else Status.INEXACT)
+
+    def _cascaded(self, levels: list[Level], J: Array, low: Array, up: Array) -> list[_Run]:
+        """The cascade, and a run that starts where it ended."""
+        if not self._functions.cascade:
+            return []
+        v = LexicographicQp().solve(levels).v
+        near = 1e-9 * (1.0 + np.abs(J).sum(axis=1))
+        active = np.where(J @ v >= up - near, 1.0, np.where(J @ v <= low + near, -1.0, 0.0))
+        return [self._run(J, low, up, active), _Run(v, active, Outcome.STALLED, Status.CASCADED)]
+
+    def _shortened(self, levels: list[Level], J: Array, low: Array, up: Array) -> list[_Run]:
+        """As many of the first levels as can be solved: what is given up is given up from the bottom."""
+        low, up = low.copy(), up.copy()
+        for rows in reversed(list(row_slices(self._functions.sizes))[1:]):
+            low[rows], up[rows] = -np.inf, np.inf
+            run = self._cold(J, low, up)
+            if run.outcome is Outcome.SOLVED:
+                return [run]
+        return [self._cold(J, low, up)]
+
+    def _cold(self, J: Array, low: Array, up: Array) -> _Run:
+        return replace(self._run(J, low, up, np.zeros(len(low))), status=Status.COLD_STARTED)
+
+    def _run(self, J: Array, low: Array, up: Array, active_set: Array) -> _Run:
+        if self._core is None:
+            v, reached, outcome, _ = lexicographic_least_squares(J, low, up, active_set, self._functions.sizes)
+            cold = False
+        else:
+            v, reached, report, _ = self._core((J, low, up, np.ones(len(low)), active_set))
+            outcome, cold = Outcome(int(report[0])), bool(report[2])
+        if np.isfinite(v).all():
+            return _Run(v, reached, outcome, Status.COLD_STARTED if cold else Status.SOLVED)
+        return _Run(np.zeros(len(v)), np.zeros(len(low)), Outcome.LIMIT, Status.INEXACT)
+
+
+def _is_valid(J: Array, lower: Array, upper: Array, gate: Array) -> bool:
+    # Comparisons with NaN are false.
+    ordered = (lower <= upper) & (lower < np.inf) & (upper > -np.inf)
+    return bool((np.abs(J) < 1e15).all() and (ordered & (gate >= 0.0) & (gate <= 1.0)).all())
+
+
+class _Badness:
+    """Lexicographic order of level residuals, equal where they differ by rounding."""
+
+    __slots__ = ("_norms",)
+
+    def __init__(self, levels: Sequence[Level], v: Array) -> None:
+        self._norms = [float(np.linalg.norm(distance(lv.jacobian @ v, lv.lower, lv.upper))) for lv in levels]
+
+    def __lt__(self, other: _Badness) -> bool:
+        for mine, theirs in zip(self._norms, other._norms, strict=True):
+            if abs(mine - theirs) > 1e-9 * (1.0 + theirs):
+                return mine < theirs
+        return False

@@ -1,0 +1,124 @@
+"""Strict hierarchy by a dedicated active-set method for lexicographic least squares ([Escande2014], [Dimitrov2015])."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
+from time import perf_counter
+
+import casadi as ca
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions.compile import compile_function, compile_library
+from uvms_ocp.solvers.hierarchy.active_set.fallbacks import ActiveSetFunctions, ActiveSetTick
+from uvms_ocp.solvers.hierarchy.level import Level, stack
+from uvms_ocp.solvers.hierarchy.solution import Solution, row_residuals
+from uvms_ocp.solvers.hierarchy.tick import (
+    LEVEL_OUTPUTS,
+    check_levels_function,
+    dense,
+    dense_inputs,
+    dense_outputs,
+)
+
+# Calls of one shape share one tick and its memory.
+_ONE_AT_A_TIME = threading.Lock()
+_SOURCES = ("equalities.c", "active_set.c", "certificate.c", "entry.c")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LexicographicActiveSet:
+    """Exact lexicographic least squares, warm-started from the active set of the call before.
+
+    In C where there is a compiler, in NumPy otherwise, with the same results. Gates act as in ``LexicographicQp``.
+    """
+
+    compiled: bool = True
+    """False keeps to NumPy."""
+    cascade: bool = True
+    """Fall back on ``LexicographicQp``, polished by one more run, where the method gives up."""
+    time_limit: float = math.inf
+    """[s] after which a call begins no further fallback; the runs themselves are limited in iterations."""
+
+    def __post_init__(self) -> None:
+        """Raise ``InvalidInput`` for a time limit that is not positive."""
+        if not self.time_limit > 0.0:
+            raise InvalidInput(f"time_limit = {self.time_limit} s; give a time > 0, math.inf for none")
+
+    def solve(self, levels: Sequence[Level]) -> Solution:
+        """From a cold start; raise ``InvalidInput`` where ``levels`` is empty or of mixed width."""
+        start = perf_counter()
+        rows = stack(levels)
+        tick = _stack_tick(self, rows.jacobian.shape[1], rows.sizes)
+        with _ONE_AT_A_TIME:
+            tick.reset()
+            result = tick(rows.jacobian, rows.lower, rows.upper, rows.rate, rows.activation, rows.gate)
+        return Solution(
+            v=result.v,
+            status=result.status,
+            residuals=row_residuals(levels, result.v),
+            solve_time=perf_counter() - start,
+        )
+
+    def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> ActiveSetTick:
+        """One Function of ``levels_function`` and the solver; outputs beyond the six of ``Level`` are extras."""
+        check_levels_function(levels_function, sizes)
+        if self.compiled:
+            levels_function = compile_function(levels_function)
+        function = self.function(levels_function, sizes)
+        return ActiveSetTick(
+            ActiveSetFunctions(
+                tick=function,
+                core=None if function is None else _core(levels_function.size2_out(0), tuple(sizes)),
+                levels=dense(levels_function),
+                sizes=tuple(sizes),
+                cascade=self.cascade,
+                time_limit=self.time_limit,
+            )
+        )
+
+    def function(self, levels_function: ca.Function, sizes: Sequence[int]) -> ca.Function | None:
+        """(inputs, active_set) -> v, active_set, report, residual, *extras: pure, for ``map`` and export.
+
+        ``report`` is [``Outcome``, iterations, 1 if it had to start anew cold]; v is 0 where the input is invalid.
+        None where the core cannot be compiled.
+        """
+        core = _core(levels_function.size2_out(0), tuple(sizes)) if self.compiled else None
+        if core is None:
+            return None
+        inputs, names = dense_inputs(levels_function), levels_function.name_in()
+        J, lower, upper, _, _, gate, *extras = dense_outputs(levels_function, inputs)
+        active = ca.MX.sym("active_set", J.shape[0])
+        outputs = [*core(J, lower, upper, gate, active), *extras]
+        labels = ["v", "active_set_out", "report", "residual", *(f"extra_{i}" for i in range(len(extras)))]
+        return ca.Function("tick", [*inputs, active], outputs, [*names, "active_set"], labels)
+
+
+@lru_cache(maxsize=64)
+def _core(n: int, sizes: tuple[int, ...]) -> ca.Function | None:
+    """(J, lower, upper, gate, active set) -> v, active set, report, residual; see entry.c."""
+    if sum(sizes) == 0:
+        return None
+    path = compile_library(core_source(n, sizes))
+    return None if path is None else ca.external("lexls", str(path))
+
+
+def core_source(n: int, sizes: Sequence[int]) -> str:
+    """C source for n velocities and levels of ``sizes`` rows; needs libm only."""
+    filled = [size for size in sizes if size]
+    constants = {"N": n, "M": sum(filled), "L": len(filled), "SIZES": ", ".join(map(str, filled))}
+    defines = "".join(f"#define LEX_{name} {value}\n" for name, value in constants.items())
+    folder = files("uvms_ocp.solvers.hierarchy.active_set")
+    return "\n".join([defines, *(folder.joinpath(name).read_text(encoding="utf-8") for name in _SOURCES)])
+
+
+@lru_cache(maxsize=64)
+def _stack_tick(solver: LexicographicActiveSet, n: int, sizes: tuple[int, ...]) -> ActiveSetTick:
+    m = sum(sizes)
+    symbols = [ca.MX.sym(name, m, n if name == "J" else 1) for name in LEVEL_OUTPUTS]
+    names = list(LEVEL_OUTPUTS)
+    return solver.bind(ca.Function("levels", symbols, symbols, [f"{name}_in" for name in names], names), sizes)

@@ -1,0 +1,133 @@
+"""Hierarchies by the dual active-set solver DAQP ([Arnstrom2022]), natively, as an approximation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from time import perf_counter
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uvms_ocp.exceptions import InvalidInput, NotInstalled
+from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.certificate import certificate
+from uvms_ocp.solvers.hierarchy.level import Array, Level, Stack, gated, row_slices, stack
+from uvms_ocp.solvers.hierarchy.solution import Solution, Status, row_residuals
+from uvms_ocp.solvers.hierarchy.tick import (
+    Buffered,
+    Tick,
+    TickResult,
+    check_levels_function,
+    dense,
+)
+
+_EQUALITY = 5  # DAQP's word for it
+_ENDLESS = 1e30  # DAQP's infinity
+_SMALLEST = 1e-12  # norm of a row that DAQP can normalise
+_CERTIFIED = 1e-9
+
+_Solve = Callable[..., tuple[Array, float, int, dict[str, object]]]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Daqp:
+    """DAQP's own hierarchies (``break_points``), cold at every call; bounds and gates as in ``LexicographicQp``.
+
+    Approximate: DAQP divides every row by its norm, so that a level with a slack settles at the least squares of the
+    normalised rows, which is another velocity than that of the rows as given; scaling rows beforehand undoes nothing.
+    Against the exact optimum of 200 random hierarchies the first level that differs is off by less than 2e-6 in half
+    of them, by more than 1e-2 in a tenth, and by 0.9 at worst. A result is called exact only if its certificate is.
+    Where DAQP gives up, as it does on dependent rows of one level that contradict each other,
+    ``LexicographicActiveSet`` takes over. Needs the package ``daqp``; raises ``NotInstalled`` without it.
+    """
+
+    tolerance: float = 1e-6
+    """Violation of a row that DAQP tolerates, relative to the norm of the row."""
+    certified: bool = True
+    """Certify every result, which takes longer than the solution; else no result is called exact."""
+    _solve: _Solve = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Raise ``NotInstalled`` without DAQP, ``InvalidInput`` for a number that is not positive."""
+        if not 0.0 < self.tolerance < math.inf:
+            raise InvalidInput(f"tolerance = {self.tolerance}; give a finite value > 0")
+        object.__setattr__(self, "_solve", _native())
+
+    def solve(self, levels: Sequence[Level]) -> Solution:
+        """Raise ``InvalidInput`` where ``levels`` is empty or of mixed width."""
+        start = perf_counter()
+        v, status = self.velocity(levels)
+        return Solution(v=v, status=status, residuals=row_residuals(levels, v), solve_time=perf_counter() - start)
+
+    def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> Tick:
+        """``levels_function`` is evaluated in CasADi, then DAQP is called."""
+        check_levels_function(levels_function, sizes)
+        return _DaqpTick(self, Buffered(dense(levels_function)), tuple(sizes), levels_function.size2_out(0))
+
+    def velocity(self, levels: Sequence[Level]) -> tuple[Array, Status]:
+        """v (n,) and status; raise ``InvalidInput`` as `solve`."""
+        v = self._native_velocity(stack(levels))
+        if v is None:
+            solution = LexicographicActiveSet(compiled=False).solve(levels)
+            return np.array(solution.v), solution.status
+        exact = self.certified and certificate(levels, v) <= _CERTIFIED
+        return v, Status.SOLVED if exact else Status.INEXACT
+
+    def _native_velocity(self, rows: Stack) -> Array | None:
+        """None where DAQP gives up. Rows that ask for nothing are left out."""
+        J = rows.jacobian
+        low, up = gated(J, rows.lower, rows.upper, rows.gate)
+        n = J.shape[1]
+        asked = (np.linalg.norm(J, axis=1) > _SMALLEST) & ((low > -np.inf) | (up < np.inf))
+        filled = [count for count in (int(asked[r].sum()) for r in row_slices(rows.sizes)) if count]
+        if not filled:
+            return np.zeros(n)
+        v, _, flag, _ = self._solve(
+            np.eye(n),
+            np.zeros(n),
+            np.ascontiguousarray(J[asked]),
+            np.minimum(up[asked], _ENDLESS),
+            np.maximum(low[asked], -_ENDLESS),
+            np.where(low[asked] >= up[asked], _EQUALITY, 0).astype(np.intc),
+            break_points=np.cumsum(filled).astype(np.intc),
+            primal_tol=self.tolerance,
+        )
+        v = np.array(v)
+        return v if flag > 0 and np.isfinite(v).all() else None
+
+
+class _DaqpTick:
+    __slots__ = ("_function", "_n", "_sizes", "_solver")
+
+    def __init__(self, solver: Daqp, function: Buffered, sizes: tuple[int, ...], n: int) -> None:
+        self._solver, self._function, self._sizes, self._n = solver, function, sizes, n
+
+    def __call__(self, *inputs: ArrayLike) -> TickResult:
+        start = perf_counter()
+        J, lower, upper, _, _, gate, *extras = self._function(inputs)
+        J = J.reshape(-1, self._n)
+        v, status, residual = np.zeros(self._n), Status.INVALID_INPUT, np.zeros(len(lower))
+        try:
+            levels = [
+                Level(jacobian=J[r], lower=lower[r], upper=upper[r], gate=gate[r]) for r in row_slices(self._sizes)
+            ]
+        except InvalidInput:
+            levels = []
+        if levels:
+            v, status = self._solver.velocity(levels)
+            residual = np.concatenate(row_residuals(levels, v))
+        return TickResult(
+            v=v, status=status, residual=residual, extras=tuple(extras), solve_time=perf_counter() - start
+        )
+
+
+def _native() -> _Solve:
+    try:
+        from daqp import solve
+    except ImportError:
+        raise NotInstalled("solver Daqp", "daqp") from None
+    found: _Solve = solve
+    return found

@@ -1,0 +1,112 @@
+"""Regularised task-priority pseudo-inverse with activation functions ([SimettiCasalino2016])."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from time import perf_counter
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.solvers.hierarchy.level import Array, Level, row_slices, stack
+from uvms_ocp.solvers.hierarchy.solution import Solution, Status, distance, row_residuals
+from uvms_ocp.solvers.hierarchy.tick import (
+    Buffered,
+    Tick,
+    TickResult,
+    check_levels_function,
+    dense_inputs,
+    dense_outputs,
+)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Icat:
+    """[Gao2022] eq. (27): a fold over the levels, reading ``rate`` and ``activation`` only."""
+
+    damping: float = 1e-4
+    """Largest regularisation of a small singular value."""
+    threshold: float = 0.01
+    """Singular values below it are regularised, along a cosine bell."""
+    weight: float = 10.0
+    """Cost of motion that the levels above have already used up."""
+
+    def __post_init__(self) -> None:
+        """Raise ``InvalidInput`` for a number that is not positive."""
+        if not (self.damping > 0.0 and self.threshold > 0.0 and self.weight > 0.0):
+            raise InvalidInput(
+                f"damping {self.damping}, threshold {self.threshold}, weight {self.weight}; give positive numbers"
+            )
+
+    def solve(self, levels: Sequence[Level]) -> Solution:
+        """Raise ``InvalidInput`` where ``levels`` is empty or of mixed width."""
+        start = perf_counter()
+        rows = stack(levels)
+        v = self.velocity(rows.jacobian, rows.rate, rows.activation, rows.sizes)
+        return Solution(
+            v=v,
+            status=Status.SOLVED,
+            residuals=row_residuals(levels, v),
+            solve_time=perf_counter() - start,
+        )
+
+    def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> Tick:
+        """``levels_function`` is evaluated in CasADi, the fold in NumPy."""
+        check_levels_function(levels_function, sizes)
+        inputs = dense_inputs(levels_function)
+        function = ca.Function("levels", inputs, dense_outputs(levels_function, inputs))
+        return _IcatTick(self, Buffered(function), tuple(sizes), levels_function.size2_out(0))
+
+    def velocity(self, J: Array, rate: Array, activation: Array, sizes: Sequence[int]) -> Array:
+        """(n,) from J (M, n), rate (M,), activation (M,); all finite."""
+        n = J.shape[1]
+        rho, Q = np.zeros(n), np.eye(n)
+        for rows in row_slices(sizes):
+            # Without an active row the step is the identity, exactly.
+            if activation[rows].any():
+                rho, Q = self._step(rho, Q, J[rows], rate[rows], activation[rows])
+        return rho
+
+    def _step(self, rho: Array, Q: Array, J: Array, rate: Array, a: Array) -> tuple[Array, Array]:
+        X = J @ Q
+        used = np.eye(len(Q)) - Q
+        # X'A'A X + X'(I - A)A X = X'A X, since A is diagonal.
+        weighted = X.T * a
+        M2 = weighted @ X
+        target = weighted * a
+        J1 = self._regularised(M2 + self.weight * (used.T @ used)) @ target
+        J2 = self._regularised(M2) @ target
+        Q_J2 = Q @ J2
+        W = X @ J1
+        rho = rho + Q_J2 @ (W @ (rate - J @ rho))
+        return rho, Q - Q_J2 @ X
+
+    def _regularised(self, M: Array) -> Array:
+        """Pseudo-inverse of a symmetric positive semi-definite matrix: s -> s / (s^2 + bell(s) damping)."""
+        s, U = np.linalg.eigh(M)
+        s = np.maximum(s, 0.0)
+        bell = np.where(s < self.threshold, 0.5 * np.cos(np.pi * s / self.threshold) + 0.5, 0.0)
+        return (U * (s / (s * s + self.damping * bell))) @ U.T
+
+
+class _IcatTick:
+    __slots__ = ("_function", "_n", "_sizes", "_solver")
+
+    def __init__(self, solver: Icat, function: Buffered, sizes: tuple[int, ...], n: int) -> None:
+        self._solver, self._function, self._sizes, self._n = solver, function, sizes, n
+
+    def __call__(self, *inputs: ArrayLike) -> TickResult:
+        start = perf_counter()
+        J, lower, upper, rate, activation, gate, *extras = self._function(inputs)
+        J = J.reshape(-1, self._n)
+        if np.isfinite(J).all() and np.isfinite(rate).all() and np.isfinite(activation).all():
+            status, v = Status.SOLVED, self._solver.velocity(J, rate, activation, self._sizes)
+            residual = np.where(gate > 0.0, distance(J @ v, lower, upper), 0.0)
+        else:
+            status, v, residual = Status.INVALID_INPUT, np.zeros(J.shape[1]), np.zeros(len(lower))
+        return TickResult(
+            v=v, status=status, residual=residual, extras=tuple(extras), solve_time=perf_counter() - start
+        )

@@ -1,0 +1,140 @@
+"""One NLP of a lexicographic program: built once with a cold and a warm start, called again and again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.solvers.nlp.nlp_options import NlpOptions, solver_options
+from uvms_ocp.solvers.nlp.nlp_status import NlpStatus, status_of
+from uvms_ocp.solvers.nlp.program import LevelNlp, LexicographicProgram
+from uvms_ocp.solvers.nlp.row_bounds import RowBounds
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class NlpPoint:
+    """Where an NLP starts or ended. Without multipliers a start is cold."""
+
+    x: np.ndarray
+    x_multipliers: np.ndarray | None = None
+    row_multipliers: np.ndarray | None = None  # (n_rows,), in the numbering of the program
+
+    @property
+    def warm(self) -> bool:
+        return self.row_multipliers is not None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Outcome:
+    """Of one call. `point` is always finite."""
+
+    point: NlpPoint
+    status: NlpStatus
+    iterations: int
+    violation: float
+    usable: bool = False
+    cost: float = np.inf
+
+
+class Deadline:
+    """A time after which no further iteration begins; shared by all NLPs of a solve."""
+
+    def __init__(self, clock: Callable[[], float] = perf_counter) -> None:
+        self._clock, self._end = clock, np.inf
+
+    def set(self, seconds: float) -> None:
+        """[s] from now on."""
+        self._end = self._clock() + seconds
+
+    @property
+    def over(self) -> bool:
+        return self._clock() > self._end
+
+
+class LevelSolver:
+    """The NLP of one level."""
+
+    def __init__(self, program: LexicographicProgram, index: int, options: NlpOptions, deadline: Deadline) -> None:
+        self._options, self._deadline, self._n_rows = options, deadline, program.n_rows
+        self._nlp: LevelNlp = program.nlps[index]
+        equal = _equalities(program, options)[self._nlp.rows].tolist()
+        self._stop = _Stop(self._nlp, deadline)
+        self._cold, self._warm = (self._solver(f"level_{index}", equal, warm=warm) for warm in (False, True))
+
+    def __call__(self, start: NlpPoint, p: np.ndarray, bounds: RowBounds) -> Outcome:
+        """Solve from `start`, warm if it has multipliers."""
+        rows = self._nlp.rows
+        if self._deadline.over:
+            return Outcome(point=start, status=NlpStatus.TIME_LIMIT, iterations=0, violation=np.inf)
+        solver = self._warm if start.warm else self._cold
+        arguments: dict[str, Any] = {"x0": start.x, "p": p, "lbx": bounds.x_lower, "ubx": bounds.x_upper}
+        arguments |= {"lbg": bounds.lower[rows], "ubg": bounds.upper[rows]}
+        if start.row_multipliers is not None:
+            arguments |= {"lam_x0": start.x_multipliers, "lam_g0": start.row_multipliers[rows]}
+        solution = {name: np.array(value).ravel() for name, value in solver.call(arguments).items()}
+        stats = solver.stats()
+        iterations = int(stats.get("iter_count", 0))
+        if not all(np.isfinite(solution[name]).all() for name in ("x", "g")):
+            return Outcome(point=start, status=NlpStatus.NOT_A_NUMBER, iterations=iterations, violation=np.inf)
+        multipliers = np.zeros(self._n_rows)
+        multipliers[rows] = np.nan_to_num(solution["lam_g"])
+        violation = bounds.violation(solution["x"], solution["g"], rows)
+        return Outcome(
+            point=NlpPoint(
+                x=solution["x"], x_multipliers=np.nan_to_num(solution["lam_x"]), row_multipliers=multipliers
+            ),
+            usable=violation <= self._options.feasibility,
+            status=status_of(stats),
+            iterations=iterations,
+            violation=violation,
+            cost=float(solution["f"][0]),
+        )
+
+    def _solver(self, name: str, equal: list[bool], *, warm: bool) -> ca.Function:
+        plugin = self._options.plugin
+        options: dict[str, Any] = {"print_time": False, "error_on_fail": False, "cache": dict(self._nlp.functions)}
+        options |= dict.fromkeys(("calc_lam_p", "calc_lam_x", "calc_f", "calc_g"), False)
+        options[plugin] = solver_options(self._options, warm=warm)
+        if plugin == "ipopt":
+            options["iteration_callback"] = self._stop
+        else:
+            options |= {"structure_detection": "auto", "equality": equal}
+        return ca.nlpsol(name, plugin, dict(self._nlp.nlp), options)
+
+
+class _Stop(ca.Callback):
+    """Called by the NLP solver after each iteration: not 0 once the deadline is over."""
+
+    def __init__(self, nlp: LevelNlp, deadline: Deadline) -> None:
+        ca.Callback.__init__(self)
+        self._deadline = deadline
+        n, m, n_p = (nlp.nlp[key].numel() for key in ("x", "g", "p"))
+        self._sizes: Mapping[str, int] = {"x": n, "f": 1, "g": m, "lam_x": n, "lam_g": m, "lam_p": n_p}
+        self.construct("stop", {})
+
+    def get_n_in(self) -> int:
+        return int(ca.nlpsol_n_out())
+
+    def get_n_out(self) -> int:
+        return 1
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)])
+
+    def eval(self, arguments: list[ca.DM]) -> list[float]:
+        return [float(self._deadline.over)]
+
+
+def _equalities(program: LexicographicProgram, options: NlpOptions) -> np.ndarray:
+    """(n_rows,) True for constraints that are equalities, and for rows that are frozen as such."""
+    equal = np.zeros(program.n_rows, dtype=bool)
+    equal[: len(program.lower)] = program.lower == program.upper
+    for level in program.levels:
+        if level.relax is None and options.freezing == 0:
+            equal[level.frozen] = level.lower == level.upper
+    return equal

@@ -1,0 +1,202 @@
+"""Lexicographic nonlinear optimisation: level by level, what a level has reached is kept by all levels below.
+
+The scalar constraint "cost no worse than before" has a zero gradient at a least-squares optimum, so that no constraint
+qualification holds there. The rows of a solved level are frozen instead, within a tolerance: this keeps its cost, and
+the next NLP stays regular. Where rows freeze more than they need to (other rows with the same cost) the result is still
+one that no level above is asked to pay for.
+
+Anticipation: the lowest level is tried first, with every level above required to be met in full. No level can do better
+than a cost of zero, so if that NLP is feasible its solution is the answer, for the price of one solve. Otherwise the
+levels are solved in order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.solvers.nlp.level_solver import Deadline, LevelSolver, NlpPoint, Outcome
+from uvms_ocp.solvers.nlp.nlp_options import NlpOptions as NlpOptions
+from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
+from uvms_ocp.solvers.nlp.program import LevelRows, LexicographicProgram
+from uvms_ocp.solvers.nlp.row_bounds import RowBounds, row_bounds
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LexicographicResult:
+    """Solution of a lexicographic program."""
+
+    x: np.ndarray
+    """(n,) always finite; the start where nothing better was found."""
+    status: NlpStatus
+    """Of the worst level."""
+    level_status: tuple[NlpStatus, ...]
+    values: tuple[np.ndarray, ...]
+    """Rows y of every level at x."""
+    residuals: tuple[np.ndarray, ...]
+    """Signed distance of the rows to their range."""
+    iterations: tuple[int, ...]
+    """Per level; with anticipation all of them belong to the last."""
+    anticipated: bool
+    """True if all levels above the last are met in full."""
+    violation: float
+    """Largest violation of constraints, bounds and frozen rows at x."""
+    points: tuple[NlpPoint, ...]
+    """Where each level ended; a warm start for the next solve."""
+    solve_time: float
+    """[s]"""
+
+    @property
+    def level_residuals(self) -> np.ndarray:
+        """(levels,) Euclidean norm of each level's residual."""
+        return np.array([np.linalg.norm(residual) for residual in self.residuals])
+
+
+class LexicographicNlp:
+    """Solves one program again and again: every NLP is built once, here."""
+
+    def __init__(self, program: LexicographicProgram, options: NlpOptions | None = None) -> None:
+        self.program = program
+        self.options = options or NlpOptions()
+        self.deadline = Deadline()
+        self.levels = [LevelSolver(program, i, self.options, self.deadline) for i in range(len(program.nlps))]
+
+    def solve(
+        self,
+        start: np.ndarray | LexicographicResult,
+        *,
+        p: np.ndarray | None = None,
+        x_lower: np.ndarray | float = -np.inf,
+        x_upper: np.ndarray | float = np.inf,
+        time_limit: float | None = None,
+    ) -> LexicographicResult:
+        """Solve from a guess (n,), cold, or from an earlier result, warm in primal and dual variables.
+
+        time_limit [s]: at most that of the options, which is the default. Raises `InvalidInput` for a start or
+        parameters that are not finite.
+        """
+        begin = perf_counter()
+        points = self._starts(start)
+        parameters = np.zeros(0) if p is None else np.asarray(p, dtype=float)
+        if not np.isfinite(parameters).all():
+            raise InvalidInput("parameters have NaN or infinite entries; give finite numbers")
+        limit = self.options.time_limit if time_limit is None else min(time_limit, self.options.time_limit)
+        bounds = row_bounds(self.program, x_lower, x_upper, len(points[0].x))
+        run = _Run(self, points, parameters, bounds, begin)
+        # An anticipation that fails must leave time for the levels in their order.
+        self.deadline.set(limit / 2)
+        met = run.anticipated(start)
+        self.deadline.set(limit - (perf_counter() - begin))
+        return met or run.in_order()
+
+    def _starts(self, start: np.ndarray | LexicographicResult) -> tuple[NlpPoint, ...]:
+        if isinstance(start, LexicographicResult):
+            return start.points
+        x = np.asarray(start, dtype=float)
+        if not np.isfinite(x).all():
+            raise InvalidInput("the guess has NaN or infinite entries; give finite numbers")
+        return tuple(NlpPoint(x=x) for _ in self.program.levels)
+
+    def rows_at(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Rows y of every level at x."""
+        return tuple(np.array(y).ravel() for y in self.program.values.call([x, p]))
+
+
+class _Run:
+    """One solve of all levels."""
+
+    def __init__(
+        self, nlp: LexicographicNlp, points: tuple[NlpPoint, ...], p: np.ndarray, bounds: RowBounds, begin: float
+    ) -> None:
+        self._nlp, self._points, self._p, self._bounds, self._begin = nlp, points, p, bounds, begin
+        self._levels = nlp.program.levels
+        self._tolerance = nlp.options.freezing
+        self._spent = 0  # iterations of an anticipation that failed
+
+    def anticipated(self, start: np.ndarray | LexicographicResult) -> LexicographicResult | None:
+        """The solution in which every level above the last is met in full, if there is one."""
+        failed_before = isinstance(start, LexicographicResult) and not start.anticipated
+        above = self._levels[:-1]
+        unmeetable = any(level.relax is not None for level in above)
+        if not self._nlp.options.anticipate or not above or unmeetable or failed_before:
+            return None
+        bounds = self._bounds
+        for level in above:
+            bounds = bounds.with_rows(level.frozen, level.ideal_bounds())
+        outcome = self._nlp.levels[-1](self._points[-1], self._p, bounds)
+        if not (outcome.status.optimal and outcome.usable):
+            self._spent = outcome.iterations
+            return None
+        zeros = (0,) * len(above)
+        statuses = (NlpStatus.SOLVED,) * len(above)
+        points = (outcome.point,) * len(self._levels)
+        return self._result(outcome, (*statuses, outcome.status), (*zeros, outcome.iterations), points, True)
+
+    def in_order(self) -> LexicographicResult:
+        """Level by level. A level that fails leaves those below it out."""
+        bounds, best = self._bounds, None
+        statuses, iterations, points = [], [], list(self._points)
+        for index, level in enumerate(self._levels):
+            outcome = self._nlp.levels[index](self._start(index, best), self._p, bounds)
+            statuses.append(self._status(outcome))
+            iterations.append(outcome.iterations)
+            if outcome.usable or best is None:
+                best, points[index] = outcome, outcome.point
+            if not outcome.usable or self._nlp.deadline.over:
+                break
+            if index + 1 < len(self._levels):
+                y = self._nlp.rows_at(best.point.x, self._p)[index]
+                bounds = bounds.with_rows(level.frozen, level.frozen_bounds(y, best.cost, self._tolerance))
+        left = len(self._levels) - len(statuses)
+        statuses += [NlpStatus.TIME_LIMIT if self._nlp.deadline.over else NlpStatus.SKIPPED] * left
+        iterations += [0] * left
+        iterations[0] += self._spent
+        return self._result(best or self._nothing(), tuple(statuses), tuple(iterations), tuple(points), False)
+
+    def _start(self, index: int, best: Outcome | None) -> NlpPoint:
+        """A warm start of this level if there is one; otherwise where the level above ended, cold."""
+        if best is None or self._points[index].warm:
+            return self._points[index]
+        return NlpPoint(x=best.point.x)
+
+    def _status(self, outcome: Outcome) -> NlpStatus:
+        if outcome.status.optimal and not outcome.usable:
+            return NlpStatus.STALLED
+        return outcome.status
+
+    def _nothing(self) -> Outcome:
+        return Outcome(point=self._points[0], status=NlpStatus.SKIPPED, iterations=0, violation=np.inf)
+
+    def _result(
+        self,
+        best: Outcome,
+        statuses: tuple[NlpStatus, ...],
+        iterations: tuple[int, ...],
+        points: tuple[NlpPoint, ...],
+        anticipated: bool,
+    ) -> LexicographicResult:
+        values = self._nlp.rows_at(best.point.x, self._p)
+        pairs: zip[tuple[LevelRows, np.ndarray]] = zip(self._levels, values, strict=True)
+        return LexicographicResult(
+            x=best.point.x,
+            status=max(statuses, key=_severity),
+            level_status=statuses,
+            values=values,
+            residuals=tuple(level.distance(y) for level, y in pairs),
+            iterations=iterations,
+            anticipated=anticipated,
+            violation=best.violation,
+            points=points,
+            solve_time=perf_counter() - self._begin,
+        )
+
+
+_ORDER = tuple(NlpStatus)
+
+
+def _severity(status: NlpStatus) -> int:
+    """SKIPPED is only ever the consequence of another status."""
+    return 1 if status is NlpStatus.SKIPPED else _ORDER.index(status)

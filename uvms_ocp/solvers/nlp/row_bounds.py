@@ -1,0 +1,48 @@
+"""Bounds of the variables and rows of a lexicographic program."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uvms_ocp.solvers.nlp.program import LexicographicProgram
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class RowBounds:
+    """Of the variables and of all rows of the program; rows of levels that are not frozen yet are infinite."""
+
+    x_lower: np.ndarray  # (n_x,)
+    x_upper: np.ndarray  # (n_x,)
+    lower: np.ndarray  # (n_rows,)
+    upper: np.ndarray  # (n_rows,)
+
+    def with_rows(self, rows: slice, bounds: tuple[np.ndarray, np.ndarray]) -> RowBounds:
+        """The same with other bounds for some rows."""
+        lower, upper = self.lower.copy(), self.upper.copy()
+        lower[rows], upper[rows] = bounds
+        return replace(self, lower=lower, upper=upper)
+
+    def violation(self, x: np.ndarray, g: np.ndarray, rows: np.ndarray) -> float:
+        """Largest violation at x, where the given rows are g."""
+        return max(_excess(g, self.lower[rows], self.upper[rows]), _excess(x, self.x_lower, self.x_upper))
+
+
+def row_bounds(
+    program: LexicographicProgram, x_lower: np.ndarray | float, x_upper: np.ndarray | float, n_x: int
+) -> RowBounds:
+    """Bounds with no level frozen; scalars apply to all variables."""
+    lower, upper = np.full(program.n_rows, -np.inf), np.full(program.n_rows, np.inf)
+    m = len(program.lower)
+    lower[:m], upper[:m] = program.lower, program.upper
+    return RowBounds(
+        x_lower=np.broadcast_to(np.asarray(x_lower, dtype=float), (n_x,)),
+        x_upper=np.broadcast_to(np.asarray(x_upper, dtype=float), (n_x,)),
+        lower=lower,
+        upper=upper,
+    )
+
+
+def _excess(value: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> float:
+    return float(np.maximum(np.maximum(lower - value, value - upper), 0.0).max(initial=0.0))

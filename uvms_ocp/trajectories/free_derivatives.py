@@ -1,0 +1,186 @@
+"""Minimum-derivative trajectories in the free derivatives of their nodes, in time linear in the pieces.
+
+Unknowns are the derivatives 0 .. k-1 of the curve at its nodes that nobody has fixed ([Gao2022] eq. (78)). The cost
+is a sum over pieces of quadratic forms of their end data, so its matrix is block tridiagonal: a banded Cholesky
+factor, shared by all axes. Internally time is divided by the geometric mean of the durations and derivatives are
+scaled per node, so that conditioning does not depend on the unit of time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.trajectories.hermite import hermite_cost, hermite_matrix
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Pieces:
+    """Durations of the pieces and everything that follows from them."""
+
+    k: int
+    """Derivative whose square is integrated; pieces have degree 2k - 1."""
+    unit: float
+    """[s] geometric mean of the durations."""
+    durations: Array
+    """(n,) in units of ``unit``."""
+    node_times: Array
+    """(n + 1,) scale of time at each node, in units of ``unit``."""
+    scale: Array
+    """(2k, n, 1) scaled node derivatives -> end data of the piece."""
+    weight: Array
+    """(n, 1) factor of the unit-interval cost of each piece."""
+
+
+def pieces_of(durations: Array, k: int) -> Pieces:
+    """Pieces of the given durations (n,) [s]."""
+    unit = float(np.exp(np.mean(np.log(durations))))
+    tau = durations / unit
+    node = np.empty(tau.size + 1)
+    node[0], node[-1] = tau[0], tau[-1]
+    np.sqrt(tau[1:] * tau[:-1], out=node[1:-1])
+    scale = np.concatenate([_powers(tau / node[:-1], k), _powers(tau / node[1:], k)])[..., None]
+    weight = tau[:, None] ** (1 - 2 * k)
+    return Pieces(k=k, unit=unit, durations=tau, node_times=node, scale=scale, weight=weight)
+
+
+def solve_free(pieces: Pieces, values: Array, fixed: Mask, refinements: int = 0) -> Array:
+    """Fill the free derivatives with their optimal values.
+
+    Args:
+        values: (k, n + 1, n_axes) derivatives at the nodes; those not fixed are a starting guess.
+        fixed: (k, n + 1) True where the derivative keeps its value.
+        refinements: Steps of iterative refinement, for neighbouring durations of very different length.
+
+    Raises:
+        InvalidInput: the fixed derivatives do not determine the curve.
+    """
+    free_rows = np.flatnonzero(~fixed.all(axis=1))
+    if free_rows.size == 0:
+        return values
+    node_scale = _powers(pieces.node_times * pieces.unit, pieces.k)[..., None]
+    scaled = values * node_scale
+    factor = _factorised(_band(pieces, free_rows, ~fixed[free_rows]), 2 * free_rows.size - 1)
+    for _ in range(1 + refinements):
+        slope = _gradient(pieces, scaled)[free_rows] * ~fixed[free_rows, :, None]
+        scaled[free_rows] -= _back_substituted(factor, slope)
+    return np.where(fixed[..., None], values, scaled / node_scale)
+
+
+def end_data(pieces: Pieces, values: Array) -> Array:
+    """(2k, n, n_axes) end data of every piece from node derivatives (k, n + 1, n_axes) in real time.
+
+    Positions are relative to the start of the piece: the cost does not see where it is, rounding does.
+    """
+    tau = _powers(pieces.durations * pieces.unit, pieces.k)[..., None]
+    return _relative(values, tau, tau)
+
+
+def coefficients(pieces: Pieces, data: Array, values: Array) -> Array:
+    """(2k, n, n_axes) unit-interval coefficients of every piece from its end data, read-only."""
+    result = np.empty(data.shape)
+    np.matmul(hermite_matrix(pieces.k), data.reshape(len(data), -1), out=result.reshape(len(data), -1))
+    result[0] += values[0, :-1]
+    result.flags.writeable = False
+    return result
+
+
+def piece_costs(pieces: Pieces, data: Array) -> Array:
+    """(n, n_axes) integral of the squared k-th derivative over each piece, from its end data."""
+    unit_cost = np.einsum("ijk,ijk->jk", data, _times(hermite_cost(pieces.k), data))
+    return unit_cost * (pieces.durations * pieces.unit)[:, None] ** (1 - 2 * pieces.k)
+
+
+def cost_slopes(pieces: Pieces, values: Array) -> tuple[Array, Array]:
+    """Partial derivatives of the cost: by duration (n,), and by node derivative (k, n + 1, n_axes).
+
+    At the optimum the slope by every free derivative is zero, so these are also the total derivatives of the
+    optimal cost by the durations and by the fixed derivatives (envelope theorem).
+    """
+    k, h = pieces.k, (pieces.durations * pieces.unit)[:, None]
+    data = end_data(pieces, values)
+    slope = 2.0 * h ** (1 - 2 * k) * _times(hermite_cost(k), data)
+    order = np.tile(np.arange(k), 2)[:, None, None]
+    by_duration = np.sum((order * data - (k - 0.5) * data) * slope, axis=(0, 2)) / h[:, 0]
+    return by_duration, _onto_nodes(slope * np.tile(_powers(h[:, 0], k), (2, 1))[..., None], k)
+
+
+def _powers(x: Array, k: int) -> Array:
+    """(k, n): x^0, ..., x^(k-1)."""
+    rows = np.ones((k, x.size))
+    for d in range(1, k):
+        np.multiply(rows[d - 1], x, out=rows[d])
+    return rows
+
+
+def _relative(values: Array, left: Array, right: Array) -> Array:
+    """(2k, n, n_axes) values at both ends of each piece, scaled by left and right (k, n, 1), from its start."""
+    k, n_nodes, n_axes = values.shape
+    data = np.empty((2 * k, n_nodes - 1, n_axes))
+    np.multiply(values[1:, :-1], left[1:], out=data[1:k])
+    np.multiply(values[1:, 1:], right[1:], out=data[k + 1 :])
+    np.subtract(values[0, 1:], values[0, :-1], out=data[k])
+    data[0] = 0.0
+    return data
+
+
+def _times(matrix: Array, data: Array) -> Array:
+    return (matrix @ data.reshape(data.shape[0], -1)).reshape(-1, *data.shape[1:])
+
+
+def _onto_nodes(by_end: Array, k: int) -> Array:
+    result = np.zeros((k, by_end.shape[1] + 1, by_end.shape[2]))
+    result[:, :-1] += by_end[:k]
+    result[:, 1:] += by_end[k:]
+    return result
+
+
+def _gradient(pieces: Pieces, scaled: Array) -> Array:
+    """(k, n + 1, n_axes) half the gradient of the cost by the scaled node derivatives."""
+    data = _relative(scaled, pieces.scale[: pieces.k], pieces.scale[pieces.k :])
+    slope = _times(hermite_cost(pieces.k), data)
+    slope *= pieces.scale
+    slope *= pieces.weight
+    return _onto_nodes(slope, pieces.k)
+
+
+def _band(pieces: Pieces, rows: NDArray[np.intp], free: Mask) -> Array:
+    """(n + 1, b, 2b) lower band of half the Hessian: entry [i, c, r] is A[ib + c + r, ib + c]; b = rows.size."""
+    k, b, cost = pieces.k, rows.size, hermite_cost(pieces.k)
+    left = pieces.scale[rows, :, 0] * free[:, :-1]
+    right = pieces.scale[rows + k, :, 0] * free[:, 1:]
+    weighted_left, weighted_right = left * pieces.weight[:, 0], right * pieces.weight[:, 0]
+    band = np.zeros((free.shape[1], b, 2 * b))
+    for c in range(b):
+        for a in range(c, b):
+            band[:-1, c, a - c] += cost[rows[a], rows[c]] * weighted_left[a] * left[c]
+            band[1:, c, a - c] += cost[k + rows[a], k + rows[c]] * weighted_right[a] * right[c]
+        for a in range(b):
+            band[:-1, c, b + a - c] = cost[k + rows[a], rows[c]] * weighted_right[a] * left[c]
+    band[:, :, 0] += ~free.T
+    return band
+
+
+def _factorised(band: Array, width: int) -> Array:
+    stacked = band.reshape(-1, width + 1).T
+    factor, info = lapack.dpbtrf(stacked, lower=1, overwrite_ab=1)
+    if info:
+        node = (info - 1) // band.shape[1]
+        raise InvalidInput(
+            f"the curve is not determined at way point {node}; fix more derivatives at its ends or way points."
+        )
+    return factor
+
+
+def _back_substituted(factor: Array, slope: Array) -> Array:
+    b, n_nodes, n_axes = slope.shape
+    stacked = np.asfortranarray(slope.transpose(1, 0, 2).reshape(-1, n_axes))
+    solution, _ = lapack.dpbtrs(factor, stacked, lower=1, overwrite_b=1)
+    return solution.reshape(n_nodes, b, n_axes).transpose(1, 0, 2)
