@@ -66,7 +66,7 @@ def capsule_robot(robot: Robot) -> Robot:
 
 
 def segment_distance(a0: Array, a1: Array, b0: Array, b1: Array) -> Witness:
-    """Closest points of segments a and b, end points (n, 3) each (Ericson, Real-Time Collision Detection, 5.1.9)."""
+    """Closest points of segments a and b, end points (n, 3) each ([Ericson2005] 5.1.9)."""
     u, v, w = a1 - a0, b1 - b0, a0 - b0
     uu, vv, uv, uw, vw = _dot(u, u), _dot(v, v), _dot(u, v), _dot(u, w), _dot(v, w)
     s = _clipped(uv * vw - vv * uw, uu * vv - uv * uv)

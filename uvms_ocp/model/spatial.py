@@ -151,7 +151,7 @@ def matrix_to_quaternion(R: Array) -> Array:
     """Unit quaternion xyzw (4,) of a rotation matrix (3, 3), of either sign.
 
     The products ``4 q_k q`` are linear in R; the largest of the four ``4 q_k^2`` is at least 1, so that the
-    root and the division are safe at every rotation (Shepperd 1978).
+    root and the division are safe at every rotation [Shepperd1978].
     """
     xx = 1 + R[0, 0] - R[1, 1] - R[2, 2]
     yy = 1 - R[0, 0] + R[1, 1] - R[2, 2]

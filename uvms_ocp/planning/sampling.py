@@ -1,4 +1,4 @@
-"""Way points around obstacles by sampling (RRT-Connect, Kuffner & LaValle 2000), for paths that no bending frees.
+"""Way points around obstacles by sampling (RRT-Connect [Kuffner2000]), for paths that no bending frees.
 
 Own and small: the kept-up libraries of sampling planners are either C++ alone or have no pip wheel.
 """

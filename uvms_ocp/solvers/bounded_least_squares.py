@@ -3,8 +3,6 @@
 Two strict levels: among the x in [lower, upper] that minimise ``|A x - b|``, the one that minimises
 ``x' diag(weight) x``. The answer is unique. The active set is found on the regularised problem
 ``|A x - b|^2 + epsilon^2 x' diag(weight) x`` [Stark1995] and the levels are then separated exactly.
-
-[Stark1995] P. B. Stark, R. L. Parker, Bounded-variable least-squares, Computational Statistics 10, 1995.
 """
 
 from __future__ import annotations

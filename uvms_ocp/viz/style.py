@@ -21,7 +21,7 @@ R = TypeVar("R")
 DPI = 180
 WIDTH = 7.2  # [in] two columns of a journal page
 
-# Okabe and Ito (2008), without the yellow that vanishes on white.
+# [Okabe2008], without the yellow that vanishes on white.
 BLUE, VERMILLION, GREEN, ORANGE, PINK, SKY, BLACK = (
     "#0072B2",
     "#D55E00",

@@ -11,8 +11,6 @@ Accelerations are *relative to free fall*: ``a`` of the link and ``w_L = R_WL.T 
 water. Gravity cancels in the relative acceleration ``a + omega x u_L - w_L``, and ``rho V w_L`` at the centre
 of buoyancy is buoyancy and Froude-Krylov force in one: the pressure gradient of the undisturbed water on the
 displaced volume.
-
-[Fossen2021] T. I. Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed., Wiley, 2021.
 """
 
 from __future__ import annotations

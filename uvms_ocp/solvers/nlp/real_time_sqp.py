@@ -2,7 +2,7 @@
 
 An interior-point solver of NLPs that is stopped early stands somewhere between its start and the constraints. A QP that
 is solved to its end obeys the linearised constraints, all of them: from a start near the solution, such as the last one
-moved on in time, one step is nearly feasible and nearly optimal (real-time iteration, Diehl, Bock and Schloeder 2005).
+moved on in time, one step is nearly feasible and nearly optimal (real-time iteration [Diehl2005]).
 Levels are QPs in their order within one step: a level keeps what the linear model of the levels above has reached. Where
 its QP fails, the step of the levels above is taken without it.
 """

@@ -1,0 +1,25 @@
+"""Every source that docstrings cite, by its key.
+
+- [Arnstrom2022] D. Arnström, A. Bemporad, D. Axehill, A dual active-set solver for embedded quadratic programming using
+  recursive LDL' updates, IEEE Transactions on Automatic Control 67(8), 2022.
+- [Diehl2005] M. Diehl, H. G. Bock, J. P. Schlöder, A real-time iteration scheme for nonlinear optimization in optimal
+  feedback control, SIAM Journal on Control and Optimization 43(5), 2005.
+- [Dimitrov2015] D. Dimitrov, A. Sherikov, P.-B. Wieber, Efficient resolution of potentially conflicting linear
+  constraints in robotics, preprint, 2015.
+- [Ericson2005] C. Ericson, Real-Time Collision Detection, Morgan Kaufmann, 2005.
+- [Escande2014] A. Escande, N. Mansard, P.-B. Wieber, Hierarchical quadratic programming: fast online humanoid-robot
+  motion generation, International Journal of Robotics Research 33(7), 2014.
+- [Fossen2021] T. I. Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed., Wiley, 2021.
+- [Gao2022] H. Gao et al., UVMS task-priority planning framework for underwater task goal classification optimization,
+  Frontiers in Neurorobotics 16, 982505, 2022.
+- [Kanoun2011] O. Kanoun, F. Lamiraux, P.-B. Wieber, Kinematic control of redundant manipulators: generalizing the
+  task-priority framework to inequality task, IEEE Transactions on Robotics 27(4), 2011.
+- [Kuffner2000] J. J. Kuffner, S. M. LaValle, RRT-Connect: an efficient approach to single-query path planning, IEEE
+  International Conference on Robotics and Automation, 2000.
+- [Okabe2008] M. Okabe, K. Ito, Color universal design, J*FLY data depository for Drosophila researchers, 2008.
+- [Shepperd1978] S. W. Shepperd, Quaternion from rotation matrix, Journal of Guidance and Control 1(3), 1978.
+- [SimettiCasalino2016] E. Simetti, G. Casalino, A novel practical technique to integrate inequality control objectives
+  and task transitions in priority based control, Journal of Intelligent & Robotic Systems 84, 2016.
+- [Stark1995] P. B. Stark, R. L. Parker, Bounded-variable least-squares: an algorithm and applications, Computational
+  Statistics 10, 1995.
+"""
