@@ -89,6 +89,7 @@ class Water:
         for name, value in (("velocity", self.velocity), ("acceleration", self.acceleration)):
             if np.shape(value)[-1:] != (3,) or not np.isfinite(value).all():
                 raise InvalidInput(f"water: {name} = {value}; give finite numbers, (3,) or (n_links, 3)")
+            object.__setattr__(self, name, np.asarray(value, dtype=float))
 
 
 STILL_WATER = Water()

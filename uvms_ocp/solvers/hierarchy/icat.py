@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.solvers.hierarchy.level import Array, Level, row_slices, stack
 from uvms_ocp.solvers.hierarchy.solution import Solution, Status, distance, row_residuals
 from uvms_ocp.solvers.hierarchy.tick import (
-    Buffered,
     Tick,
     TickResult,
     check_levels_function,
@@ -58,7 +58,7 @@ class Icat:
         check_levels_function(levels_function, sizes)
         inputs = dense_inputs(levels_function)
         function = ca.Function("levels", inputs, dense_outputs(levels_function, inputs))
-        return _IcatTick(self, Buffered(function), tuple(sizes), levels_function.size2_out(0))
+        return _IcatTick(self, BufferedFunction(function), tuple(sizes), levels_function.size2_out(0))
 
     def velocity(self, J: Array, rate: Array, activation: Array, sizes: Sequence[int]) -> Array:
         """(n,) from J (M, n), rate (M,), activation (M,); all finite."""
@@ -95,12 +95,12 @@ class Icat:
 class _IcatTick:
     __slots__ = ("_function", "_n", "_sizes", "_solver")
 
-    def __init__(self, solver: Icat, function: Buffered, sizes: tuple[int, ...], n: int) -> None:
+    def __init__(self, solver: Icat, function: BufferedFunction, sizes: tuple[int, ...], n: int) -> None:
         self._solver, self._function, self._sizes, self._n = solver, function, sizes, n
 
     def __call__(self, *inputs: ArrayLike) -> TickResult:
         start = perf_counter()
-        J, lower, upper, rate, activation, gate, *extras = self._function(inputs)
+        J, lower, upper, rate, activation, gate, *extras = self._function(*inputs)
         J = J.reshape(-1, self._n)
         if np.isfinite(J).all() and np.isfinite(rate).all() and np.isfinite(activation).all():
             status, v = Status.SOLVED, self._solver.velocity(J, rate, activation, self._sizes)

@@ -10,12 +10,13 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.solvers.hierarchy.active_set.numpy_core import Outcome, lexicographic_least_squares
 from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
 from uvms_ocp.solvers.hierarchy.certificate import certificate
 from uvms_ocp.solvers.hierarchy.level import Array, Level, gated, row_slices
 from uvms_ocp.solvers.hierarchy.solution import Status, distance
-from uvms_ocp.solvers.hierarchy.tick import Buffered, TickResult
+from uvms_ocp.solvers.hierarchy.tick import TickResult
 
 # A run that does not vouch for itself counts as solved if its certificate is below this; as in entry.c.
 _CERTIFIED = 1e-8
@@ -52,9 +53,9 @@ class ActiveSetTick:
 
     def __init__(self, functions: ActiveSetFunctions) -> None:
         self._functions = functions
-        self._tick = None if functions.tick is None else Buffered(functions.tick)
-        self._core = None if functions.core is None else Buffered(functions.core)
-        self._levels = Buffered(functions.levels)
+        self._tick = None if functions.tick is None else BufferedFunction(functions.tick)
+        self._core = None if functions.core is None else BufferedFunction(functions.core)
+        self._levels = BufferedFunction(functions.levels)
         self.reset()
 
     def reset(self) -> None:
@@ -71,7 +72,7 @@ class ActiveSetTick:
         start = perf_counter()
         if self._tick is None:
             return self._recovered(inputs, start)
-        v, active_set, report, residual, *extras = self._tick((*inputs, self._active_set))
+        v, active_set, report, residual, *extras = self._tick(*inputs, self._active_set)
         outcome, _, cold = report.tolist()
         status = _STATUS.get((outcome, cold))
         if status is None:
@@ -84,7 +85,7 @@ class ActiveSetTick:
     @np.errstate(over="ignore", invalid="ignore")  # what overflows ends without a certificate
     def _recovered(self, inputs: Sequence[ArrayLike], start: float) -> TickResult:
         """The chain in Python, whose first link is the whole tick where there is no compiler."""
-        J, lower, upper, _, _, gate, *extras = self._levels(inputs)
+        J, lower, upper, _, _, gate, *extras = self._levels(*inputs)
         J = J.reshape(-1, self._functions.levels.size2_out(0))
         v, status, residual = np.zeros(J.shape[1]), Status.INVALID_INPUT, np.zeros(len(lower))
         if _is_valid(J, lower, upper, gate):
@@ -144,7 +145,7 @@ class ActiveSetTick:
             v, reached, outcome, _ = lexicographic_least_squares(J, low, up, active_set, self._functions.sizes)
             cold = False
         else:
-            v, reached, report, _ = self._core((J, low, up, np.ones(len(low)), active_set))
+            v, reached, report, _ = self._core(J, low, up, np.ones(len(low)), active_set)
             outcome, cold = Outcome(int(report[0])), bool(report[2])
         if np.isfinite(v).all():
             return _Run(v, reached, outcome, Status.COLD_STARTED if cold else Status.SOLVED)
