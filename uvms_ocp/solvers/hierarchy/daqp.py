@@ -15,7 +15,8 @@ from uvms_ocp.exceptions import InvalidInput, NotInstalled
 from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.certificate import certificate
-from uvms_ocp.solvers.hierarchy.level import Array, Level, Stack, gated, row_slices, stack
+from uvms_ocp.solvers.hierarchy.gated_rows import gated
+from uvms_ocp.solvers.hierarchy.level import Array, Level, Stack, row_slices, stack
 from uvms_ocp.solvers.hierarchy.solution import Solution, Status, row_residuals
 from uvms_ocp.solvers.hierarchy.tick import (
     Tick,

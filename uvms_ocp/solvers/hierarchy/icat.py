@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.buffered import BufferedFunction
+from uvms_ocp.solvers.hierarchy.gated_rows import residual
 from uvms_ocp.solvers.hierarchy.level import Array, Level, row_slices, stack
-from uvms_ocp.solvers.hierarchy.solution import Solution, Status, distance, row_residuals
+from uvms_ocp.solvers.hierarchy.solution import Solution, Status, row_residuals
 from uvms_ocp.solvers.hierarchy.tick import (
     Tick,
     TickResult,
@@ -104,9 +105,7 @@ class _IcatTick:
         J = J.reshape(-1, self._n)
         if np.isfinite(J).all() and np.isfinite(rate).all() and np.isfinite(activation).all():
             status, v = Status.SOLVED, self._solver.velocity(J, rate, activation, self._sizes)
-            residual = np.where(gate > 0.0, distance(J @ v, lower, upper), 0.0)
+            missed = residual(J, v, lower, upper, gate)
         else:
-            status, v, residual = Status.INVALID_INPUT, np.zeros(J.shape[1]), np.zeros(len(lower))
-        return TickResult(
-            v=v, status=status, residual=residual, extras=tuple(extras), solve_time=perf_counter() - start
-        )
+            status, v, missed = Status.INVALID_INPUT, np.zeros(J.shape[1]), np.zeros(len(lower))
+        return TickResult(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)

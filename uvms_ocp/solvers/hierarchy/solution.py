@@ -9,6 +9,7 @@ from enum import Enum
 import numpy as np
 
 from uvms_ocp.solvers.hierarchy.certificate import certificate
+from uvms_ocp.solvers.hierarchy.gated_rows import residual
 from uvms_ocp.solvers.hierarchy.level import Array, Level
 
 
@@ -76,14 +77,7 @@ class Solution:
 
 def row_residuals(levels: Sequence[Level], v: Array) -> tuple[Array, ...]:
     """Signed distance of ``J v`` to [lower, upper], one array (m,) per level; 0 where the gate is 0."""
-    return tuple(
-        read_only(distance(level.jacobian @ v, level.lower, level.upper) * (level.gate > 0.0)) for level in levels
-    )
-
-
-def distance(y: Array, lower: Array, upper: Array) -> Array:
-    """Signed distance of y to the interval [lower, upper], elementwise."""
-    return np.asarray(y - np.clip(y, lower, upper))
+    return tuple(read_only(residual(level.jacobian, v, level.lower, level.upper, level.gate)) for level in levels)
 
 
 def read_only(array: Array) -> Array:

@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.solvers.intervals import distance
 
 _SLACK = 1e-6  # of inequality rows that are frozen exactly: they still need an inside
 
@@ -55,7 +56,7 @@ class LevelRows:
 
     def distance(self, y: np.ndarray) -> np.ndarray:
         """Signed distance (m,) of the rows to their range."""
-        return np.asarray(y - np.clip(y, self.lower, self.upper))
+        return np.asarray(distance(y, self.lower, self.upper))
 
     def frozen_bounds(self, y: np.ndarray, cost: float, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of the rows that keep the level where it is, at y and `cost`.

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from uvms_ocp.solvers.intervals import excess
 from uvms_ocp.solvers.nlp.program import LexicographicProgram
 
 
@@ -26,7 +27,8 @@ class RowBounds:
 
     def violation(self, x: np.ndarray, g: np.ndarray, rows: np.ndarray) -> float:
         """Largest violation at x, where the given rows are g."""
-        return max(_excess(g, self.lower[rows], self.upper[rows]), _excess(x, self.x_lower, self.x_upper))
+        broken = excess(g, self.lower[rows], self.upper[rows]).max(initial=0.0)
+        return float(max(broken, excess(x, self.x_lower, self.x_upper).max(initial=0.0)))
 
 
 def row_bounds(
@@ -42,7 +44,3 @@ def row_bounds(
         lower=lower,
         upper=upper,
     )
-
-
-def _excess(value: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> float:
-    return float(np.maximum(np.maximum(lower - value, value - upper), 0.0).max(initial=0.0))

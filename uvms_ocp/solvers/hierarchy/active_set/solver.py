@@ -7,13 +7,13 @@ import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.resources import files
 from time import perf_counter
 
 import casadi as ca
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.compile import compile_function, compile_library
+from uvms_ocp.solvers.hierarchy.active_set.core_source import core_source
 from uvms_ocp.solvers.hierarchy.active_set.fallbacks import ActiveSetFunctions, ActiveSetTick
 from uvms_ocp.solvers.hierarchy.level import Level, stack
 from uvms_ocp.solvers.hierarchy.solution import Solution, row_residuals
@@ -27,7 +27,6 @@ from uvms_ocp.solvers.hierarchy.tick import (
 
 # Calls of one shape share one tick and its memory.
 _ONE_AT_A_TIME = threading.Lock()
-_SOURCES = ("equalities.c", "active_set.c", "certificate.c", "entry.c")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -105,15 +104,6 @@ def _core(n: int, sizes: tuple[int, ...]) -> ca.Function | None:
         return None
     path = compile_library(core_source(n, sizes))
     return None if path is None else ca.external("lexls", str(path))
-
-
-def core_source(n: int, sizes: Sequence[int]) -> str:
-    """C source for n velocities and levels of ``sizes`` rows; needs libm only."""
-    filled = [size for size in sizes if size]
-    constants = {"N": n, "M": sum(filled), "L": len(filled), "SIZES": ", ".join(map(str, filled))}
-    defines = "".join(f"#define LEX_{name} {value}\n" for name, value in constants.items())
-    folder = files("uvms_ocp.solvers.hierarchy.active_set")
-    return "\n".join([defines, *(folder.joinpath(name).read_text(encoding="utf-8") for name in _SOURCES)])
 
 
 @lru_cache(maxsize=64)

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uvms_ocp.functions.buffered import BufferedFunction
-from uvms_ocp.solvers.hierarchy.cascade.qp_graph import VIOLATED, LevelStep
+from uvms_ocp.solvers.hierarchy.cascade.qp_graph import LevelStep, fixed_rows
+from uvms_ocp.solvers.hierarchy.gated_rows import residual
 from uvms_ocp.solvers.hierarchy.level import Array
-from uvms_ocp.solvers.hierarchy.solution import Status, distance
+from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.solvers.hierarchy.tick import TickResult
 
 _STATUS = (Status.SOLVED, Status.INEXACT, Status.INVALID_INPUT)
@@ -61,11 +62,11 @@ class QpTick:
                 outputs = self._rescued(inputs)
         # Where fresh plugins do not help either, they would not at the next tick.
         self._fresh = bool(outputs[1][0] == _INEXACT)
-        v, status, residual, *extras = outputs
+        v, status, missed, *extras = outputs
         return TickResult(
             v=v,
             status=_STATUS[int(status[0])],
-            residual=residual,
+            residual=missed,
             extras=tuple(extras),
             solve_time=perf_counter() - start,
         )
@@ -98,11 +99,10 @@ class QpTick:
             above = (J[:held], bounds[0][:held], bounds[1][:held], fixed[:held])
             v, P, failed = _level(step, [*above, J[rows], low[rows], up[rows], v, P])
             y = J[rows] @ v
-            fixed[rows] = (low[rows] >= up[rows]) | (np.abs(distance(y, low[rows], up[rows])) > VIOLATED)
+            fixed[rows] = fixed_rows(y, low[rows], up[rows])
             bounds[0][rows], bounds[1][rows] = np.minimum(low[rows], y), np.maximum(up[rows], y)
             inexact, held = max(inexact, float(failed[0])), rows.stop
-        residual = np.where(gate > 0.0, distance(J_given @ v, lower, upper), 0.0)
-        return (v, np.array([inexact]), residual, *extras)
+        return (v, np.array([inexact]), residual(J_given, v, lower, upper, gate), *extras)
 
 
 def _level(step: LevelStep, inputs: list[Array]) -> tuple[Array, ...]:
