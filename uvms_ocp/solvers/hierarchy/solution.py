@@ -4,28 +4,41 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
 from uvms_ocp.solvers.hierarchy.certificate import certificate
 from uvms_ocp.solvers.hierarchy.gated_rows import residual
 from uvms_ocp.solvers.hierarchy.level import Array, Level
+from uvms_ocp.status import AdvisedStatus
 
 
-class Status(Enum):
-    """Outcome of a solve; ``advice`` says what to do about it."""
+class Status(AdvisedStatus):
+    """Outcome of a solve."""
 
-    SOLVED = "solved"
-    COLD_STARTED = "solved from a cold start"
-    CASCADED = "solved through the cascade"
-    INEXACT = "inexact"
-    INVALID_INPUT = "invalid input"
-
-    @property
-    def advice(self) -> str:
-        """One sentence for the user."""
-        return _ADVICE[self]
+    SOLVED = "solved", "nothing to do"
+    COLD_STARTED = (
+        "solved from a cold start",
+        "nothing to do; the active set of the previous call was of no use",
+    )
+    CASCADED = (
+        "solved through the cascade",
+        "nothing to do, unless it is frequent: then look for nearly dependent rows",
+    )
+    INEXACT = (
+        "inexact",
+        (
+            "a level was left at the best velocity found for the levels above it; look for nearly dependent rows "
+            "or rows of very different scale, or choose another solver"
+        ),
+    )
+    INVALID_INPUT = (
+        "invalid input",
+        (
+            "the levels contain NaN, an infinite Jacobian or lower > upper, so v is zero; check the measurements "
+            "and references of this tick"
+        ),
+    )
 
     @property
     def exact(self) -> bool:
@@ -36,21 +49,6 @@ class Status(Enum):
     def usable(self) -> bool:
         """True if v keeps the priorities: no level was given up for a lower one."""
         return self is not Status.INVALID_INPUT
-
-
-_ADVICE = {
-    Status.SOLVED: "nothing to do",
-    Status.COLD_STARTED: "nothing to do; the active set of the previous call was of no use",
-    Status.CASCADED: "nothing to do, unless it is frequent: then look for nearly dependent rows",
-    Status.INEXACT: (
-        "a level was left at the best velocity found for the levels above it; look for nearly dependent rows "
-        "or rows of very different scale, or choose another solver"
-    ),
-    Status.INVALID_INPUT: (
-        "the levels contain NaN, an infinite Jacobian or lower > upper, so v is zero; check the measurements "
-        "and references of this tick"
-    ),
-}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
