@@ -18,6 +18,7 @@ from uvms_ocp.solvers.hierarchy.certificate import certificate
 from uvms_ocp.solvers.hierarchy.gated_rows import gated
 from uvms_ocp.solvers.hierarchy.level import Array, Level, Stack, row_slices, stack
 from uvms_ocp.solvers.hierarchy.solution import Solution, Status, row_residuals
+from uvms_ocp.solvers.hierarchy.stacked import solved
 from uvms_ocp.solvers.hierarchy.tick import (
     Tick,
     TickResult,
@@ -59,9 +60,7 @@ class Daqp:
 
     def solve(self, levels: Sequence[Level]) -> Solution:
         """Raise ``InvalidInput`` where ``levels`` is empty or of mixed width."""
-        start = perf_counter()
-        v, status = self.velocity(levels)
-        return Solution(v=v, status=status, residuals=row_residuals(levels, v), solve_time=perf_counter() - start)
+        return solved(levels, self.velocity)
 
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> Tick:
         """``levels_function`` is evaluated in CasADi, then DAQP is called."""

@@ -14,7 +14,8 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.solvers.hierarchy.gated_rows import residual
 from uvms_ocp.solvers.hierarchy.level import Array, Level, row_slices, stack
-from uvms_ocp.solvers.hierarchy.solution import Solution, Status, row_residuals
+from uvms_ocp.solvers.hierarchy.solution import Solution, Status
+from uvms_ocp.solvers.hierarchy.stacked import solved
 from uvms_ocp.solvers.hierarchy.tick import (
     Tick,
     TickResult,
@@ -44,15 +45,7 @@ class Icat:
 
     def solve(self, levels: Sequence[Level]) -> Solution:
         """Raise ``InvalidInput`` where ``levels`` is empty or of mixed width."""
-        start = perf_counter()
-        rows = stack(levels)
-        v = self.velocity(rows.jacobian, rows.rate, rows.activation, rows.sizes)
-        return Solution(
-            v=v,
-            status=Status.SOLVED,
-            residuals=row_residuals(levels, v),
-            solve_time=perf_counter() - start,
-        )
+        return solved(levels, self._of_levels)
 
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> Tick:
         """``levels_function`` is evaluated in CasADi, the fold in NumPy."""
@@ -70,6 +63,10 @@ class Icat:
             if activation[rows].any():
                 rho, Q = self._step(rho, Q, J[rows], rate[rows], activation[rows])
         return rho
+
+    def _of_levels(self, levels: Sequence[Level]) -> tuple[Array, Status]:
+        rows = stack(levels)
+        return self.velocity(rows.jacobian, rows.rate, rows.activation, rows.sizes), Status.SOLVED
 
     def _step(self, rho: Array, Q: Array, J: Array, rate: Array, a: Array) -> tuple[Array, Array]:
         X = J @ Q
