@@ -68,7 +68,7 @@ class LinkHydrodynamics:
     @property
     def p_LB(self) -> np.ndarray:
         """Centre of buoyancy (3,) [m] in L."""
-        return self.X_FL.actInv(self.centre_of_buoyancy)
+        return np.asarray(self.X_FL.actInv(self.centre_of_buoyancy))
 
     def _set(self, name: str, value: np.ndarray) -> None:
         object.__setattr__(self, name, value)

@@ -87,7 +87,7 @@ class Icat:
         s, U = np.linalg.eigh(M)
         s = np.maximum(s, 0.0)
         bell = np.where(s < self.threshold, 0.5 * np.cos(np.pi * s / self.threshold) + 0.5, 0.0)
-        return (U * (s / (s * s + self.damping * bell))) @ U.T
+        return np.asarray((U * (s / (s * s + self.damping * bell))) @ U.T)
 
 
 class _IcatTick:

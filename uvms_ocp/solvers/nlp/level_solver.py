@@ -107,7 +107,7 @@ class LevelSolver:
         return ca.nlpsol(name, plugin, dict(self._nlp.nlp), options)
 
 
-class _Stop(ca.Callback):
+class _Stop(ca.Callback):  # type: ignore[misc]  # CasADi has no types
     """Called by the NLP solver after each iteration: not 0 once the deadline is over."""
 
     def __init__(self, nlp: LevelNlp, deadline: Deadline) -> None:

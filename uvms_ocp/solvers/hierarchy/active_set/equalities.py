@@ -101,7 +101,7 @@ def _size(bound: Array) -> Array:
 
 def bounds_of(work: Work, rows: Array) -> Array:
     """(k,) the bound at which each of k active rows is held."""
-    return np.where(work.state[rows] == RowState.LOWER, work.lower[rows], work.upper[rows])
+    return np.asarray(np.where(work.state[rows] == RowState.LOWER, work.lower[rows], work.upper[rows]))
 
 
 def solve_equalities(work: Work) -> Equalities:
