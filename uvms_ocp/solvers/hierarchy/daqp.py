@@ -51,6 +51,7 @@ class Daqp:
     certified: bool = True
     """Certify every result, which takes longer than the solution; else no result is called exact."""
     _solve: _Solve = field(init=False, repr=False)
+    """DAQP's own function."""
 
     def __post_init__(self) -> None:
         """Raise ``NotInstalled`` without DAQP, ``InvalidInput`` for a number that is not positive."""

@@ -85,10 +85,15 @@ class Stack:
     jacobian: Array
     """(M, n)"""
     lower: Array
+    """(M,)"""
     upper: Array
+    """(M,)"""
     rate: Array
+    """(M,)"""
     activation: Array
+    """(M,)"""
     gate: Array
+    """(M,)"""
     sizes: tuple[int, ...]
     """Rows of each level; their sum is M."""
 

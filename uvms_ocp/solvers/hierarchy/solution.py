@@ -58,6 +58,7 @@ class Solution:
     v: Array
     """(n,) generalized velocity, always finite."""
     status: Status
+    """How far v can be relied on."""
     residuals: tuple[Array, ...]
     """Per level (m,): signed distance of J v to [lower, upper]; 0 where the gate is 0."""
     solve_time: float

@@ -23,6 +23,7 @@ class TickResult:
     v: Array
     """(n,) generalized velocity, always finite."""
     status: Status
+    """How far v can be relied on."""
     residual: Array
     """(M,) signed distance of J v to [lower, upper], 0 where the gate is 0."""
     extras: tuple[Array, ...]

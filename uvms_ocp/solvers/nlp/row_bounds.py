@@ -14,10 +14,14 @@ from uvms_ocp.solvers.nlp.program import LexicographicProgram
 class RowBounds:
     """Of the variables and of all rows of the program; rows of levels that are not frozen yet are infinite."""
 
-    x_lower: np.ndarray  # (n_x,)
-    x_upper: np.ndarray  # (n_x,)
-    lower: np.ndarray  # (n_rows,)
-    upper: np.ndarray  # (n_rows,)
+    x_lower: np.ndarray
+    """(n_x,)"""
+    x_upper: np.ndarray
+    """(n_x,)"""
+    lower: np.ndarray
+    """(n_rows,)"""
+    upper: np.ndarray
+    """(n_rows,)"""
 
     def with_rows(self, rows: slice, bounds: tuple[np.ndarray, np.ndarray]) -> RowBounds:
         """The same with other bounds for some rows."""

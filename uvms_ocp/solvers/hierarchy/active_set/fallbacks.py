@@ -36,16 +36,23 @@ class ActiveSetFunctions:
     levels: ca.Function
     """inputs -> J, lower, upper, rate, activation, gate, *extras; dense"""
     sizes: tuple[int, ...]
+    """Rows of each level."""
     cascade: bool
+    """`LexicographicActiveSet.cascade`."""
     time_limit: float
+    """[s] `LexicographicActiveSet.time_limit`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Run:
     v: Array
+    """(n,)"""
     active_set: Array
+    """(M,) where the run has ended."""
     outcome: Outcome
-    status: Status  # if the run is exact
+    """What the run says of itself."""
+    status: Status
+    """If the run is exact."""
 
 
 class ActiveSetTick:

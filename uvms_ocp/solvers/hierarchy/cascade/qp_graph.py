@@ -32,13 +32,18 @@ _NOTHING, _SATISFIED_CASE = 0, 1
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class QpSettings:
-    """See ``LexicographicQp``."""
+    """What `LexicographicQp` gives to the graph; its fields say what they are."""
 
     plugin: str
+    """Name of the conic plugin."""
     options: Mapping[str, object]
+    """All options of the plugin."""
     proximal: float
+    """[-]"""
     tolerance: float
+    """[-]"""
     attempts: int
+    """Programs per level at most."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -46,20 +51,31 @@ class _Held:
     """Rows of all levels above, with bounds widened to what was reached."""
 
     J: ca.MX
+    """(k, n)"""
     lower: ca.MX
+    """(k,)"""
     upper: ca.MX
+    """(k,)"""
     fixed: ca.MX
-    """1 where the row cannot move any more."""
+    """(k,) 1 where the row cannot move any more."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _LevelSymbols:
+    """What a level is given."""
+
     held: _Held
+    """Of the levels above."""
     J: ca.MX
+    """(m, n) its own rows."""
     lower: ca.MX
+    """(m,)"""
     upper: ca.MX
+    """(m,)"""
     v: ca.MX
+    """(n,) result of the levels above."""
     P: ca.MX
+    """(n, n) projector on what they leave free."""
 
     def inputs(self, v: ca.MX | None = None) -> list[ca.MX]:
         held = self.held
@@ -88,6 +104,7 @@ class LevelStep:
     """Functions of one level: (held J, lower, upper, fixed, J, lower, upper, v, P) -> (v, P, failed)."""
 
     solve: ca.Function
+    """v at the optimum of the level."""
     give_up: ca.Function
     """Keeps v; for a plugin that fails even on a fresh start."""
     conic: ca.Function

@@ -32,6 +32,7 @@ class QpFunctions:
     levels: ca.Function
     """inputs -> J, lower, upper (gated), J, lower, upper, gate (as given), *extras"""
     steps: Sequence[LevelStep | None]
+    """One per level, None for a level without rows."""
 
 
 class QpTick:
