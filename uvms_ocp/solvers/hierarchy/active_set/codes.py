@@ -22,3 +22,7 @@ class RowState(IntEnum):
     FREE = 0
     UPPER = 1
     EQUAL = 2
+
+
+# As plain integers, which NumPy compares four times as fast.
+LOWER, FREE, UPPER, EQUAL = (int(state) for state in RowState)

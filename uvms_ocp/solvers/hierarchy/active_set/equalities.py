@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from uvms_ocp.solvers.hierarchy.active_set.codes import RowState
+from uvms_ocp.solvers.hierarchy.active_set.codes import EQUAL, FREE, LOWER
 from uvms_ocp.solvers.hierarchy.level import Array, row_slices
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 
@@ -79,9 +79,9 @@ def load(J: Array, lower: Array, upper: Array, state: Array, sizes: Sequence[int
     norm = np.sqrt((J * J).sum(axis=1))
     size = np.fmax(_size(lower), _size(upper))
     given = np.sign(state)
-    given[((given > 0) & (upper == np.inf)) | ((given < 0) & (lower == -np.inf))] = RowState.FREE
+    given[((given > 0) & (upper == np.inf)) | ((given < 0) & (lower == -np.inf))] = FREE
     # A flag of equality must never be inherited: the row may have become an inequality.
-    given[lower >= upper] = RowState.EQUAL
+    given[lower >= upper] = EQUAL
     return Work(
         A=J,
         lower=lower,
@@ -101,7 +101,7 @@ def _size(bound: Array) -> Array:
 
 def bounds_of(work: Work, rows: Array) -> Array:
     """(k,) the bound at which each of k active rows is held."""
-    return np.asarray(np.where(work.state[rows] == RowState.LOWER, work.lower[rows], work.upper[rows]))
+    return np.asarray(np.where(work.state[rows] == LOWER, work.lower[rows], work.upper[rows]))
 
 
 def solve_equalities(work: Work) -> Equalities:
@@ -111,7 +111,7 @@ def solve_equalities(work: Work) -> Equalities:
     smallest = 1.0
     late: list[Array] = []
     for level in work.levels:
-        rows = level.start + np.flatnonzero((work.state[level] != RowState.FREE) & (work.norm[level] > 0.0))
+        rows = level.start + np.flatnonzero((work.state[level] != FREE) & (work.norm[level] > 0.0))
         if rows.size == 0:
             blocks.append(Block(rows, np.zeros((0, n)), column, 0, smallest))
         elif column == n:

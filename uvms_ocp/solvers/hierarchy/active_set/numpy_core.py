@@ -7,7 +7,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from uvms_ocp.solvers.hierarchy.active_set.codes import Outcome, RowState
+from uvms_ocp.solvers.hierarchy.active_set.codes import EQUAL, FREE, LOWER, UPPER, Outcome
 from uvms_ocp.solvers.hierarchy.active_set.equalities import Equalities, Work, bounds_of, load, solve_equalities
 from uvms_ocp.solvers.hierarchy.active_set.patience import Patience, patience
 from uvms_ocp.solvers.hierarchy.level import Array
@@ -82,16 +82,16 @@ def _rule(stalled: int, iteration: int, given: Patience, rule: _Rule) -> _Rule:
 
 
 def _activate_violated(work: Work) -> bool:
-    y, free = work.A @ work.v, work.state == RowState.FREE
+    y, free = work.A @ work.v, work.state == FREE
     above = free & (y > work.upper + work.tolerance)
     below = free & (y < work.lower - work.tolerance)
-    work.state[above], work.state[below] = RowState.UPPER, RowState.LOWER
+    work.state[above], work.state[below] = UPPER, LOWER
     return bool(above.any() or below.any())
 
 
 def _step(work: Work, target: Array) -> tuple[bool, int]:
     """Goes to ``target`` until a free row blocks, which becomes active; whether v moved, and that row or -1."""
-    end, free = work.A @ target, work.state == RowState.FREE
+    end, free = work.A @ target, work.state == FREE
     above = free & (end > work.upper + work.tolerance)
     below = free & (end < work.lower - work.tolerance)
     blocking = np.flatnonzero(above | below)
@@ -105,7 +105,7 @@ def _step(work: Work, target: Array) -> tuple[bool, int]:
     first = int(np.argmin(length))
     row, t = blocking[first], min(1.0, max(0.0, float(length[first])))
     before, work.v = work.v, work.v + t * (target - work.v)
-    work.state[row] = RowState.UPPER if above[row] else RowState.LOWER
+    work.state[row] = UPPER if above[row] else LOWER
     return _has_moved(before, work.v), int(row)
 
 
@@ -119,7 +119,7 @@ def _drop_row(work: Work, equalities: Equalities, rule: _Rule) -> int:
     for level in range(len(work.levels)):
         row = _wrong_row(work, equalities, level, rule, decided)
         if row >= 0:
-            work.state[row] = RowState.FREE
+            work.state[row] = FREE
             return row
     return -1
 
@@ -153,7 +153,7 @@ def _wrong_row(work: Work, equalities: Equalities, level: int, rule: _Rule, deci
 def _worst(work: Work, rows: Array, multipliers: Array, tolerance: float, rule: _Rule, decided: Array) -> int:
     value = multipliers * work.state[rows] * work.norm[rows]
     work.contradicted |= bool(((decided[rows] == _WEAKLY) & (value < -tolerance)).any())
-    value = np.where((work.state[rows] != RowState.EQUAL) & (decided[rows] == 0), value, 0.0)
+    value = np.where((work.state[rows] != EQUAL) & (decided[rows] == 0), value, 0.0)
     decided[rows[value > tolerance]] = _WEAKLY
     decided[rows[value > TOLERANCES.decisive * tolerance]] = _FIRMLY
     wrong = value < -tolerance
