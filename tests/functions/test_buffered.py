@@ -10,6 +10,7 @@ import pytest
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.buffered import BufferedFunction
+from uvms_ocp.functions.compile import compile_library
 
 
 @pytest.fixture
@@ -18,13 +19,23 @@ def buffered() -> BufferedFunction:
     return BufferedFunction(ca.Function("f", [x, A], [A * x[0], A.T @ x], ["x", "A"], ["B", "y"]))
 
 
-X, ROWS = np.array([1.0, 2.0, 3.0]), np.arange(6.0).reshape(2, 3)
+X, A = np.array([1.0, 2.0, 3.0]), np.array([[0.0, 3.0], [1.0, 4.0], [2.0, 5.0]])
 
 
-def test_matrices_go_in_by_columns_and_come_out_as_matrices(buffered: BufferedFunction) -> None:
-    B, y = buffered(X, ROWS)
-    np.testing.assert_array_equal(B, ROWS.T)
-    np.testing.assert_array_equal(y, ROWS @ X)
+def test_arguments_and_results_are_shaped_as_casadi_shapes_them(buffered: BufferedFunction) -> None:
+    B, y = buffered(X, A)
+    np.testing.assert_array_equal(B, A)
+    np.testing.assert_array_equal(y, A.T @ X)
+    assert B.flags.c_contiguous
+
+
+def test_the_memory_order_of_an_argument_does_not_matter(buffered: BufferedFunction) -> None:
+    np.testing.assert_array_equal(buffered(X, np.asfortranarray(A))[1], A.T @ X)
+    np.testing.assert_array_equal(buffered(X.tolist(), A.tolist())[1], A.T @ X)
+
+
+def test_a_column_may_be_a_matrix_of_one_column(buffered: BufferedFunction) -> None:
+    np.testing.assert_array_equal(buffered(X[:, None], A)[1], A.T @ X)
 
 
 def test_one_column_can_stand_for_all(buffered: BufferedFunction) -> None:
@@ -33,16 +44,45 @@ def test_one_column_can_stand_for_all(buffered: BufferedFunction) -> None:
 
 
 def test_results_survive_the_next_call(buffered: BufferedFunction) -> None:
-    _, first = buffered(X, ROWS)
-    buffered(2 * X, ROWS)
-    np.testing.assert_array_equal(first, ROWS @ X)
+    _, first = buffered(X, A)
+    buffered(2 * X, A)
+    np.testing.assert_array_equal(first, A.T @ X)
 
 
 def test_a_copy_through_pickle_has_its_own_memory(buffered: BufferedFunction) -> None:
-    _, y = pickle.loads(pickle.dumps(buffered))(X, ROWS)
-    np.testing.assert_array_equal(y, ROWS @ X)
+    _, y = pickle.loads(pickle.dumps(buffered))(X, A)
+    np.testing.assert_array_equal(y, A.T @ X)
 
 
 def test_a_wrong_shape_is_named(buffered: BufferedFunction) -> None:
-    with pytest.raises(InvalidInput, match=r"f: A of shape \(3, 2\) given; allowed: \(2, 3\)"):
-        buffered(X, ROWS.T)
+    with pytest.raises(InvalidInput, match=r"f: A of shape \(2, 3\) given; allowed: \(3, 2\)"):
+        buffered(X, A.T)
+
+
+def test_a_wrong_number_of_arguments_is_told_the_names(buffered: BufferedFunction) -> None:
+    with pytest.raises(InvalidInput, match=r"f: 1 arguments given; allowed: 2, x, A"):
+        buffered(X)
+
+
+def test_what_is_empty_stays_empty() -> None:
+    x, E = ca.SX.sym("x", 0), ca.SX.sym("E", 3, 0)
+    x_out, E_out, two = BufferedFunction(ca.Function("f", [x, E], [x, E, ca.SX(2)]))(np.zeros(0), np.zeros((3, 0)))
+    assert (x_out.shape, E_out.shape) == ((0,), (3, 0))
+    assert two[0] == 2.0
+
+
+FAILING = """
+int failing(const double **arg, double **res, long long int *iw, double *w, int mem) {
+  if (arg[0][0] < 0) return 1;
+  res[0][0] = arg[0][0];
+  return 0;
+}
+"""
+
+
+def test_an_evaluation_that_was_abandoned_is_told() -> None:
+    function = BufferedFunction(ca.external("failing", str(compile_library(FAILING))))
+    for given in (1.0, -1.0, 2.0):
+        (result,) = function(given)
+        assert function.failed == (given < 0.0)
+        assert function.failed or result == given

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
 from itertools import pairwise
 
 import casadi as ca
@@ -14,12 +16,15 @@ from test_hierarchy import _arguments, _tick_function
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.hierarchy.active_set import fallbacks as active_set_tick
-from uvms_ocp.solvers.hierarchy.active_set.numpy_core import Outcome
-from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet, core_source
+from uvms_ocp.solvers.hierarchy.active_set.codes import Outcome
+from uvms_ocp.solvers.hierarchy.active_set.core_source import core_source
+from uvms_ocp.solvers.hierarchy.active_set.patience import patience
+from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
 from uvms_ocp.solvers.hierarchy.certificate import certificate
 from uvms_ocp.solvers.hierarchy.level import Level
 from uvms_ocp.solvers.hierarchy.solution import Solution, Status
+from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 
 COMPILED, NUMPY = LexicographicActiveSet(), LexicographicActiveSet(compiled=False)
 STRUCTURES = [(1, (2, 0, 1)), (4, (3, 2, 2)), (7, (1, 0, 6, 2, 7)), (13, (6, 6, 6, 3, 13)), (60, (20, 9, 30))]
@@ -216,7 +221,14 @@ def test_empty_hierarchies_and_levels_are_handled() -> None:
 def test_the_core_needs_libm_only() -> None:
     includes = [line for line in core_source(3, (1, 0, 2)).splitlines() if line.startswith("#include")]
     assert includes == ["#include <math.h>", "#include <string.h>"]
-    assert "#define LEX_SIZES 1, 2" in core_source(3, (1, 0, 2))
+    assert "#define LEVEL_SIZES 1, 2" in core_source(3, (1, 0, 2))
+
+
+def test_the_core_in_c_has_the_tolerances_and_the_patience_of_python() -> None:
+    source = core_source(3, (1, 0, 2))
+    for name, value in (asdict(TOLERANCES) | asdict(patience(3))).items():
+        (defined,) = re.findall(rf"^#define {name.upper()} (.+)$", source, re.MULTILINE)
+        assert float(defined) == value
 
 
 def test_the_cascade_takes_over_where_the_method_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
@@ -134,9 +134,9 @@ def test_contradictory_bounds_in_a_tick_are_invalid_input() -> None:
 
 def test_a_tick_refuses_wrong_inputs_and_levels() -> None:
     tick = LexicographicQp().bind(_tick_function(2, 1), [1])
-    with pytest.raises(InvalidInput, match="2 inputs given; the tick takes 6: J_in, lower_in"):
+    with pytest.raises(InvalidInput, match="tick: 2 arguments given; allowed: 6, J_in, lower_in"):
         tick(0.0, 0.0)
-    with pytest.raises(InvalidInput, match=r"input 'lower_in' has shape \(2,\); give \(1,\)"):
+    with pytest.raises(InvalidInput, match=r"tick: lower_in of shape \(2,\) given; allowed: \(1,\)"):
         tick(np.ones((1, 2)), np.zeros(2), *[np.zeros(1)] * 4)
     with pytest.raises(InvalidInput, match=r"sizes \(2,\) sum to 2; the levels have 1 rows"):
         LexicographicQp().bind(_tick_function(2, 1), [2])
@@ -223,13 +223,13 @@ class _Misled:
 
     failed = False
 
-    def __init__(self, honest: Callable[[Sequence[np.ndarray]], list[np.ndarray]], cured: int) -> None:
+    def __init__(self, honest: Callable[..., tuple[np.ndarray, ...]], cured: int) -> None:
         self.honest, self.cured, self.calls = honest, cured, 0
 
-    def __call__(self, inputs: Sequence[np.ndarray]) -> list[np.ndarray]:
+    def __call__(self, *inputs: np.ndarray) -> tuple[np.ndarray, ...]:
         self.calls += 1
-        v, status, *rest = self.honest(inputs)
-        return [v, np.ones(1) if self.calls <= self.cured else status, *rest]
+        v, status, *rest = self.honest(*inputs)
+        return (v, np.ones(1) if self.calls <= self.cured else status, *rest)
 
 
 @pytest.mark.parametrize(("cured", "status", "calls"), [(1, Status.SOLVED, 4), (99, Status.INEXACT, 4)])

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.control.velocity.levels import LevelsProblem
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.solvers.hierarchy.active_set.solver import core_source
+from uvms_ocp.solvers.hierarchy.active_set.core_source import core_source
 from uvms_ocp.solvers.hierarchy.tick import Tick, TickResult, dense
 
 TEMPLATES = ("tick.c", "example.c", "CMakeLists.txt")

@@ -6,64 +6,68 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from uvms_ocp.exceptions import InvalidInput
+
+Array = NDArray[np.float64]
 
 
 class BufferedFunction:
     """Call a function of dense inputs and outputs through fixed memory.
 
-    Inputs of shape (m, n) are given as arrays (n, m), one row per column of CasADi's, vectors as (m,); an
-    input may be broadcast along n. Outputs come back as fresh arrays, shaped as CasADi shapes them. Not for
-    use from two threads at once: every thread needs its own.
+    Arguments and results are shaped as CasADi shapes them, (m, n), but columns are (m,). A column may also be given as
+    (m, 1), and one column (m,) for all n columns of a matrix. Results are fresh arrays in C order. Not for use from two
+    threads at once: every thread needs its own.
     """
 
-    __slots__ = ("_arguments", "_buffer", "_results", "_shapes", "_trigger", "function")
+    __slots__ = ("_arguments", "_buffer", "_results", "_trigger", "function")
 
     def __init__(self, function: ca.Function) -> None:
         self.function = function
         self._buffer: Any
         self._trigger: Any
         self._buffer, self._trigger = function.buffer()
-        self._arguments = [np.zeros(_row_shape(function.size_in(i))) for i in range(function.n_in())]
-        self._shapes = [function.size_out(i) for i in range(function.n_out())]
-        self._results = [np.zeros(rows * columns) for rows, columns in self._shapes]
+        self._arguments = [_memory(function.size_in(i)) for i in range(function.n_in())]
+        self._results = [_memory(function.size_out(i)) for i in range(function.n_out())]
+        # CasADi reads column-major memory and refuses views that are not C-contiguous.
         for i, argument in enumerate(self._arguments):
-            if argument.size:
-                self._buffer.set_arg(i, argument.reshape(-1).data)
+            self._buffer.set_arg(i, argument.T.data)
         for i, result in enumerate(self._results):
-            if result.size:
-                self._buffer.set_res(i, result.data)
+            self._buffer.set_res(i, result.T.data)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return BufferedFunction, (self.function,)
 
-    def __call__(self, *arguments: ArrayLike) -> tuple[np.ndarray, ...]:
-        """Evaluate. Raises InvalidInput for an argument of the wrong shape."""
-        for i, (memory, argument) in enumerate(zip(self._arguments, arguments, strict=True)):
-            given = np.shape(argument)
-            if given != memory.shape and not _broadcasts(given, memory.shape):
-                self._refuse(i, given)
+    def __call__(self, *arguments: ArrayLike) -> tuple[Array, ...]:
+        """Evaluate. Raises InvalidInput for a wrong number of arguments, or one of the wrong shape."""
+        if len(arguments) != len(self._arguments):
+            raise InvalidInput(f"{self.function.name()}: {len(arguments)} arguments given; allowed: {self._names()}")
+        for i, memory in enumerate(self._arguments):
+            argument = arguments[i]
+            if type(argument) is not np.ndarray or argument.shape != memory.shape:
+                argument = self._fitted(i, argument)
             memory[...] = argument
         self._trigger()
-        return tuple(map(_copied, self._results, self._shapes))
+        return tuple([result.copy() for result in self._results])
 
-    def _refuse(self, i: int, given: tuple[int, ...]) -> None:
-        name, allowed = self.function.name_in(i), self._arguments[i].shape
-        raise InvalidInput(f"{self.function.name()}: {name} of shape {given} given; allowed: {allowed}")
+    @property
+    def failed(self) -> bool:
+        """True if the last evaluation was abandoned, which leaves its results meaningless."""
+        return bool(self._buffer.ret())
+
+    def _fitted(self, i: int, argument: ArrayLike) -> Array:
+        shape, array = self._arguments[i].shape, np.asarray(argument, dtype=np.float64)
+        if array.size == self._arguments[i].size and array.squeeze().shape == self._arguments[i].squeeze().shape:
+            return array.reshape(shape)
+        if array.shape == shape[:1]:
+            return array[:, None]
+        name = f"{self.function.name()}: {self.function.name_in(i)}"
+        raise InvalidInput(f"{name} of shape {array.shape} given; allowed: {shape}")
+
+    def _names(self) -> str:
+        return f"{len(self._arguments)}, {', '.join(self.function.name_in())}"
 
 
-def _broadcasts(given: tuple[int, ...], wanted: tuple[int, ...]) -> bool:
-    """One row for every row, or the only row as a matrix."""
-    return given == (wanted[1:] if len(wanted) == 2 else (1, *wanted))
-
-
-def _row_shape(size: tuple[int, int]) -> tuple[int, ...]:
-    rows, columns = size
-    return (rows,) if columns == 1 else (columns, rows)
-
-
-def _copied(result: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    rows, columns = shape
-    return result.copy() if columns == 1 else result.reshape(columns, rows).T.copy()
+def _memory(size: tuple[int, int]) -> Array:
+    return np.zeros(size[0]) if size[1] == 1 else np.zeros(size, order="F")

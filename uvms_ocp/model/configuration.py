@@ -30,7 +30,7 @@ class ConfigurationSpace:
 
     @property
     def _n_vehicle(self) -> int:
-        return self.model.nv - len(self.limits.position_lower)
+        return int(self.model.nv) - len(self.limits.position_lower)
 
     @property
     def _joint_q(self) -> slice:
@@ -83,7 +83,7 @@ class ConfigurationSpace:
             if name not in own:
                 raise NameNotFound("joint", name, own)
             values[own[name].v] = value
-        return values[self._n_vehicle :]
+        return np.asarray(values[self._n_vehicle :])
 
     def _check_joint(self, joint: Joint, values: np.ndarray) -> None:
         if joint.n_q != joint.n_v:
@@ -101,7 +101,7 @@ def _orientation(rpy: ArrayLike | None, quaternion: ArrayLike | None) -> np.ndar
     if quaternion is not None:
         return finite("quaternion", quaternion, 4)
     angles = np.zeros(3) if rpy is None else finite("rpy", rpy, 3)
-    return pin.Quaternion(pin.rpy.rpyToMatrix(angles)).coeffs()
+    return np.asarray(pin.Quaternion(pin.rpy.rpyToMatrix(angles)).coeffs())
 
 
 def _check_unit(what: str, values: np.ndarray) -> None:

@@ -49,15 +49,15 @@ class Dynamics:
 
     def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
         """Generalized force tau (n_v,) [N, N m] for the acceleration a."""
-        return self._inverse(q, v, a, water.velocity, water.acceleration)[0]
+        return self._inverse(q, v, a, water.velocity.T, water.acceleration.T)[0]
 
     def forward_dynamics(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
         """Acceleration a (n_v,) [m/s2, rad/s2] under the generalized force tau."""
-        return self._forward(q, v, tau, water.velocity, water.acceleration)[0]
+        return self._forward(q, v, tau, water.velocity.T, water.acceleration.T)[0]
 
     def bias_force(self, q: ArrayLike, v: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
         """Generalized force (n_v,) for zero acceleration: ``C v + D v + g``."""
-        return self._bias(q, v, water.velocity, water.acceleration)[0]
+        return self._bias(q, v, water.velocity.T, water.acceleration.T)[0]
 
     def mass_matrix(self, q: ArrayLike) -> np.ndarray:
         """Rigid-body plus added mass M (n_v, n_v), symmetric."""
@@ -67,7 +67,7 @@ class Dynamics:
     def damping_matrix(self, q: ArrayLike, v: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
         """Symmetric part of D(q, v_r) (n_v, n_v): drag of all links and joint friction."""
         n_v = self.symbolic.model.nv
-        return self._damping(q, v, water.velocity)[0].reshape(n_v, n_v)
+        return self._damping(q, v, water.velocity.T)[0].reshape(n_v, n_v)
 
     def kinetic_energy(self, q: ArrayLike, v: ArrayLike) -> float:
         """``1/2 v.T M v`` [J]; of v relative to a uniform current it is the energy in the drifting frame."""

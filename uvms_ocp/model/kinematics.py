@@ -49,5 +49,5 @@ class Kinematics:
     def _axes(self, name: str) -> np.ndarray:
         """Rotation R_WF of the axes that `jacobian` is expressed in."""
         if name != "B":
-            return self._data.oMf[self.robot.frame_id(name)].rotation
+            return np.asarray(self._data.oMf[self.robot.frame_id(name)].rotation)
         return self._data.oMi[1].rotation if self.robot.n_vehicle else np.eye(3)

@@ -114,7 +114,7 @@ def _zero_or_middle(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
 
 def from_joint_values(model: pin.Model, values: np.ndarray) -> np.ndarray:
     """Return q (n_q,) with the joints displaced by ``values`` (n_v,) from neutral, whatever their types."""
-    return pin.integrate(model, pin.neutral(model), values)
+    return np.asarray(pin.integrate(model, pin.neutral(model), values))
 
 
 def read_only(values: ArrayLike) -> np.ndarray:

@@ -25,6 +25,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions.elementwise import is_symbolic
 
 Array = Any
 """``numpy.ndarray``, ``casadi.SX`` or ``casadi.MX``; scalars of these."""
@@ -41,11 +42,6 @@ _ATANC = (1.0, -1 / 3, 1 / 5, -1 / 7, 1 / 9, -1 / 11, 1 / 13)
 
 
 # --- numpy / CasADi shim --------------------------------------------------------------------------
-
-
-def is_symbolic(*values: Array) -> bool:
-    """Tell whether any of the values is a CasADi expression."""
-    return any(isinstance(value, (ca.SX, ca.MX)) for value in values)
 
 
 def where(condition: Array, if_true: Array, if_false: Array) -> Array:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -14,44 +13,44 @@ from uvms_ocp.exceptions import OutputError
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
+from uvms_ocp.status import AdvisedStatus
 
 
-class OcpStatus(Enum):
-    """Verdict on a plan; ``advice`` says what to change.
+class OcpStatus(AdvisedStatus):
+    """Verdict on a plan.
 
     MISSED: a goal is not met, and longer horizons were not tried. UNREACHABLE: they were, up to four times the time, and
     did not help. INFEASIBLE: the start is proven impossible, or the solver ended where no small change brings the
     constraints any nearer. UNFINISHED proves nothing.
     """
 
-    SOLVED = "solved"
-    MISSED = "goal missed"
-    TOO_SHORT = "horizon too short"
-    UNREACHABLE = "unreachable"
-    INFEASIBLE = "infeasible"
-    OBSTRUCTED = "obstructed start"
-    UNFINISHED = "unfinished"
-
-    @property
-    def advice(self) -> str:
-        """One sentence for the user."""
-        return _ADVICE[self]
+    SOLVED = "solved", "nothing to do"
+    MISSED = (
+        "goal missed",
+        "why is not known: give it more time, move the goal, or loosen the constraints and levels above it",
+    )
+    TOO_SHORT = "horizon too short", "give the horizon more time, or loosen the limits"
+    UNREACHABLE = (
+        "unreachable",
+        "more time would not help: move the goal, or loosen the constraints and levels above it",
+    )
+    INFEASIBLE = (
+        "infeasible",
+        "no motion near the guess keeps the constraints: loosen limits, weaken the current, or start slower",
+    )
+    OBSTRUCTED = (
+        "obstructed start",
+        "the start breaks a constraint: move the start or the obstacle, or lower the margin",
+    )
+    UNFINISHED = (
+        "unfinished",
+        "the solver stopped early: raise time_limit or max_iterations, loosen limits, or improve the guess",
+    )
 
     @property
     def usable(self) -> bool:
         """True if the trajectory keeps all constraints; goals may still be missed."""
         return self in (OcpStatus.SOLVED, OcpStatus.MISSED, OcpStatus.TOO_SHORT, OcpStatus.UNREACHABLE)
-
-
-_ADVICE = {
-    OcpStatus.SOLVED: "nothing to do",
-    OcpStatus.MISSED: "why is not known: give it more time, move the goal, or loosen the constraints and levels above it",
-    OcpStatus.TOO_SHORT: "give the horizon more time, or loosen the limits",
-    OcpStatus.UNREACHABLE: "more time would not help: move the goal, or loosen the constraints and levels above it",
-    OcpStatus.INFEASIBLE: "no motion near the guess keeps the constraints: loosen limits, weaken the current, or start slower",
-    OcpStatus.OBSTRUCTED: "the start breaks a constraint: move the start or the obstacle, or lower the margin",
-    OcpStatus.UNFINISHED: "the solver stopped early: raise time_limit or max_iterations, loosen limits, or improve the guess",
-}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

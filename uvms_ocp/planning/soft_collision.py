@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from enum import Enum
 from time import perf_counter
 
 import numpy as np
@@ -23,6 +22,7 @@ from uvms_ocp.planning.descent import Descent, DescentOptions, descend
 from uvms_ocp.planning.ipopt_descent import Bounds, IpoptOptions, descend_ipopt
 from uvms_ocp.planning.path_cost import CostParts, CostWeights, Distances, LocalModel, PathCost
 from uvms_ocp.planning.sampling import SamplingOptions, sampled_waypoints
+from uvms_ocp.status import AdvisedStatus
 from uvms_ocp.trajectories.free_derivatives import pieces_of
 from uvms_ocp.trajectories.min_snap import min_snap, solution_of
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
@@ -32,23 +32,18 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-class PlanStatus(Enum):
-    """Outcome of a plan; ``advice`` says what to do about it."""
+class PlanStatus(AdvisedStatus):
+    """Outcome of a plan."""
 
-    FREE = "free of collision"
-    UNDECIDED = "no collision found, not certified"
-    COLLIDING = "still in collision"
-
-    @property
-    def advice(self) -> str:
-        return _ADVICE[self]
-
-
-_ADVICE = {
-    PlanStatus.FREE: "none needed.",
-    PlanStatus.UNDECIDED: "the path all but touches something; plan again with a larger clearance.",
-    PlanStatus.COLLIDING: "give way points around the obstacle (see sampled_waypoints), more pieces or restarts.",
-}
+    FREE = "free of collision", "none needed."
+    UNDECIDED = (
+        "no collision found, not certified",
+        "the path all but touches something; plan again with a larger clearance.",
+    )
+    COLLIDING = (
+        "still in collision",
+        "give way points around the obstacle (see sampled_waypoints), more pieces or restarts.",
+    )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

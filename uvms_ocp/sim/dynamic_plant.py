@@ -93,19 +93,19 @@ class DynamicPlant:
         return command.thrust, np.clip(command.torque, -effort, effort)
 
     def _water(self, dt: float) -> tuple[np.ndarray, np.ndarray]:
-        """Velocity and acceleration (n_links, 3) of the water as the moving links feel it."""
+        """Velocity and acceleration (3, n_links) of the water as the moving links feel it."""
         positions, current = self._dynamics.link_positions(self.state.q), self._environment.current
         before = positions if self._positions is None else self._positions
         self._positions = positions
         velocity = current.velocity(positions, self._t)
         carried = (velocity - current.velocity(before, self._t)) / dt  # shear along the way of each link
-        return velocity, current.acceleration(positions, self._t) + carried
+        return velocity.T, (current.acceleration(positions, self._t) + carried).T
 
     def _floor(self) -> tuple[np.ndarray, np.ndarray]:
-        """Height (n_points,) and normal (n_points, 3) of the floor below the contact points."""
+        """Height (n_points,) and normal (3, n_points) of the floor below the contact points."""
         q = self.state.q
         corners = self._points @ quaternion_to_matrix(q[3:7]).T + q[:3] if len(self._points) else self._points
         floor = self._environment.seafloor
         heights = [floor.height(x, y) for x, y, _ in corners]
         normals = [floor.normal(x, y) for x, y, _ in corners]
-        return np.array(heights), np.array(normals).reshape(-1, 3)
+        return np.array(heights), np.array(normals).reshape(-1, 3).T

@@ -32,7 +32,7 @@ def bounded_least_squares(
     scale = np.sqrt(weight)
     scaled_start = None if start is None else start * scale
     x = _active_set(A / scale, b, lower * scale, upper * scale, scaled_start) / scale
-    return np.clip(x, lower, upper)
+    return np.asarray(np.clip(x, lower, upper))
 
 
 def _active_set(

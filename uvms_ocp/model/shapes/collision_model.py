@@ -134,7 +134,7 @@ def _pair_reach(robot: Robot, geometry: pin.GeometryModel) -> np.ndarray:
     reaches = [shape_reach(robot, shape) for shape in geometry.geometryObjects]
     pairs = [(reaches[pair.first], reaches[pair.second]) for pair in geometry.collisionPairs]
     moved = [np.where((a > 0) != (b > 0), np.maximum(a, b), 0.0) for a, b in pairs]
-    return np.max([np.zeros(robot.n_v), *moved], axis=0)
+    return np.asarray(np.max([np.zeros(robot.n_v), *moved], axis=0))
 
 
 def _known(links: Sequence[str] | None, names: Sequence[str]) -> Sequence[str]:

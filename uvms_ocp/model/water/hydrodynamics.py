@@ -66,7 +66,7 @@ class LinkHydrodynamics:
     @property
     def p_LB(self) -> np.ndarray:
         """Centre of buoyancy (3,) [m] in L."""
-        return self.X_FL.actInv(self.centre_of_buoyancy)
+        return np.asarray(self.X_FL.actInv(self.centre_of_buoyancy))
 
     def _set(self, name: str, value: np.ndarray) -> None:
         object.__setattr__(self, name, value)
@@ -87,6 +87,7 @@ class Water:
         for name, value in (("velocity", self.velocity), ("acceleration", self.acceleration)):
             if np.shape(value)[-1:] != (3,) or not np.isfinite(value).all():
                 raise InvalidInput(f"water: {name} = {value}; give finite numbers, (3,) or (n_links, 3)")
+            object.__setattr__(self, name, np.asarray(value, dtype=float))
 
 
 STILL_WATER = Water()

@@ -104,7 +104,7 @@ def _weighted(term: Term, residual: Residual) -> Residual:
 
 
 def _beyond(residual: Residual) -> ca.SX:
-    """Signed distance to the range."""
+    """Signed distance to the range; unlike `intervals.distance` without a kink where lower = upper."""
     y = residual.value
     high = ca.vertcat(*(ca.fmax(y[i] - u, 0) if np.isfinite(u) else ca.SX(0) for i, u in enumerate(residual.upper)))
     low = ca.vertcat(*(ca.fmax(lo - y[i], 0) if np.isfinite(lo) else ca.SX(0) for i, lo in enumerate(residual.lower)))

@@ -19,6 +19,7 @@ from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.ocp.transcription.horizon import Block, Horizon
 from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermRows, end_rows, path_rows
+from uvms_ocp.solvers.intervals import excess
 from uvms_ocp.solvers.nlp.program import LevelNlp, LevelRows, LexicographicProgram
 
 _DROPPED = -2  # level of rows that say nothing
@@ -236,9 +237,8 @@ class Transcription:
         """Largest violation of every group of constraints at x, in the units of its rows."""
         g = np.array(self._constraint_values(x, p)).ravel()
         low, up = self._low[self._constraints], self._up[self._constraints]
-        excess = np.maximum(np.maximum(low - g, g - up), 0.0)
         worst: dict[str, float] = {}
-        for row, value in zip(self._constraints, excess.tolist(), strict=True):
+        for row, value in zip(self._constraints, excess(g, low, up).tolist(), strict=True):
             name = self._name(int(row))
             worst[name] = max(worst.get(name, 0.0), value)
         return worst
@@ -250,11 +250,11 @@ class Transcription:
         rows = self._paths[0]
         s = rows.parameters(0.0, active=False)
         y = np.array(rows.functions.value(z, s)).ravel()
-        excess = np.maximum(np.maximum(rows.lower - y, y - rows.upper), 0.0)
-        excess[(rows.level != CONSTRAINT) | ~rows.state_only] = 0.0
-        if not excess.any() or excess.max() < 1e-9:
+        broken = excess(y, rows.lower, rows.upper)
+        broken[(rows.level != CONSTRAINT) | ~rows.state_only] = 0.0
+        if not broken.any() or broken.max() < 1e-9:
             return None
-        return rows.names[int(excess.argmax())], float(excess.max())
+        return rows.names[int(broken.argmax())], float(broken.max())
 
     def _name(self, raw: int) -> str:
         if raw < self._first_init:

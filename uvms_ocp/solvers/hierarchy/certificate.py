@@ -8,15 +8,8 @@ import numpy as np
 from scipy.optimize import nnls
 
 from uvms_ocp.solvers.hierarchy.level import Array, Level, gated_bounds
-
-# Distance to a bound, relative to the size of its row and bound, below which the row may carry a multiplier.
-_ACTIVE = 1e-9
-# Slack above rounding, if the level it belongs to is balanced to this part of it.
-_SLIGHT, _BALANCED = 1e-12, 1e-4
-# Of |a| |v| and the number of velocities: what rounding leaves open of a v.
-_ROUNDING = 2.2e-16
-# Rows smaller than this part of the largest row are what is left of a cancellation.
-_VANISHED = 1e-13
+from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
+from uvms_ocp.solvers.intervals import distance
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows has no certificate
@@ -37,21 +30,20 @@ def certificate(levels: Sequence[Level], v: Array) -> float:
         part = unbalanced / (size + 1.0)
         worst = max(worst, part if np.isfinite(part) else np.inf)
         # A slack as small as the distance to a bound is one only if it is balanced by itself, not by the + 1.
-        least = _SLIGHT if unbalanced <= _BALANCED * size else _ACTIVE
-        pushes = np.vstack([pushes, _pushes(level, v, least, _VANISHED * largest)])
+        least = TOLERANCES.slight if unbalanced <= TOLERANCES.slightly_balanced * size else TOLERANCES.active
+        pushes = np.vstack([pushes, _pushes(level, v, least, TOLERANCES.vanished * largest)])
     return worst
 
 
 def _slack(level: Level, v: Array) -> Array:
     lower, upper = gated_bounds(level)
-    y = level.jacobian @ v
-    slack = y - np.clip(y, lower, upper)
+    slack = distance(level.jacobian @ v, lower, upper)
     return np.where(np.abs(slack) > _noise(level, v), slack, 0.0)
 
 
 def _noise(level: Level, v: Array) -> Array:
     lengths = np.linalg.norm(level.jacobian, axis=1)
-    return np.asarray(_ROUNDING * len(v) * lengths * np.linalg.norm(v))
+    return np.asarray(TOLERANCES.rounding * len(v) * lengths * np.linalg.norm(v))
 
 
 def _pushes(level: Level, v: Array, least: float, vanished: float) -> Array:
@@ -61,7 +53,7 @@ def _pushes(level: Level, v: Array, least: float, vanished: float) -> Array:
     reached = np.clip(y, lower, upper)
     size, noise = length + np.abs(reached), _noise(level, v)
     fixed = (lower >= upper) | (np.abs(y - reached) > least * size + noise)
-    near = _ACTIVE * size + noise
+    near = TOLERANCES.active * size + noise
     up, down = fixed | (y >= upper - near), fixed | (y <= lower + near)
     real = length > vanished
     units = np.where(real[:, None], level.jacobian / np.where(real, length, 1.0)[:, None], 0.0)

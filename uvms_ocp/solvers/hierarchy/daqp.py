@@ -12,12 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uvms_ocp.exceptions import InvalidInput, NotInstalled
+from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.certificate import certificate
-from uvms_ocp.solvers.hierarchy.level import Array, Level, Stack, gated, row_slices, stack
+from uvms_ocp.solvers.hierarchy.gated_rows import gated
+from uvms_ocp.solvers.hierarchy.level import Array, Level, Stack, row_slices, stack
 from uvms_ocp.solvers.hierarchy.solution import Solution, Status, row_residuals
+from uvms_ocp.solvers.hierarchy.stacked import solved
 from uvms_ocp.solvers.hierarchy.tick import (
-    Buffered,
     Tick,
     TickResult,
     check_levels_function,
@@ -49,6 +51,7 @@ class Daqp:
     certified: bool = True
     """Certify every result, which takes longer than the solution; else no result is called exact."""
     _solve: _Solve = field(init=False, repr=False)
+    """DAQP's own function."""
 
     def __post_init__(self) -> None:
         """Raise ``NotInstalled`` without DAQP, ``InvalidInput`` for a number that is not positive."""
@@ -58,14 +61,12 @@ class Daqp:
 
     def solve(self, levels: Sequence[Level]) -> Solution:
         """Raise ``InvalidInput`` where ``levels`` is empty or of mixed width."""
-        start = perf_counter()
-        v, status = self.velocity(levels)
-        return Solution(v=v, status=status, residuals=row_residuals(levels, v), solve_time=perf_counter() - start)
+        return solved(levels, self.velocity)
 
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> Tick:
         """``levels_function`` is evaluated in CasADi, then DAQP is called."""
         check_levels_function(levels_function, sizes)
-        return _DaqpTick(self, Buffered(dense(levels_function)), tuple(sizes), levels_function.size2_out(0))
+        return _DaqpTick(self, BufferedFunction(dense(levels_function)), tuple(sizes), levels_function.size2_out(0))
 
     def velocity(self, levels: Sequence[Level]) -> tuple[Array, Status]:
         """v (n,) and status; raise ``InvalidInput`` as `solve`."""
@@ -102,12 +103,12 @@ class Daqp:
 class _DaqpTick:
     __slots__ = ("_function", "_n", "_sizes", "_solver")
 
-    def __init__(self, solver: Daqp, function: Buffered, sizes: tuple[int, ...], n: int) -> None:
+    def __init__(self, solver: Daqp, function: BufferedFunction, sizes: tuple[int, ...], n: int) -> None:
         self._solver, self._function, self._sizes, self._n = solver, function, sizes, n
 
     def __call__(self, *inputs: ArrayLike) -> TickResult:
         start = perf_counter()
-        J, lower, upper, _, _, gate, *extras = self._function(inputs)
+        J, lower, upper, _, _, gate, *extras = self._function(*inputs)
         J = J.reshape(-1, self._n)
         v, status, residual = np.zeros(self._n), Status.INVALID_INPUT, np.zeros(len(lower))
         try:

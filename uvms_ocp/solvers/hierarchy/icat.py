@@ -11,10 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions.buffered import BufferedFunction
+from uvms_ocp.solvers.hierarchy.gated_rows import residual
 from uvms_ocp.solvers.hierarchy.level import Array, Level, row_slices, stack
-from uvms_ocp.solvers.hierarchy.solution import Solution, Status, distance, row_residuals
+from uvms_ocp.solvers.hierarchy.solution import Solution, Status
+from uvms_ocp.solvers.hierarchy.stacked import solved
 from uvms_ocp.solvers.hierarchy.tick import (
-    Buffered,
     Tick,
     TickResult,
     check_levels_function,
@@ -43,22 +45,14 @@ class Icat:
 
     def solve(self, levels: Sequence[Level]) -> Solution:
         """Raise ``InvalidInput`` where ``levels`` is empty or of mixed width."""
-        start = perf_counter()
-        rows = stack(levels)
-        v = self.velocity(rows.jacobian, rows.rate, rows.activation, rows.sizes)
-        return Solution(
-            v=v,
-            status=Status.SOLVED,
-            residuals=row_residuals(levels, v),
-            solve_time=perf_counter() - start,
-        )
+        return solved(levels, self._of_levels)
 
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> Tick:
         """``levels_function`` is evaluated in CasADi, the fold in NumPy."""
         check_levels_function(levels_function, sizes)
         inputs = dense_inputs(levels_function)
         function = ca.Function("levels", inputs, dense_outputs(levels_function, inputs))
-        return _IcatTick(self, Buffered(function), tuple(sizes), levels_function.size2_out(0))
+        return _IcatTick(self, BufferedFunction(function), tuple(sizes), levels_function.size2_out(0))
 
     def velocity(self, J: Array, rate: Array, activation: Array, sizes: Sequence[int]) -> Array:
         """(n,) from J (M, n), rate (M,), activation (M,); all finite."""
@@ -69,6 +63,10 @@ class Icat:
             if activation[rows].any():
                 rho, Q = self._step(rho, Q, J[rows], rate[rows], activation[rows])
         return rho
+
+    def _of_levels(self, levels: Sequence[Level]) -> tuple[Array, Status]:
+        rows = stack(levels)
+        return self.velocity(rows.jacobian, rows.rate, rows.activation, rows.sizes), Status.SOLVED
 
     def _step(self, rho: Array, Q: Array, J: Array, rate: Array, a: Array) -> tuple[Array, Array]:
         X = J @ Q
@@ -89,24 +87,22 @@ class Icat:
         s, U = np.linalg.eigh(M)
         s = np.maximum(s, 0.0)
         bell = np.where(s < self.threshold, 0.5 * np.cos(np.pi * s / self.threshold) + 0.5, 0.0)
-        return (U * (s / (s * s + self.damping * bell))) @ U.T
+        return np.asarray((U * (s / (s * s + self.damping * bell))) @ U.T)
 
 
 class _IcatTick:
     __slots__ = ("_function", "_n", "_sizes", "_solver")
 
-    def __init__(self, solver: Icat, function: Buffered, sizes: tuple[int, ...], n: int) -> None:
+    def __init__(self, solver: Icat, function: BufferedFunction, sizes: tuple[int, ...], n: int) -> None:
         self._solver, self._function, self._sizes, self._n = solver, function, sizes, n
 
     def __call__(self, *inputs: ArrayLike) -> TickResult:
         start = perf_counter()
-        J, lower, upper, rate, activation, gate, *extras = self._function(inputs)
+        J, lower, upper, rate, activation, gate, *extras = self._function(*inputs)
         J = J.reshape(-1, self._n)
         if np.isfinite(J).all() and np.isfinite(rate).all() and np.isfinite(activation).all():
             status, v = Status.SOLVED, self._solver.velocity(J, rate, activation, self._sizes)
-            residual = np.where(gate > 0.0, distance(J @ v, lower, upper), 0.0)
+            missed = residual(J, v, lower, upper, gate)
         else:
-            status, v, residual = Status.INVALID_INPUT, np.zeros(J.shape[1]), np.zeros(len(lower))
-        return TickResult(
-            v=v, status=status, residual=residual, extras=tuple(extras), solve_time=perf_counter() - start
-        )
+            status, v, missed = Status.INVALID_INPUT, np.zeros(J.shape[1]), np.zeros(len(lower))
+        return TickResult(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)

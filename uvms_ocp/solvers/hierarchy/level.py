@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.solvers.hierarchy.gated_rows import gated
 
 Array = NDArray[np.float64]
 
@@ -84,10 +85,15 @@ class Stack:
     jacobian: Array
     """(M, n)"""
     lower: Array
+    """(M,)"""
     upper: Array
+    """(M,)"""
     rate: Array
+    """(M,)"""
     activation: Array
+    """(M,)"""
     gate: Array
+    """(M,)"""
     sizes: tuple[int, ...]
     """Rows of each level; their sum is M."""
 
@@ -117,14 +123,6 @@ def stack(levels: Sequence[Level]) -> Stack:
 def gated_bounds(level: Level) -> tuple[Array, Array]:
     """(m,) bounds of a level as its gates leave them."""
     return gated(level.jacobian, level.lower, level.upper, level.gate)
-
-
-def gated(J: Array, lower: Array, upper: Array, gate: Array) -> tuple[Array, Array]:
-    """(m,) bounds that leave to infinity as the gate goes from 1 to 0; ``sum |J_row|`` is J v's range for |v| <= 1."""
-    removed = gate <= 0.0
-    gate = np.where(removed, 1.0, gate)
-    width = (1.0 - gate) / gate * np.abs(J).sum(axis=1)
-    return np.where(removed, -np.inf, lower - width), np.where(removed, np.inf, upper + width)
 
 
 def row_slices(sizes: Sequence[int]) -> Iterator[slice]:

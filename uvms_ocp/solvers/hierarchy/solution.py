@@ -4,27 +4,41 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
 from uvms_ocp.solvers.hierarchy.certificate import certificate
+from uvms_ocp.solvers.hierarchy.gated_rows import residual
 from uvms_ocp.solvers.hierarchy.level import Array, Level
+from uvms_ocp.status import AdvisedStatus
 
 
-class Status(Enum):
-    """Outcome of a solve; ``advice`` says what to do about it."""
+class Status(AdvisedStatus):
+    """Outcome of a solve."""
 
-    SOLVED = "solved"
-    COLD_STARTED = "solved from a cold start"
-    CASCADED = "solved through the cascade"
-    INEXACT = "inexact"
-    INVALID_INPUT = "invalid input"
-
-    @property
-    def advice(self) -> str:
-        """One sentence for the user."""
-        return _ADVICE[self]
+    SOLVED = "solved", "nothing to do"
+    COLD_STARTED = (
+        "solved from a cold start",
+        "nothing to do; the active set of the previous call was of no use",
+    )
+    CASCADED = (
+        "solved through the cascade",
+        "nothing to do, unless it is frequent: then look for nearly dependent rows",
+    )
+    INEXACT = (
+        "inexact",
+        (
+            "a level was left at the best velocity found for the levels above it; look for nearly dependent rows "
+            "or rows of very different scale, or choose another solver"
+        ),
+    )
+    INVALID_INPUT = (
+        "invalid input",
+        (
+            "the levels contain NaN, an infinite Jacobian or lower > upper, so v is zero; check the measurements "
+            "and references of this tick"
+        ),
+    )
 
     @property
     def exact(self) -> bool:
@@ -37,21 +51,6 @@ class Status(Enum):
         return self is not Status.INVALID_INPUT
 
 
-_ADVICE = {
-    Status.SOLVED: "nothing to do",
-    Status.COLD_STARTED: "nothing to do; the active set of the previous call was of no use",
-    Status.CASCADED: "nothing to do, unless it is frequent: then look for nearly dependent rows",
-    Status.INEXACT: (
-        "a level was left at the best velocity found for the levels above it; look for nearly dependent rows "
-        "or rows of very different scale, or choose another solver"
-    ),
-    Status.INVALID_INPUT: (
-        "the levels contain NaN, an infinite Jacobian or lower > upper, so v is zero; check the measurements "
-        "and references of this tick"
-    ),
-}
-
-
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Solution:
     """Velocity that solves a hierarchy of levels."""
@@ -59,6 +58,7 @@ class Solution:
     v: Array
     """(n,) generalized velocity, always finite."""
     status: Status
+    """How far v can be relied on."""
     residuals: tuple[Array, ...]
     """Per level (m,): signed distance of J v to [lower, upper]; 0 where the gate is 0."""
     solve_time: float
@@ -76,14 +76,7 @@ class Solution:
 
 def row_residuals(levels: Sequence[Level], v: Array) -> tuple[Array, ...]:
     """Signed distance of ``J v`` to [lower, upper], one array (m,) per level; 0 where the gate is 0."""
-    return tuple(
-        read_only(distance(level.jacobian @ v, level.lower, level.upper) * (level.gate > 0.0)) for level in levels
-    )
-
-
-def distance(y: Array, lower: Array, upper: Array) -> Array:
-    """Signed distance of y to the interval [lower, upper], elementwise."""
-    return np.asarray(y - np.clip(y, lower, upper))
+    return tuple(read_only(residual(level.jacobian, v, level.lower, level.upper, level.gate)) for level in levels)
 
 
 def read_only(array: Array) -> Array:

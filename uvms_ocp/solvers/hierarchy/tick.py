@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import casadi as ca
-import numpy as np
 from numpy.typing import ArrayLike
 
 from uvms_ocp.exceptions import InvalidInput
@@ -24,6 +23,7 @@ class TickResult:
     v: Array
     """(n,) generalized velocity, always finite."""
     status: Status
+    """How far v can be relied on."""
     residual: Array
     """(M,) signed distance of J v to [lower, upper], 0 where the gate is 0."""
     extras: tuple[Array, ...]
@@ -37,51 +37,6 @@ class Tick(Protocol):
 
     def __call__(self, *inputs: ArrayLike) -> TickResult:
         """Inputs in the order of the levels' Function; raise ``InvalidInput`` for a wrong number or shape."""
-
-
-class Buffered:
-    """A Function evaluated in fixed memory, ten times faster than a call that converts matrices."""
-
-    __slots__ = ("_buffer", "_evaluate", "_function", "_inputs", "_outputs", "_views")
-
-    def __init__(self, function: ca.Function) -> None:
-        """All inputs and outputs of ``function`` must be dense."""
-        self._function = function
-        self._buffer, self._evaluate = function.buffer()
-        self._inputs = [_storage(function.size_in(i)) for i in range(function.n_in())]
-        self._outputs = [_storage(function.size_out(i)) for i in range(function.n_out())]
-        self._views = [_memory(array) for array in (*self._inputs, *self._outputs)]
-        for i in range(len(self._inputs)):
-            self._buffer.set_arg(i, self._views[i])
-        for i in range(len(self._outputs)):
-            self._buffer.set_res(i, self._views[len(self._inputs) + i])
-
-    def __call__(self, inputs: Sequence[ArrayLike]) -> list[Array]:
-        """Outputs as fresh arrays; columns are one-dimensional."""
-        if len(inputs) != len(self._inputs):
-            names = ", ".join(self._function.name_in())
-            raise InvalidInput(f"{len(inputs)} inputs given; the tick takes {len(self._inputs)}: {names}")
-        for i, value in enumerate(inputs):
-            self._write(i, value)
-        self._evaluate()
-        return [array.copy() for array in self._outputs]
-
-    @property
-    def failed(self) -> bool:
-        """True if the last evaluation was abandoned, which leaves the outputs meaningless."""
-        return bool(self._buffer.ret())
-
-    def _write(self, i: int, value: ArrayLike) -> None:
-        target = self._inputs[i]
-        if type(value) is not np.ndarray or value.shape != target.shape:
-            value = self._shaped(i, value)
-        target[...] = value
-
-    def _shaped(self, i: int, value: ArrayLike) -> Array:
-        target, array = self._inputs[i], np.asarray(value, dtype=np.float64)
-        if array.size != target.size or array.squeeze().shape != target.squeeze().shape:
-            raise InvalidInput(f"input {self._function.name_in(i)!r} has shape {array.shape}; give {target.shape}")
-        return array.reshape(target.shape)
 
 
 def check_levels_function(levels: ca.Function, sizes: Sequence[int]) -> None:
@@ -109,12 +64,3 @@ def dense(function: ca.Function) -> ca.Function:
     return ca.Function(
         function.name(), inputs, dense_outputs(function, inputs), function.name_in(), function.name_out()
     )
-
-
-def _storage(shape: tuple[int, int]) -> Array:
-    return np.zeros(shape[0]) if shape[1] == 1 else np.zeros(shape, order="F")
-
-
-def _memory(array: Array) -> memoryview:
-    # CasADi reads column-major memory and refuses views that are not C-contiguous.
-    return array.T.data

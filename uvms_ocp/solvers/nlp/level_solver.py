@@ -21,8 +21,11 @@ class NlpPoint:
     """Where an NLP starts or ended. Without multipliers a start is cold."""
 
     x: np.ndarray
+    """(n_x,)"""
     x_multipliers: np.ndarray | None = None
-    row_multipliers: np.ndarray | None = None  # (n_rows,), in the numbering of the program
+    """(n_x,) of the bounds of x."""
+    row_multipliers: np.ndarray | None = None
+    """(n_rows,) in the numbering of the program."""
 
     @property
     def warm(self) -> bool:
@@ -31,14 +34,20 @@ class NlpPoint:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Outcome:
-    """Of one call. `point` is always finite."""
+    """Of one call."""
 
     point: NlpPoint
+    """Where it ended, always finite."""
     status: NlpStatus
+    """What the NLP solver says."""
     iterations: int
+    """Of the NLP solver."""
     violation: float
+    """[-] Largest, of scaled rows."""
     usable: bool = False
+    """True if that is within `NlpOptions.feasibility`."""
     cost: float = np.inf
+    """[-] Of the level, at the point."""
 
 
 class Deadline:
@@ -107,7 +116,7 @@ class LevelSolver:
         return ca.nlpsol(name, plugin, dict(self._nlp.nlp), options)
 
 
-class _Stop(ca.Callback):
+class _Stop(ca.Callback):  # type: ignore[misc]  # CasADi has no types
     """Called by the NLP solver after each iteration: not 0 once the deadline is over."""
 
     def __init__(self, nlp: LevelNlp, deadline: Deadline) -> None:

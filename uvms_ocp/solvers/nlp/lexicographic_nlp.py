@@ -34,6 +34,7 @@ class LexicographicResult:
     status: NlpStatus
     """Of the worst level."""
     level_status: tuple[NlpStatus, ...]
+    """One per level."""
     values: tuple[np.ndarray, ...]
     """Rows y of every level at x."""
     residuals: tuple[np.ndarray, ...]

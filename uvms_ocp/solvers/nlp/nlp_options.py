@@ -15,22 +15,26 @@ PLUGINS = ("ipopt", "fatrop")
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NlpOptions:
-    """How the NLPs are solved. plugin: ``ipopt`` or ``fatrop``. Options of the plugin itself go to `plugin_options`."""
+    """How the NLPs are solved."""
 
     plugin: str = "ipopt"
+    """``ipopt`` or ``fatrop``."""
     tolerance: float = 1e-6
-    """By which the residual of a solved level, as a norm, may rise. With 0, and always with fatrop, rows of equalities
+    """[-] By which the residual of a solved level, as a norm, may rise. With 0, and always with fatrop, rows of equalities
     are frozen as equality constraints: not for levels whose rows contradict each other, where no constraint
     qualification holds."""
     convergence: float = 1e-8
+    """[-] Largest error of the optimality conditions, as the plugin scales them."""
     max_iterations: int = 150
     """For every NLP."""
     time_limit: float = 20.0
     """[s] for all NLPs together. Iterations are not cut short; fatrop looks at it between NLPs only."""
     anticipate: bool = True
+    """Try the lowest level first, with all levels above met in full."""
     barrier: float = 1e-2
-    """Barrier parameter at a cold start."""
+    """[-] Barrier parameter at a cold start."""
     plugin_options: Mapping[str, Any] = field(default_factory=dict)
+    """Options of the plugin itself, on top of ours."""
 
     @property
     def feasibility(self) -> float:

@@ -3,46 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from enum import Enum
 from typing import Any
 
+from uvms_ocp.status import AdvisedStatus
 
-class NlpStatus(Enum):
-    """Outcome of one level; ``advice`` says what to do about it.
+
+class NlpStatus(AdvisedStatus):
+    """Outcome of one level.
 
     INFEASIBLE: at a point from which no small step brings the constraints any nearer. Farther away others may keep them.
     """
 
-    SOLVED = "solved"
-    INEXACT = "inexact"
-    STALLED = "stalled"
-    INFEASIBLE = "infeasible"
-    ITERATION_LIMIT = "iteration limit"
-    TIME_LIMIT = "time limit"
-    NOT_A_NUMBER = "not a number"
-    SKIPPED = "skipped"
-
-    @property
-    def advice(self) -> str:
-        """One sentence for the user."""
-        return _ADVICE[self]
+    SOLVED = "solved", "nothing to do"
+    INEXACT = (
+        "inexact",
+        "the level is at a minimum to reduced accuracy only; scale its rows, or loosen the tolerance",
+    )
+    STALLED = (
+        "stalled",
+        "no further progress before the constraints were kept; give another guess, or loosen the limits",
+    )
+    INFEASIBLE = (
+        "infeasible",
+        "no point keeps the constraints near the guess; loosen the limits, or give another guess",
+    )
+    ITERATION_LIMIT = "iteration limit", "the level did not converge; raise max_iterations, or give a better guess"
+    TIME_LIMIT = (
+        "time limit",
+        "the time was over; raise time_limit, shorten the horizon, or start from the last solution",
+    )
+    NOT_A_NUMBER = (
+        "not a number",
+        "an expression is not finite at some point; look for divisions by zero, or move the guess",
+    )
+    SKIPPED = "skipped", "a level above it failed; see that level"
 
     @property
     def optimal(self) -> bool:
         """True where the level is at a minimum to working accuracy."""
         return self in (NlpStatus.SOLVED, NlpStatus.INEXACT)
 
-
-_ADVICE = {
-    NlpStatus.SOLVED: "nothing to do",
-    NlpStatus.INEXACT: "the level is at a minimum to reduced accuracy only; scale its rows, or loosen the tolerance",
-    NlpStatus.STALLED: "no further progress before the constraints were kept; give another guess, or loosen the limits",
-    NlpStatus.INFEASIBLE: "no point keeps the constraints near the guess; loosen the limits, or give another guess",
-    NlpStatus.ITERATION_LIMIT: "the level did not converge; raise max_iterations, or give a better guess",
-    NlpStatus.TIME_LIMIT: "the time was over; raise time_limit, shorten the horizon, or start from the last solution",
-    NlpStatus.NOT_A_NUMBER: "an expression is not finite at some point; look for divisions by zero, or move the guess",
-    NlpStatus.SKIPPED: "a level above it failed; see that level",
-}
 
 _UNIFIED = {
     "SOLVER_RET_SUCCESS": NlpStatus.SOLVED,

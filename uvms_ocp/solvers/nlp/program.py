@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.solvers.intervals import distance
 
 _SLACK = 1e-6  # of inequality rows that are frozen exactly: they still need an inside
 
@@ -24,17 +25,19 @@ Expression: TypeAlias = ca.SX | ca.MX
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NlpLevel:
-    """One level of a small program, as expressions: rows `y` within ``[lower, upper]`` (scalars apply to all rows).
+    """One level of a small program, as expressions: rows `y` within ``[lower, upper]``."""
 
-    relax: None freezes the rows of the level; a share such as 0.01 freezes its cost at ``(1 + relax)`` times the best,
-    which leaves lower levels some freedom below costs that fix every variable, such as energy.
-    """
-
-    y: Expression  # (m,)
+    y: Expression
+    """(m,)"""
     lower: float | np.ndarray = 0.0
+    """(m,) or one for all rows."""
     upper: float | np.ndarray = 0.0
+    """(m,) or one for all rows."""
     relax: float | None = None
+    """[-] None freezes the rows of the level; a share such as 0.01 freezes its cost at ``(1 + relax)`` times the best, which
+    leaves lower levels some freedom below costs that fix every variable, such as energy."""
     name: str = ""
+    """Used in error messages; default its number."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -42,10 +45,15 @@ class LevelRows:
     """What the solver must know of one level: the range of its rows, and which rows of the program freeze it."""
 
     name: str
-    lower: np.ndarray  # (m,)
-    upper: np.ndarray  # (m,)
+    """Told in errors and reports."""
+    lower: np.ndarray
+    """(m,)"""
+    upper: np.ndarray
+    """(m,)"""
     relax: float | None
+    """[-] As in `NlpLevel`."""
     frozen: slice
+    """Rows of the program that freeze the level."""
 
     def __post_init__(self) -> None:
         if np.isnan(self.lower).any() or np.isnan(self.upper).any() or (self.lower > self.upper).any():
@@ -55,7 +63,7 @@ class LevelRows:
 
     def distance(self, y: np.ndarray) -> np.ndarray:
         """Signed distance (m,) of the rows to their range."""
-        return np.asarray(y - np.clip(y, self.lower, self.upper))
+        return np.asarray(distance(y, self.lower, self.upper))
 
     def frozen_bounds(self, y: np.ndarray, cost: float, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of the rows that keep the level where it is, at y and `cost`.
@@ -77,14 +85,14 @@ class LevelRows:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LevelNlp:
-    """The NLP of one level: ``nlp`` with x, p, f and g, whose rows are `rows` of the program.
-
-    `functions` may hold derivative functions by the names the NLP solver asks for (``nlp_jac_g``, ...).
-    """
+    """The NLP of one level."""
 
     nlp: Mapping[str, Expression]
-    rows: np.ndarray  # (n_g,)
+    """x, p, f and g."""
+    rows: np.ndarray
+    """(n_g,) which rows of the program those of g are."""
     functions: Mapping[str, ca.Function] = field(default_factory=dict)
+    """Derivative functions by the names the NLP solver asks for (``nlp_jac_g``, ...), as far as there are any."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -92,12 +100,15 @@ class LexicographicProgram:
     """Everything that does not change between solves."""
 
     levels: tuple[LevelRows, ...]
+    """From the highest to the lowest."""
     nlps: tuple[LevelNlp, ...]
+    """One per level."""
     values: ca.Function
     """``x, p -> y`` of every level, one output each."""
     lower: np.ndarray
-    """(n_constraints,) bounds of the shared constraints."""
+    """(n_constraints,) of the shared constraints."""
     upper: np.ndarray
+    """(n_constraints,)"""
 
     @property
     def n_rows(self) -> int:

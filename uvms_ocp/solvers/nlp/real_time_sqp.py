@@ -26,16 +26,18 @@ QP_PLUGINS = ("hpipm", "proxqp", "piqp")
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class SqpOptions:
-    """plugin: ``hpipm``, the fastest, knows horizons only; ``proxqp`` and ``piqp`` take any program."""
+    """How a step is made, and when another one is."""
 
     plugin: str = "hpipm"
+    """``hpipm``, the fastest, knows horizons only; ``proxqp`` and ``piqp`` take any program."""
     max_steps: int = 3
+    """For every solve."""
     accuracy: float = 1e-2
-    """Largest violation of scaled rows with which a point counts as usable, and no further step is made."""
+    """[-] Largest violation of scaled rows with which a point counts as usable, and no further step is made."""
     tolerance: float = 1e-3
-    """By which the linearised residual of a level may rise."""
+    """[-] By which the linearised residual of a level may rise."""
     damping: float = 1e-6
-    """Added to the diagonal of the Hessian, so that what no term determines does not move."""
+    """[-] Added to the diagonal of the Hessian, so that what no term determines does not move."""
 
     def __post_init__(self) -> None:
         if self.plugin not in QP_PLUGINS:
@@ -51,11 +53,16 @@ class SqpOptions:
 class SqpResult:
     """The best point of all steps: the first that keeps the constraints, or else the one that breaks them least."""
 
-    x: np.ndarray  # (n,) finite
-    status: NlpStatus  # SOLVED where x keeps the constraints to `SqpOptions.accuracy`; no word on optimality
-    violation: float  # largest, of scaled rows
+    x: np.ndarray
+    """(n,) finite."""
+    status: NlpStatus
+    """SOLVED where x keeps the constraints to `SqpOptions.accuracy`; no word on optimality."""
+    violation: float
+    """[-] Largest, of scaled rows."""
     steps: int
-    solve_time: float  # [s] by the clock that was given
+    """Made, the one that failed included."""
+    solve_time: float
+    """[s] by the clock that was given."""
 
 
 class RealTimeSqp:
@@ -128,10 +135,15 @@ class _Linear:
     """Cost, rows and their derivatives at one point."""
 
     f: float
+    """[-] Cost."""
     gradient: np.ndarray
+    """(n,) of the cost."""
     H: ca.DM
+    """(n, n) Gauss-Newton Hessian, damped."""
     g: np.ndarray
+    """(m,) rows."""
     A: ca.DM
+    """(m, n) their Jacobian."""
 
     def rows_after(self, step: np.ndarray, places: np.ndarray) -> np.ndarray:
         return np.asarray((self.g + np.array(self.A @ step).ravel())[places])

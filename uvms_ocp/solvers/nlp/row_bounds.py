@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from uvms_ocp.solvers.intervals import excess
 from uvms_ocp.solvers.nlp.program import LexicographicProgram
 
 
@@ -13,10 +14,14 @@ from uvms_ocp.solvers.nlp.program import LexicographicProgram
 class RowBounds:
     """Of the variables and of all rows of the program; rows of levels that are not frozen yet are infinite."""
 
-    x_lower: np.ndarray  # (n_x,)
-    x_upper: np.ndarray  # (n_x,)
-    lower: np.ndarray  # (n_rows,)
-    upper: np.ndarray  # (n_rows,)
+    x_lower: np.ndarray
+    """(n_x,)"""
+    x_upper: np.ndarray
+    """(n_x,)"""
+    lower: np.ndarray
+    """(n_rows,)"""
+    upper: np.ndarray
+    """(n_rows,)"""
 
     def with_rows(self, rows: slice, bounds: tuple[np.ndarray, np.ndarray]) -> RowBounds:
         """The same with other bounds for some rows."""
@@ -26,7 +31,8 @@ class RowBounds:
 
     def violation(self, x: np.ndarray, g: np.ndarray, rows: np.ndarray) -> float:
         """Largest violation at x, where the given rows are g."""
-        return max(_excess(g, self.lower[rows], self.upper[rows]), _excess(x, self.x_lower, self.x_upper))
+        broken = excess(g, self.lower[rows], self.upper[rows]).max(initial=0.0)
+        return float(max(broken, excess(x, self.x_lower, self.x_upper).max(initial=0.0)))
 
 
 def row_bounds(
@@ -42,7 +48,3 @@ def row_bounds(
         lower=lower,
         upper=upper,
     )
-
-
-def _excess(value: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> float:
-    return float(np.maximum(np.maximum(lower - value, value - upper), 0.0).max(initial=0.0))

@@ -2,24 +2,7 @@
 
    Rows lower <= a v <= upper in levels. Every iteration solves the hierarchy of the active rows as equalities, goes there
    until a free row blocks, and else drops a row whose multipliers are lexicographically wrong. Invariant: every row violated
-   at v is active. active_set_numpy.py is the same algorithm; keep both in step. */
-
-#define FEASIBLE 1e-12
-#define CONSISTENT 1e-10
-#define BALANCED 5e-8
-/* Pivots below CLEAR and dependent rows above NOTHING leave open what depends on what. */
-#define CLEAR 1e-5
-#define NOTHING 1e-11
-/* Largest over smallest row; beyond, what is rounding to one row decides about another. */
-#define EVEN 1e3
-/* Of a multiplier, relative to MULTIPLIER. */
-#define DECISIVE 1e4
-/* Far below FEASIBLE: else a row dropped for the sake of lower levels blocks at once for the sake of this slack. */
-#define SIGNIFICANT 1e-14
-#define MOVED 1e-9
-#define MULTIPLIER 1e-10
-/* Multipliers smaller than this are rounding, however small the slack they balance. */
-#define WRONG 1e-12
+   at v is active. numpy_core.py is the same algorithm; keep both in step. */
 
 enum { GREEDY = 0, BLAND = 1, TABU = 2 };
 enum { OPEN = 0, WEAKLY = 1, FIRMLY = 2 };
@@ -165,13 +148,13 @@ static int is_consistent(const Work *k) {
 }
 
 /* v and the active set of k; the number of iterations in *iterations. */
-static int run(Work *k, int limit, int *iterations) {
+static int run(Work *k, int *iterations) {
   int stalled = 0, rule = GREEDY, blocked, dropped = -1;
   memset(k->tabu, 0, sizeof(k->tabu));
   solve_equalities(k);
   memcpy(k->v, k->target, sizeof(k->v));
   int pending = activate_violated(k) > 0;
-  for (*iterations = 1; *iterations <= limit; ++*iterations) {
+  for (*iterations = 1; *iterations <= MOST_ITERATIONS; ++*iterations) {
     if (pending) {
       solve_equalities(k);
       if (!step(k, &blocked)) {
@@ -189,8 +172,8 @@ static int run(Work *k, int limit, int *iterations) {
     if (dropped < 0) return k->skipped ? STALLED : is_consistent(k) ? SOLVED : DOUBTFUL;
     ++stalled;
     /* A row dropped under TABU stays, once active again: that ends every cycle, at the price of optimality. */
-    if (stalled > 2 * M || *iterations > 20 + 3 * M) rule = TABU;
-    else if (stalled > M / 2 + 10) rule = BLAND;
+    if (stalled > TABU_STALLS || *iterations > TABU_ITERATIONS) rule = TABU;
+    else if (stalled > BLAND_STALLS) rule = BLAND;
     if (rule == TABU) k->tabu[dropped] = 1;
     pending = 1;
   }

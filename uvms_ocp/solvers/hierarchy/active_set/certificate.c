@@ -1,17 +1,5 @@
 /* certificate.py in C: how far v is from lexicographic optimality, whatever the run that found v says of itself. */
 
-/* Distance to a bound, relative to the size of its row and bound, below which the row may carry a multiplier. */
-#define ACTIVE 1e-9
-/* Slack above rounding, if the level it belongs to is balanced to this part of it. */
-#define SLIGHT 1e-12
-#define SLIGHTLY_BALANCED 1e-4
-/* Of the gradient: pushes that reduce it by less are no descent. */
-#define DESCENT 1e-14
-/* A gradient this small needs no multipliers. */
-#define NO_GRADIENT 1e-11
-/* Of |a| |v|: what rounding leaves open of a v. */
-#define ROUNDING (N * 2.2e-16)
-
 typedef struct {
   /* Unit directions of the multipliers that the levels so far lend to the next. */
   double push[2 * M][N], multiplier[2 * M];
@@ -31,7 +19,7 @@ static int fit(const Pushes *p, const double *b, double *x) {
   least_squares(B, r, N, p->used);
   memcpy(x, r, p->used * sizeof(double));
   for (int j = 0; j < p->used; ++j)
-    if (!(fabs(x[j]) < 1e300)) return 0;
+    if (!(fabs(x[j]) < ENDLESS)) return 0;
   return 1;
 }
 
@@ -102,7 +90,7 @@ static double unbalanced(Pushes *p, const double *gradient) {
 
 static double clipped(const Work *k, int row, double y) { return fmin(fmax(y, k->lower[row]), k->upper[row]); }
 
-static double noise_of(const Work *k, int row) { return ROUNDING * k->norm[row] * size_of(k->v); }
+static double noise_of(const Work *k, int row) { return N * ROUNDING * k->norm[row] * size_of(k->v); }
 
 static void push(Pushes *p, const Work *k, int row, double sign) {
   for (int c = 0; c < N; ++c) p->push[p->count][c] = sign * k->a[row][c] / k->norm[row];

@@ -9,16 +9,13 @@
 #define EXPORT __attribute__((visibility("default")))
 #endif
 
-/* A run that does not vouch for itself counts as solved below this. */
-#define CERTIFIED 1e-8
-
 enum { JACOBIAN, LOWER_BOUND, UPPER_BOUND, GATE, ACTIVE_SET, INPUTS };
 enum { VELOCITY, ACTIVE_SET_OUT, REPORT, RESIDUAL, OUTPUTS };
 
-/* Comparisons with NaN are false. */
+/* `is_valid` of gated_rows.py. Comparisons with NaN are false. */
 static int is_valid(const double *const *arg) {
   for (int i = 0; i < M * N; ++i)
-    if (!(fabs(arg[JACOBIAN][i]) < 1e15)) return 0;
+    if (!(fabs(arg[JACOBIAN][i]) < LARGEST)) return 0;
   for (int row = 0; row < M; ++row) {
     double low = arg[LOWER_BOUND][row], up = arg[UPPER_BOUND][row], gate = arg[GATE][row];
     if (!(low <= up && low < INFINITY && up > -INFINITY && gate >= 0 && gate <= 1)) return 0;
@@ -26,7 +23,7 @@ static int is_valid(const double *const *arg) {
   return 1;
 }
 
-/* Bounds leave to infinity as the gate goes from 1 to 0; the sum of |a| is the range of a v for |v| <= 1. */
+/* `gated` of gated_rows.py for one row. */
 static void gate_bounds(Work *k, int row, double gate) {
   if (gate >= 1) return;
   double range = 0;
@@ -45,7 +42,7 @@ static void load(Work *k, const double *const *arg) {
     k->upper[row] = arg[UPPER_BOUND][row];
     gate_bounds(k, row, arg[GATE][row]);
     double low = fabs(k->lower[row]), up = fabs(k->upper[row]);
-    double size = fmax(low < 1e300 ? low : 0, up < 1e300 ? up : 0);
+    double size = fmax(low < ENDLESS ? low : 0, up < ENDLESS ? up : 0);
     k->tolerance[row] = FEASIBLE * (k->norm[row] + size);
   }
   k->uneven = 0;
@@ -57,14 +54,14 @@ static void load(Work *k, const double *const *arg) {
 
 static int is_finite(const double *x) {
   for (int c = 0; c < N; ++c)
-    if (!(fabs(x[c]) < 1e300)) return 0;
+    if (!(fabs(x[c]) < ENDLESS)) return 0;
   return 1;
 }
 
 static int attempt(Work *k, const double *state, double *iterations) {
   int count, outcome;
   start(k, state);
-  outcome = run(k, 20 + 10 * M, &count);
+  outcome = run(k, &count);
   *iterations += count;
   if (!is_finite(k->v)) {
     memset(k->v, 0, sizeof(k->v));
@@ -79,6 +76,7 @@ static int is_warm(const double *state) {
   return 0;
 }
 
+/* `residual` of gated_rows.py. */
 static void write_residual(const Work *k, const double *const *arg, double *residual) {
   for (int row = 0; row < M; ++row) {
     double y = dot(k->a[row], k->v, N), low = arg[LOWER_BOUND][row], up = arg[UPPER_BOUND][row];

@@ -4,24 +4,11 @@
    v behind the same reflectors. Every level is reduced by pivoted Householder reflections in the space that the levels above
    left free, and solved by least squares where its rows depend on each other.
 
-   First of the sources of one library: equalities.c, active_set.c, certificate.c, entry.c, compiled in one piece with LEX_N,
-   LEX_M, LEX_L and LEX_SIZES; needs libm only. */
-#include <math.h>
-#include <string.h>
+   First of the sources of one library: equalities.c, active_set.c, certificate.c, entry.c, compiled in one piece behind what
+   core_source.py writes: N velocities, M rows in L levels of LEVEL_SIZES rows, the tolerances of tolerances.py, the states of
+   rows and the outcomes of runs; needs libm only. equalities.py is the same algorithm; keep both in step. */
 
-#define N LEX_N
-#define M LEX_M
-#define L LEX_L
-#define RANK_TOLERANCE 1e-8
-/* Directions carry the rounding error of their own pivot: a small pivot makes dependent rows look independent. */
-#define RANK_NOISE 1e-14
-/* Rows smaller than this part of the largest row are what is left of a cancellation: nothing. */
-#define VANISHED 1e-13
-
-enum { FREE = 0, LOWER = -1, UPPER = 1, EQUAL = 2 };
-enum { SOLVED = 0, STALLED = 1, LIMIT = 2, DOUBTFUL = 3, INVALID = 4 };
-
-static const int SIZES[L] = {LEX_SIZES};
+static const int SIZES[L] = {LEVEL_SIZES};
 
 typedef struct {
   double a[M][N], lower[M], upper[M], norm[M], tolerance[M];

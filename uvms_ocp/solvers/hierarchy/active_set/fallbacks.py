@@ -10,15 +10,18 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.solvers.hierarchy.active_set.numpy_core import Outcome, lexicographic_least_squares
+from uvms_ocp.functions.buffered import BufferedFunction
+from uvms_ocp.solvers.hierarchy.active_set.codes import Outcome
+from uvms_ocp.solvers.hierarchy.active_set.numpy_core import lexicographic_least_squares
 from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
 from uvms_ocp.solvers.hierarchy.certificate import certificate
-from uvms_ocp.solvers.hierarchy.level import Array, Level, gated, row_slices
-from uvms_ocp.solvers.hierarchy.solution import Status, distance
-from uvms_ocp.solvers.hierarchy.tick import Buffered, TickResult
+from uvms_ocp.solvers.hierarchy.gated_rows import gated, is_valid, residual
+from uvms_ocp.solvers.hierarchy.level import Array, Level, row_slices
+from uvms_ocp.solvers.hierarchy.solution import Status
+from uvms_ocp.solvers.hierarchy.tick import TickResult
+from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
+from uvms_ocp.solvers.intervals import distance
 
-# A run that does not vouch for itself counts as solved if its certificate is below this; as in entry.c.
-_CERTIFIED = 1e-8
 _STATUS = {(Outcome.SOLVED, 0): Status.SOLVED, (Outcome.SOLVED, 1): Status.COLD_STARTED}
 
 
@@ -33,16 +36,23 @@ class ActiveSetFunctions:
     levels: ca.Function
     """inputs -> J, lower, upper, rate, activation, gate, *extras; dense"""
     sizes: tuple[int, ...]
+    """Rows of each level."""
     cascade: bool
+    """`LexicographicActiveSet.cascade`."""
     time_limit: float
+    """[s] `LexicographicActiveSet.time_limit`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Run:
     v: Array
+    """(n,)"""
     active_set: Array
+    """(M,) where the run has ended."""
     outcome: Outcome
-    status: Status  # if the run is exact
+    """What the run says of itself."""
+    status: Status
+    """If the run is exact."""
 
 
 class ActiveSetTick:
@@ -52,9 +62,9 @@ class ActiveSetTick:
 
     def __init__(self, functions: ActiveSetFunctions) -> None:
         self._functions = functions
-        self._tick = None if functions.tick is None else Buffered(functions.tick)
-        self._core = None if functions.core is None else Buffered(functions.core)
-        self._levels = Buffered(functions.levels)
+        self._tick = None if functions.tick is None else BufferedFunction(functions.tick)
+        self._core = None if functions.core is None else BufferedFunction(functions.core)
+        self._levels = BufferedFunction(functions.levels)
         self.reset()
 
     def reset(self) -> None:
@@ -71,39 +81,35 @@ class ActiveSetTick:
         start = perf_counter()
         if self._tick is None:
             return self._recovered(inputs, start)
-        v, active_set, report, residual, *extras = self._tick((*inputs, self._active_set))
+        v, active_set, report, missed, *extras = self._tick(*inputs, self._active_set)
         outcome, _, cold = report.tolist()
         status = _STATUS.get((outcome, cold))
         if status is None:
             return self._recovered(inputs, start)
         self._active_set = active_set
-        return TickResult(
-            v=v, status=status, residual=residual, extras=tuple(extras), solve_time=perf_counter() - start
-        )
+        return TickResult(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)
 
     @np.errstate(over="ignore", invalid="ignore")  # what overflows ends without a certificate
     def _recovered(self, inputs: Sequence[ArrayLike], start: float) -> TickResult:
         """The chain in Python, whose first link is the whole tick where there is no compiler."""
-        J, lower, upper, _, _, gate, *extras = self._levels(inputs)
+        J, lower, upper, _, _, gate, *extras = self._levels(*inputs)
         J = J.reshape(-1, self._functions.levels.size2_out(0))
-        v, status, residual = np.zeros(J.shape[1]), Status.INVALID_INPUT, np.zeros(len(lower))
-        if _is_valid(J, lower, upper, gate):
+        v, status, missed = np.zeros(J.shape[1]), Status.INVALID_INPUT, np.zeros(len(lower))
+        if is_valid(J, lower, upper, gate):
             run = self._chain(J, *gated(J, lower, upper, gate), start + self._functions.time_limit)
             self._active_set, v, status = run.active_set, run.v, run.status
-            residual = np.where(gate > 0.0, distance(J @ v, lower, upper), 0.0)
-        return TickResult(
-            v=v, status=status, residual=residual, extras=tuple(extras), solve_time=perf_counter() - start
-        )
+            missed = residual(J, v, lower, upper, gate)
+        return TickResult(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)
 
     def _chain(self, J: Array, low: Array, up: Array, deadline: float) -> _Run:
         warm = self._run(J, low, up, self._active_set)
         if warm.outcome is Outcome.SOLVED:
             return warm
         levels = [Level(jacobian=J[r], lower=low[r], upper=up[r]) for r in row_slices(self._functions.sizes)]
-        if certificate(levels, warm.v) <= _CERTIFIED:
+        if certificate(levels, warm.v) <= TOLERANCES.certified:
             return warm
         cold = self._cold(J, low, up)
-        if cold.outcome is Outcome.SOLVED or certificate(levels, cold.v) <= _CERTIFIED:
+        if cold.outcome is Outcome.SOLVED or certificate(levels, cold.v) <= TOLERANCES.certified:
             return cold
         runs = [warm, cold]
         for more in (self._cascaded, self._shortened):
@@ -114,7 +120,7 @@ class ActiveSetTick:
     def _best(self, levels: list[Level], runs: list[_Run]) -> _Run:
         """The best of all runs; exact only if its certificate says so."""
         run = min(runs, key=lambda run: _Badness(levels, run.v))
-        exact = certificate(levels, run.v) <= _CERTIFIED
+        exact = certificate(levels, run.v) <= TOLERANCES.certified
         return replace(run, status=Status.CASCADED if exact else Status.INEXACT)
 
     def _cascaded(self, levels: list[Level], J: Array, low: Array, up: Array) -> list[_Run]:
@@ -122,7 +128,7 @@ class ActiveSetTick:
         if not self._functions.cascade:
             return []
         v = LexicographicQp().solve(levels).v
-        near = 1e-9 * (1.0 + np.abs(J).sum(axis=1))
+        near = TOLERANCES.touching * (1.0 + np.abs(J).sum(axis=1))
         active = np.where(J @ v >= up - near, 1.0, np.where(J @ v <= low + near, -1.0, 0.0))
         return [self._run(J, low, up, active), _Run(v, active, Outcome.STALLED, Status.CASCADED)]
 
@@ -144,17 +150,11 @@ class ActiveSetTick:
             v, reached, outcome, _ = lexicographic_least_squares(J, low, up, active_set, self._functions.sizes)
             cold = False
         else:
-            v, reached, report, _ = self._core((J, low, up, np.ones(len(low)), active_set))
+            v, reached, report, _ = self._core(J, low, up, np.ones(len(low)), active_set)
             outcome, cold = Outcome(int(report[0])), bool(report[2])
         if np.isfinite(v).all():
             return _Run(v, reached, outcome, Status.COLD_STARTED if cold else Status.SOLVED)
         return _Run(np.zeros(len(v)), np.zeros(len(low)), Outcome.LIMIT, Status.INEXACT)
-
-
-def _is_valid(J: Array, lower: Array, upper: Array, gate: Array) -> bool:
-    # Comparisons with NaN are false.
-    ordered = (lower <= upper) & (lower < np.inf) & (upper > -np.inf)
-    return bool((np.abs(J) < 1e15).all() and (ordered & (gate >= 0.0) & (gate <= 1.0)).all())
 
 
 class _Badness:
@@ -167,6 +167,6 @@ class _Badness:
 
     def __lt__(self, other: _Badness) -> bool:
         for mine, theirs in zip(self._norms, other._norms, strict=True):
-            if abs(mine - theirs) > 1e-9 * (1.0 + theirs):
+            if abs(mine - theirs) > TOLERANCES.tied * (1.0 + theirs):
                 return mine < theirs
         return False

@@ -3,31 +3,28 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from importlib.resources import files
-from time import perf_counter
+from functools import lru_cache, partial
 
 import casadi as ca
+from numpy.typing import ArrayLike
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.compile import compile_function, compile_library
+from uvms_ocp.solvers.hierarchy.active_set.core_source import core_source
 from uvms_ocp.solvers.hierarchy.active_set.fallbacks import ActiveSetFunctions, ActiveSetTick
-from uvms_ocp.solvers.hierarchy.level import Level, stack
-from uvms_ocp.solvers.hierarchy.solution import Solution, row_residuals
+from uvms_ocp.solvers.hierarchy.level import Level
+from uvms_ocp.solvers.hierarchy.solution import Solution
+from uvms_ocp.solvers.hierarchy.stacked import solved, tick_velocity
 from uvms_ocp.solvers.hierarchy.tick import (
-    LEVEL_OUTPUTS,
+    Tick,
+    TickResult,
     check_levels_function,
     dense,
     dense_inputs,
     dense_outputs,
 )
-
-# Calls of one shape share one tick and its memory.
-_ONE_AT_A_TIME = threading.Lock()
-_SOURCES = ("equalities.c", "active_set.c", "certificate.c", "entry.c")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -51,18 +48,7 @@ class LexicographicActiveSet:
 
     def solve(self, levels: Sequence[Level]) -> Solution:
         """From a cold start; raise ``InvalidInput`` where ``levels`` is empty or of mixed width."""
-        start = perf_counter()
-        rows = stack(levels)
-        tick = _stack_tick(self, rows.jacobian.shape[1], rows.sizes)
-        with _ONE_AT_A_TIME:
-            tick.reset()
-            result = tick(rows.jacobian, rows.lower, rows.upper, rows.rate, rows.activation, rows.gate)
-        return Solution(
-            v=result.v,
-            status=result.status,
-            residuals=row_residuals(levels, result.v),
-            solve_time=perf_counter() - start,
-        )
+        return solved(levels, partial(tick_velocity, self._bind_cold))
 
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> ActiveSetTick:
         """One Function of ``levels_function`` and the solver; outputs beyond the six of ``Level`` are extras."""
@@ -80,6 +66,15 @@ class LexicographicActiveSet:
                 time_limit=self.time_limit,
             )
         )
+
+    def _bind_cold(self, levels_function: ca.Function, sizes: Sequence[int]) -> Tick:
+        tick = self.bind(levels_function, sizes)
+
+        def cold(*inputs: ArrayLike) -> TickResult:
+            tick.reset()
+            return tick(*inputs)
+
+        return cold
 
     def function(self, levels_function: ca.Function, sizes: Sequence[int]) -> ca.Function | None:
         """(inputs, active_set) -> v, active_set, report, residual, *extras: pure, for ``map`` and export.
@@ -105,20 +100,3 @@ def _core(n: int, sizes: tuple[int, ...]) -> ca.Function | None:
         return None
     path = compile_library(core_source(n, sizes))
     return None if path is None else ca.external("lexls", str(path))
-
-
-def core_source(n: int, sizes: Sequence[int]) -> str:
-    """C source for n velocities and levels of ``sizes`` rows; needs libm only."""
-    filled = [size for size in sizes if size]
-    constants = {"N": n, "M": sum(filled), "L": len(filled), "SIZES": ", ".join(map(str, filled))}
-    defines = "".join(f"#define LEX_{name} {value}\n" for name, value in constants.items())
-    folder = files("uvms_ocp.solvers.hierarchy.active_set")
-    return "\n".join([defines, *(folder.joinpath(name).read_text(encoding="utf-8") for name in _SOURCES)])
-
-
-@lru_cache(maxsize=64)
-def _stack_tick(solver: LexicographicActiveSet, n: int, sizes: tuple[int, ...]) -> ActiveSetTick:
-    m = sum(sizes)
-    symbols = [ca.MX.sym(name, m, n if name == "J" else 1) for name in LEVEL_OUTPUTS]
-    names = list(LEVEL_OUTPUTS)
-    return solver.bind(ca.Function("levels", symbols, symbols, [f"{name}_in" for name in names], names), sizes)

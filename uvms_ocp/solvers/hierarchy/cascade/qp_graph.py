@@ -14,27 +14,36 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from uvms_ocp.functions.elementwise import Array, either, row_sums, where
+from uvms_ocp.solvers.hierarchy.gated_rows import gated, is_valid, residual
+from uvms_ocp.solvers.intervals import distance, excess
+
 _INVALID = 2
 # Relative to its row: a row of which less than this is free counts as fixed already.
 _RANK_TOLERANCE = 1e-10
 # A level whose rows are violated by less needs no program.
 _SATISFIED = 1e-12
 # Rows violated by less may be so for want of accuracy; held as inequalities they lose nothing at an optimum.
+_VIOLATED = 1e-6
 # Residual of the optimality conditions, relative to the size of the gradient.
 _STATIONARY = 3e-9
-VIOLATED = 1e-6
 _NOTHING, _SATISFIED_CASE = 0, 1
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class QpSettings:
-    """See ``LexicographicQp``."""
+    """What `LexicographicQp` gives to the graph; its fields say what they are."""
 
     plugin: str
+    """Name of the conic plugin."""
     options: Mapping[str, object]
+    """All options of the plugin."""
     proximal: float
+    """[-]"""
     tolerance: float
+    """[-]"""
     attempts: int
+    """Programs per level at most."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -42,20 +51,31 @@ class _Held:
     """Rows of all levels above, with bounds widened to what was reached."""
 
     J: ca.MX
+    """(k, n)"""
     lower: ca.MX
+    """(k,)"""
     upper: ca.MX
+    """(k,)"""
     fixed: ca.MX
-    """1 where the row cannot move any more."""
+    """(k,) 1 where the row cannot move any more."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _LevelSymbols:
+    """What a level is given."""
+
     held: _Held
+    """Of the levels above."""
     J: ca.MX
+    """(m, n) its own rows."""
     lower: ca.MX
+    """(m,)"""
     upper: ca.MX
+    """(m,)"""
     v: ca.MX
+    """(n,) result of the levels above."""
     P: ca.MX
+    """(n, n) projector on what they leave free."""
 
     def inputs(self, v: ca.MX | None = None) -> list[ca.MX]:
         held = self.held
@@ -65,9 +85,9 @@ class _LevelSymbols:
 
 def sanitised(J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]:
     """valid (1,), then J and the gated bounds, which are harmless where the input is not valid."""
-    valid = _is_valid(J, lower, upper, gate)
+    valid = is_valid(J, lower, upper, gate)
     J = ca.if_else(valid, J, ca.MX.zeros(J.shape))
-    low, up = _gated(J, lower, upper, ca.if_else(valid, gate, ca.MX.zeros(gate.shape)))
+    low, up = gated(J, lower, upper, ca.if_else(valid, gate, ca.MX.zeros(gate.shape)))
     return valid, J, low, up
 
 
@@ -75,9 +95,8 @@ def outcome(
     valid: ca.MX, v: ca.MX, inexact: ca.MX, J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX
 ) -> tuple[ca.MX, ca.MX]:
     """status (0 solved, 1 inexact, 2 invalid input) and residual (M,)."""
-    shown = ca.logic_and(valid, gate > 0)
-    residual = ca.if_else(shown, distance(J @ v, lower, upper), ca.MX.zeros(gate.shape))
-    return ca.if_else(valid, inexact, _INVALID), residual
+    missed = ca.if_else(valid, residual(J, v, lower, upper, gate), ca.MX.zeros(gate.shape))
+    return ca.if_else(valid, inexact, _INVALID), missed
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -85,6 +104,7 @@ class LevelStep:
     """Functions of one level: (held J, lower, upper, fixed, J, lower, upper, v, P) -> (v, P, failed)."""
 
     solve: ca.Function
+    """v at the optimum of the level."""
     give_up: ca.Function
     """Keeps v; for a plugin that fails even on a fresh start."""
     conic: ca.Function
@@ -123,9 +143,9 @@ def level_step(settings: QpSettings, n: int, held: int, size: int) -> LevelStep:
     )
 
 
-def distance(y: ca.MX, lower: ca.MX, upper: ca.MX) -> ca.MX:
-    """Signed distance of y to [lower, upper]."""
-    return y - ca.fmin(ca.fmax(y, lower), upper)
+def fixed_rows(y: Array, lower: Array, upper: Array) -> Array:
+    """True for the rows that cannot move any more at ``J v = y``: equalities, and rows that had to be violated."""
+    return either(lower >= upper, excess(y, lower, upper) > _VIOLATED)
 
 
 def _level_symbols(n: int, held: int, size: int) -> _LevelSymbols:
@@ -159,18 +179,13 @@ def _extended(own: _LevelSymbols, v: ca.MX) -> _Held:
         J=ca.vertcat(held.J, own.J),
         lower=ca.vertcat(held.lower, ca.fmin(own.lower, y)),
         upper=ca.vertcat(held.upper, ca.fmax(own.upper, y)),
-        fixed=ca.vertcat(held.fixed, _fixed(own, v)),
+        fixed=ca.vertcat(held.fixed, fixed_rows(y, own.lower, own.upper)),
     )
-
-
-def _fixed(own: _LevelSymbols, v: ca.MX) -> ca.MX:
-    violated = ca.fabs(distance(own.J @ v, own.lower, own.upper)) > VIOLATED
-    return ca.logic_or(own.lower >= own.upper, violated)
 
 
 def _projector(own: _LevelSymbols, v: ca.MX) -> ca.MX:
     """P without the directions of the rows that are fixed at v."""
-    P, fixed = own.P, _fixed(own, v)
+    P, fixed = own.P, fixed_rows(own.J @ v, own.lower, own.upper)
     for i in range(own.J.shape[0]):
         a = own.J[i, :].T
         # Applied twice, so that what earlier rows have removed stays removed to rounding.
@@ -226,7 +241,7 @@ def _program(settings: QpSettings, solver: ca.Function, symbols: _LevelSymbols) 
     curvature = E.T @ E + settings.proximal * ca.sumsqr(JP) / size * ca.MX.eye(n)
     held_JP, held_lower, held_upper = _held_rows(symbols)
     held = held_JP.shape[0]
-    own = (_where(equal, -ca.inf, symbols.lower - y), _where(equal, ca.inf, symbols.upper - y))
+    own = (where(equal, -ca.inf, symbols.lower - y), where(equal, ca.inf, symbols.upper - y))
     solution = solver(
         h=ca.diagcat(curvature, ca.MX.eye(size)),
         g=ca.vertcat(-(E.T @ target), ca.MX.zeros(size)),
@@ -250,8 +265,8 @@ def _held_rows(symbols: _LevelSymbols) -> tuple[ca.MX, ca.MX, ca.MX]:
         return JP, y, y
     moves = ca.sum2(JP**2) > _RANK_TOLERANCE**2 * ca.sum2(held.J**2)
     dropped = ca.logic_or(held.fixed, ca.logic_not(moves))
-    low = _where(dropped, -ca.inf, ca.fmin(held.lower - y, 0))
-    return JP, low, _where(dropped, ca.inf, ca.fmax(held.upper - y, 0))
+    low = where(dropped, -ca.inf, ca.fmin(held.lower - y, 0))
+    return JP, low, where(dropped, ca.inf, ca.fmax(held.upper - y, 0))
 
 
 def _is_acceptable(settings: QpSettings, symbols: _LevelSymbols, v: ca.MX) -> ca.MX:
@@ -263,8 +278,8 @@ def _is_acceptable(settings: QpSettings, symbols: _LevelSymbols, v: ca.MX) -> ca
     held = symbols.held
     if held.J.shape[0] == 0:
         return better
-    excess = ca.fabs(distance(held.J @ v, held.lower, held.upper)) / (1 + ca.sum2(ca.fabs(held.J)))
-    return ca.logic_and(better, ca.norm_inf(excess) <= settings.tolerance)
+    worse = excess(held.J @ v, held.lower, held.upper) / (1 + row_sums(ca.fabs(held.J)))
+    return ca.logic_and(better, ca.norm_inf(worse) <= settings.tolerance)
 
 
 def _is_optimal(settings: QpSettings, symbols: _LevelSymbols, v: ca.MX, multipliers: ca.MX) -> ca.MX:
@@ -280,25 +295,3 @@ def _is_optimal(settings: QpSettings, symbols: _LevelSymbols, v: ca.MX, multipli
     above = ca.fmax(multipliers, 0) * ca.fmin(ca.fmax(held.upper - y, 0), far)
     below = ca.fmax(-multipliers, 0) * ca.fmin(ca.fmax(y - held.lower, 0), far)
     return ca.logic_and(stationary, ca.norm_inf(above + below) <= scale)
-
-
-def _gated(J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX) -> tuple[ca.MX, ca.MX]:
-    """Bounds that leave to infinity as the gate goes from 1 to 0; sum |J_row| is J v's range for |v| <= 1."""
-    width = (1 - gate) / ca.fmax(gate, 1e-300) * ca.sum2(ca.fabs(J))
-    removed = gate <= 0
-    return _where(removed, -ca.inf, lower - width), _where(removed, ca.inf, upper + width)
-
-
-def _is_valid(J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX) -> ca.MX:
-    # Comparisons with NaN are false.
-    ordered = ca.logic_and(lower <= upper, ca.logic_and(lower < ca.inf, upper > -ca.inf))
-    gated = ca.logic_and(gate >= 0, gate <= 1)
-    return ca.logic_and(_all(ca.fabs(J) < 1e15), ca.logic_and(_all(ordered), _all(gated)))
-
-
-def _where(condition: ca.MX, value: float, otherwise: ca.MX) -> ca.MX:
-    return ca.if_else(condition, ca.MX(value * ca.DM.ones(otherwise.shape)), otherwise)
-
-
-def _all(condition: ca.MX) -> ca.MX:
-    return ca.sum1(ca.vec(condition)) >= condition.numel()

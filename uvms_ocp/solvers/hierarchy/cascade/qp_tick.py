@@ -12,10 +12,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.solvers.hierarchy.cascade.qp_graph import VIOLATED, LevelStep
+from uvms_ocp.functions.buffered import BufferedFunction
+from uvms_ocp.solvers.hierarchy.cascade.qp_graph import LevelStep, fixed_rows
+from uvms_ocp.solvers.hierarchy.gated_rows import residual
 from uvms_ocp.solvers.hierarchy.level import Array
-from uvms_ocp.solvers.hierarchy.solution import Status, distance
-from uvms_ocp.solvers.hierarchy.tick import Buffered, TickResult
+from uvms_ocp.solvers.hierarchy.solution import Status
+from uvms_ocp.solvers.hierarchy.tick import TickResult
 
 _STATUS = (Status.SOLVED, Status.INEXACT, Status.INVALID_INPUT)
 _INEXACT = 1
@@ -30,6 +32,7 @@ class QpFunctions:
     levels: ca.Function
     """inputs -> J, lower, upper (gated), J, lower, upper, gate (as given), *extras"""
     steps: Sequence[LevelStep | None]
+    """One per level, None for a level without rows."""
 
 
 class QpTick:
@@ -45,7 +48,7 @@ class QpTick:
 
     def __init__(self, functions: QpFunctions) -> None:
         self._functions = functions
-        self._tick, self._levels = Buffered(functions.tick), Buffered(functions.levels)
+        self._tick, self._levels = BufferedFunction(functions.tick), BufferedFunction(functions.levels)
         self._fresh = False
         with contextlib.redirect_stdout(io.StringIO()):
             self._set_up()
@@ -55,26 +58,26 @@ class QpTick:
         start = perf_counter()
         # Plugins report their troubles through Python's stdout, whatever their options say.
         with contextlib.redirect_stdout(io.StringIO()):
-            outputs = self._tick(inputs)
+            outputs = self._tick(*inputs)
             if self._tick.failed or (outputs[1][0] == _INEXACT and not self._fresh):
                 outputs = self._rescued(inputs)
         # Where fresh plugins do not help either, they would not at the next tick.
         self._fresh = bool(outputs[1][0] == _INEXACT)
-        v, status, residual, *extras = outputs
+        v, status, missed, *extras = outputs
         return TickResult(
             v=v,
             status=_STATUS[int(status[0])],
-            residual=residual,
+            residual=missed,
             extras=tuple(extras),
             solve_time=perf_counter() - start,
         )
 
-    def _rescued(self, inputs: Sequence[ArrayLike]) -> list[Array]:
+    def _rescued(self, inputs: Sequence[ArrayLike]) -> tuple[Array, ...]:
         """On fresh plugins first, then level by level, where a level that still fails keeps v."""
         for conic in self._conics():
             conic.checkout()
         self._set_up()
-        outputs = self._tick(inputs)
+        outputs = self._tick(*inputs)
         return self._stepwise(inputs) if self._tick.failed else outputs
 
     def _set_up(self) -> None:
@@ -84,8 +87,8 @@ class QpTick:
     def _conics(self) -> list[ca.Function]:
         return [step.conic for step in self._functions.steps if step is not None]
 
-    def _stepwise(self, inputs: Sequence[ArrayLike]) -> list[Array]:
-        J, low, up, J_given, lower, upper, gate, *extras = self._levels(inputs)
+    def _stepwise(self, inputs: Sequence[ArrayLike]) -> tuple[Array, ...]:
+        J, low, up, J_given, lower, upper, gate, *extras = self._levels(*inputs)
         n = self._functions.levels.size2_out(0)
         J, J_given = J.reshape(-1, n), J_given.reshape(-1, n)
         v, P, inexact, held = np.zeros(n), np.eye(n), 0.0, 0
@@ -97,14 +100,13 @@ class QpTick:
             above = (J[:held], bounds[0][:held], bounds[1][:held], fixed[:held])
             v, P, failed = _level(step, [*above, J[rows], low[rows], up[rows], v, P])
             y = J[rows] @ v
-            fixed[rows] = (low[rows] >= up[rows]) | (np.abs(distance(y, low[rows], up[rows])) > VIOLATED)
+            fixed[rows] = fixed_rows(y, low[rows], up[rows])
             bounds[0][rows], bounds[1][rows] = np.minimum(low[rows], y), np.maximum(up[rows], y)
             inexact, held = max(inexact, float(failed[0])), rows.stop
-        residual = np.where(gate > 0.0, distance(J_given @ v, lower, upper), 0.0)
-        return [v, np.array([inexact]), residual, *extras]
+        return (v, np.array([inexact]), residual(J_given, v, lower, upper, gate), *extras)
 
 
-def _level(step: LevelStep, inputs: list[Array]) -> list[Array]:
-    function = Buffered(step.solve)
-    outputs = function(inputs)
-    return Buffered(step.give_up)(inputs) if function.failed else outputs
+def _level(step: LevelStep, inputs: list[Array]) -> tuple[Array, ...]:
+    function = BufferedFunction(step.solve)
+    outputs = function(*inputs)
+    return BufferedFunction(step.give_up)(*inputs) if function.failed else outputs

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import io
-import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache, lru_cache
-from time import perf_counter
+from functools import cache, partial
 
 import casadi as ca
 import numpy as np
@@ -23,18 +21,16 @@ from uvms_ocp.solvers.hierarchy.cascade.qp_graph import (
     sanitised,
 )
 from uvms_ocp.solvers.hierarchy.cascade.qp_tick import QpFunctions, QpTick
-from uvms_ocp.solvers.hierarchy.level import Level, stack
-from uvms_ocp.solvers.hierarchy.solution import Solution, row_residuals
+from uvms_ocp.solvers.hierarchy.level import Level
+from uvms_ocp.solvers.hierarchy.solution import Solution
+from uvms_ocp.solvers.hierarchy.stacked import solved, tick_velocity
 from uvms_ocp.solvers.hierarchy.tick import (
-    LEVEL_OUTPUTS,
     Tick,
     check_levels_function,
     dense_inputs,
     dense_outputs,
 )
 
-# Calls of one shape share one tick and its memory.
-_ONE_AT_A_TIME = threading.Lock()
 _DEFAULTS: dict[str, dict[str, object]] = {
     "qpoases": {"printLevel": "none", "enableFlippingBounds": False},
     "qrqp": {"print_iter": False, "print_header": False, "print_info": False},
@@ -73,17 +69,7 @@ class LexicographicQp:
 
     def solve(self, levels: Sequence[Level]) -> Solution:
         """Raise ``InvalidInput`` where ``levels`` is empty or of mixed width."""
-        start = perf_counter()
-        rows = stack(levels)
-        tick = _stack_tick(self, rows.jacobian.shape[1], rows.sizes)
-        with _ONE_AT_A_TIME:
-            result = tick(rows.jacobian, rows.lower, rows.upper, rows.rate, rows.activation, rows.gate)
-        return Solution(
-            v=result.v,
-            status=result.status,
-            residuals=row_residuals(levels, result.v),
-            solve_time=perf_counter() - start,
-        )
+        return solved(levels, partial(tick_velocity, self.bind))
 
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> Tick:
         """One Function of ``levels_function`` and the cascade; outputs beyond the six of ``Level`` are extras."""
@@ -127,11 +113,3 @@ def conic_plugins() -> tuple[str, ...]:
 def _exists(plugin: str) -> bool:
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         return bool(ca.has_conic(plugin))
-
-
-@lru_cache(maxsize=64)
-def _stack_tick(solver: LexicographicQp, n: int, sizes: tuple[int, ...]) -> Tick:
-    m = sum(sizes)
-    symbols = [ca.MX.sym(name, m, n if name == "J" else 1) for name in LEVEL_OUTPUTS]
-    names = list(LEVEL_OUTPUTS)
-    return solver.bind(ca.Function("levels", symbols, symbols, [f"{name}_in" for name in names], names), sizes)

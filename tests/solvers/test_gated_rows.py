@@ -1,0 +1,103 @@
+"""Validity, gates and residuals of rows are the same in NumPy, in CasADi and in C."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import casadi as ca
+import numpy as np
+import pytest
+from test_hierarchy import _tick_function
+
+from uvms_ocp.solvers.hierarchy.active_set.codes import Outcome
+from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.gated_rows import gated, is_valid, residual
+
+M, N = 4, 3
+Rows = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+ODD = (np.nan, np.inf, -np.inf, 1e15, -1e16, 2.0, -0.1)
+
+
+def _random_rows(rng: np.random.Generator) -> Rows:
+    """Valid rows with infinite bounds, equalities, rows of zeros and gates of every kind."""
+    J, lower = rng.standard_normal((M, N)), rng.standard_normal(M)
+    upper = lower + np.where(rng.random(M) < 0.4, 0.0, rng.random(M))
+    J[rng.random(M) < 0.1] = 0.0
+    lower[rng.random(M) < 0.3] = -np.inf
+    upper[rng.random(M) < 0.3] = np.inf
+    return J, lower, upper, np.clip(rng.uniform(-0.5, 1.5, M), 0.0, 1.0)
+
+
+def _cases(count: int) -> Iterator[Rows]:
+    """Rows of which two in three have one odd entry, which may make them invalid."""
+    for seed in range(count):
+        rng = np.random.default_rng(seed)
+        rows = _random_rows(rng)
+        if rng.random() < 2 / 3:
+            rows[rng.integers(4)].flat[rng.integers(M)] = rng.choice(ODD)
+        yield rows
+
+
+@pytest.fixture(scope="module")
+def expressions() -> ca.Function:
+    J, v = ca.MX.sym("J", M, N), ca.MX.sym("v", N)
+    lower, upper, gate = (ca.MX.sym(name, M) for name in ("lower", "upper", "gate"))
+    outputs = [is_valid(J, lower, upper, gate), *gated(J, lower, upper, gate), residual(J, v, lower, upper, gate)]
+    return ca.Function("rows", [J, lower, upper, gate, v], outputs)
+
+
+@pytest.fixture(scope="module")
+def core() -> ca.Function:
+    function = LexicographicActiveSet().function(_tick_function(N, M), [M])
+    assert function is not None
+    return function
+
+
+def _solved(core: ca.Function, J: np.ndarray, lower: np.ndarray, upper: np.ndarray, gate: np.ndarray) -> list:
+    unread, cold = np.zeros(M), np.zeros(M)
+    v, _, report, missed, _ = core(J, lower, upper, unread, unread, gate, cold)
+    return [np.array(v).ravel(), Outcome(int(report[0])), np.array(missed).ravel()]
+
+
+def test_expressions_and_numbers_agree(expressions: ca.Function) -> None:
+    valid_cases = 0
+    for rows in _cases(300):
+        J, lower, upper, gate = rows
+        v = np.arange(1.0, N + 1)
+        valid, low, up, missed = (np.array(x).ravel() for x in expressions(*rows, v))
+        assert bool(valid[0]) == bool(is_valid(*rows))
+        if valid[0]:
+            np.testing.assert_array_equal([low, up], gated(*rows))
+            np.testing.assert_allclose(missed, residual(J, v, lower, upper, gate), atol=1e-14)
+            valid_cases += 1
+    assert 100 < valid_cases < 250
+
+
+def test_the_core_in_c_takes_the_rows_that_are_valid_and_no_others(core: ca.Function) -> None:
+    for rows in _cases(300):
+        v, outcome, missed = _solved(core, *rows)
+        assert (outcome is not Outcome.INVALID) == bool(is_valid(*rows)), rows
+        if outcome is Outcome.INVALID:
+            assert not v.any()
+            assert not missed.any()
+
+
+def test_the_core_in_c_gates_the_rows_and_tells_their_residuals_as_numpy_does(core: ca.Function) -> None:
+    for seed in range(300):
+        J, lower, upper, gate = _random_rows(np.random.default_rng(seed))
+        v, _, missed = _solved(core, J, lower, upper, gate)
+        widened, _, _ = _solved(core, J, *gated(J, lower, upper, gate), np.ones(M))
+        np.testing.assert_allclose(v, widened, atol=1e-12)
+        np.testing.assert_allclose(missed, residual(J, v, lower, upper, gate), atol=1e-12)
+
+
+def test_a_gate_of_one_keeps_the_bounds_and_a_gate_of_zero_leaves_none() -> None:
+    J, lower, upper, _ = _random_rows(np.random.default_rng(0))
+    np.testing.assert_array_equal(gated(J, lower, upper, np.ones(M)), [lower, upper])
+    np.testing.assert_array_equal(gated(J, lower, upper, np.zeros(M)), [np.full(M, -np.inf), np.full(M, np.inf)])
+
+
+def test_bounds_widen_without_a_jump_as_the_gate_closes() -> None:
+    J, bound = np.ones((1, N)), np.ones(1)
+    widths = [float(np.diff(gated(J, bound, bound, np.array([gate])), axis=0)[0, 0]) for gate in (1.0, 0.999, 0.5, 0.1)]
+    np.testing.assert_allclose(widths, [0.0, 2 * N * 0.001 / 0.999, 2 * N, 18 * N])

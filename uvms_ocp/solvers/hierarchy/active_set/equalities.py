@@ -1,0 +1,177 @@
+"""The algorithm of equalities.c in NumPy: least squares of the active rows, level by level; keep both in step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uvms_ocp.solvers.hierarchy.active_set.codes import EQUAL, FREE, LOWER
+from uvms_ocp.solvers.hierarchy.level import Array, row_slices
+from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
+
+
+@dataclass(slots=True, eq=False)
+class Work:
+    """What a run works on: M rows, n velocities."""
+
+    A: Array
+    """(M, n) rows."""
+    lower: Array
+    """(M,)"""
+    upper: Array
+    """(M,)"""
+    norm: Array
+    """(M,) of the rows; 0 for a row that counts as nothing."""
+    tolerance: Array
+    """(M,) by how much a row may be violated."""
+    levels: list[slice]
+    """Rows of each level."""
+    state: Array
+    """(M,) `RowState` of each row."""
+    v: Array
+    """(n,) where the run is."""
+    tabu: Array
+    """(M,) True for rows that must not be dropped any more."""
+    skipped: bool = False
+    """A row should have been dropped, but is tabu."""
+    unbalanced: float = 0.0
+    """[-] Largest gradient of a level that its multipliers leave, relative to its slack and 1."""
+    contradicted: bool = False
+    """A lower level wants what a higher one has excluded by a narrow margin."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """Active rows of one level, pivots first, in the coordinates of the factorisation."""
+
+    rows: Array
+    """(m,) their numbers."""
+    T: Array
+    """(m, n)"""
+    column: int
+    """First coordinate that the levels above left free."""
+    rank: int
+    """Number of pivots."""
+    smallest: float
+    """[-] Least independent part of any pivot so far, relative to its row."""
+    rejected: float = 0.0
+    """[-] Largest independent part of a row taken for dependent, relative to the row."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Equalities:
+    """The hierarchy of the active rows, solved."""
+
+    blocks: list[Block]
+    """One per level."""
+    target: Array
+    """(n,) velocity of least norm among the optima."""
+    slack: Array
+    """(M,) by how much active rows miss their bound there."""
+    rejected: float
+    """[-] Largest `Block.rejected`."""
+
+
+def load(J: Array, lower: Array, upper: Array, state: Array, sizes: Sequence[int]) -> Work:
+    """A run that starts with the rows of ``state`` (M,) active, as far as their bounds are finite."""
+    norm = np.sqrt((J * J).sum(axis=1))
+    size = np.fmax(_size(lower), _size(upper))
+    given = np.sign(state)
+    given[((given > 0) & (upper == np.inf)) | ((given < 0) & (lower == -np.inf))] = FREE
+    # A flag of equality must never be inherited: the row may have become an inequality.
+    given[lower >= upper] = EQUAL
+    return Work(
+        A=J,
+        lower=lower,
+        upper=upper,
+        norm=np.where(norm <= TOLERANCES.vanished * norm.max(initial=0.0), 0.0, norm),
+        tolerance=TOLERANCES.feasible * (norm + size),
+        levels=list(row_slices(sizes)),
+        state=given,
+        v=np.zeros(J.shape[1]),
+        tabu=np.zeros(len(J), dtype=bool),
+    )
+
+
+def _size(bound: Array) -> Array:
+    return np.where(np.abs(bound) < TOLERANCES.endless, np.abs(bound), 0.0)
+
+
+def bounds_of(work: Work, rows: Array) -> Array:
+    """(k,) the bound at which each of k active rows is held."""
+    return np.asarray(np.where(work.state[rows] == LOWER, work.lower[rows], work.upper[rows]))
+
+
+def solve_equalities(work: Work) -> Equalities:
+    """Least squares of the active rows, level by level."""
+    n = work.A.shape[1]
+    Q, y, slack, blocks, column = np.eye(n), np.zeros(n), np.zeros(len(work.A)), [], 0
+    smallest = 1.0
+    late: list[Array] = []
+    for level in work.levels:
+        rows = level.start + np.flatnonzero((work.state[level] != FREE) & (work.norm[level] > 0.0))
+        if rows.size == 0:
+            blocks.append(Block(rows, np.zeros((0, n)), column, 0, smallest))
+        elif column == n:
+            late.append(rows)
+            blocks.append(Block(rows, work.A[rows], column, 0, smallest))
+        else:
+            block = _reduced(work, rows, Q, column, smallest)
+            _solve_level(work, block, y, slack)
+            blocks.append(block)
+            column, smallest = column + block.rank, block.smallest
+    target = Q @ y
+    for rows in late:
+        slack[rows] = work.A[rows] @ target - bounds_of(work, rows)
+    # Rows to which nothing is left lend only the sum of their gradients, in the same coordinates.
+    rejected = max(block.rejected for block in blocks)
+    blocks = [replace(b, T=b.T @ Q) if b.column == n else b for b in blocks]
+    return Equalities(blocks, target, slack, rejected)
+
+
+def _reduced(work: Work, rows: Array, Q: Array, column: int, smallest: float) -> Block:
+    """Pivoted Householder reduction in the space that the levels above left free; turns Q[:, column:]."""
+    T, order, n = work.A[rows] @ Q, rows.copy(), Q.shape[1]
+    norm, rank, rejected = work.norm[rows], 0, 0.0
+    while rank < len(T) and column + rank < n:
+        c = column + rank
+        part = (T[rank:, c:] ** 2).sum(axis=1) / norm[rank:] ** 2
+        best = int(np.argmax(part))
+        if part[best] <= max(TOLERANCES.rank_tolerance, TOLERANCES.rank_noise / smallest) ** 2:
+            rejected = float(np.sqrt(part[best]))
+            break
+        smallest = min(smallest, float(np.sqrt(part[best])))
+        best += rank
+        if best != rank:
+            swap, back = [rank, best], [best, rank]
+            T[swap], order[swap], norm[swap] = T[back], order[back], norm[back]
+        _reflect(T, Q, rank, c)
+        rank += 1
+    return Block(order, T, column, rank, smallest, rejected)
+
+
+def _reflect(T: Array, Q: Array, row: int, c: int) -> None:
+    u = T[row, c:].copy()
+    size = float(np.sqrt(u @ u))
+    alpha = -size if u[0] > 0 else size
+    u[0] -= alpha
+    scaled = u * (2.0 / (u @ u))
+    T[row, c:] = 0.0
+    T[row, c] = alpha
+    T[row + 1 :, c:] -= np.outer(T[row + 1 :, c:] @ u, scaled)
+    Q[:, c:] -= np.outer(Q[:, c:] @ u, scaled)
+
+
+def _solve_level(work: Work, block: Block, y: Array, slack: Array) -> None:
+    c0, c1 = block.column, block.column + block.rank
+    target = bounds_of(work, block.rows) - block.T[:, :c0] @ y[:c0]
+    B = block.T[:, c0:c1]
+    if block.rank == len(B):
+        y[c0:c1] = np.linalg.solve(B, target)
+        return
+    if block.rank > 0:
+        orthogonal, R = np.linalg.qr(B)
+        y[c0:c1] = np.linalg.solve(R, orthogonal.T @ target)
+    slack[block.rows] = B @ y[c0:c1] - target

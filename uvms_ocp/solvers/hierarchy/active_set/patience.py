@@ -1,0 +1,29 @@
+"""After how many iterations a run changes its rule, and when it ends; the same for C and NumPy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Patience:
+    """Of a run with a given number of rows."""
+
+    most_iterations: int
+    """[-] A run that needs more ends without a verdict, so that its time is bounded."""
+    bland_stalls: int
+    """[-] Standstills after which the first wrong row is dropped, not the worst, which ends nearly every cycle."""
+    tabu_stalls: int
+    """[-] Standstills after which a dropped row stays once it is active again, which ends all of them."""
+    tabu_iterations: int
+    """[-] Iterations after which the same holds, since a cycle may move a little."""
+
+
+def patience(n_rows: int) -> Patience:
+    """What a run over n_rows rows of all levels is given."""
+    return Patience(
+        most_iterations=20 + 10 * n_rows,
+        bland_stalls=n_rows // 2 + 10,
+        tabu_stalls=2 * n_rows,
+        tabu_iterations=20 + 3 * n_rows,
+    )
