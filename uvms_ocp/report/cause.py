@@ -14,7 +14,10 @@ _PROGRESS = 0.02  # share of what is missing that must have been gained in the w
 
 
 def cause_of_end(record: Record) -> dict[str, str]:
-    """``kind``: completed, given up, slow, stalled; ``text``: one sentence with the figures."""
+    """``kind``: completed, given up, slow, stalled; ``text``: one sentence with the figures.
+
+    Raises `InvalidInput` for the record of a plan.
+    """
     meta = record.run_meta
     if meta.completed:
         return {"kind": "completed", "text": "every phase came to its end"}

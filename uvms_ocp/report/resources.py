@@ -13,7 +13,10 @@ _N_VEHICLE = 6  # velocity degrees of freedom of a free-flyer
 
 
 def resources(record: Record) -> list[dict[str, Any]]:
-    """One row per visit to a phase, in order of time, and a last row ``total``: `phase` and `figures_between`."""
+    """One row per visit to a phase, in order of time, and a last row ``total``: `phase` and `figures_between`.
+
+    Raises `InvalidInput` for the record of a plan.
+    """
     t, meta = record["t"], record.run_meta
     ends = [*(event.t for event in meta.events), float(t[-1])]
     names = [meta.phases[0].name, *(event.target for event in meta.events)]

@@ -19,7 +19,7 @@ _SETTLING = 0.5  # [s] after the start of a phase, before its drift counts
 def summarize(record: Record) -> dict[str, Any]:
     """The content of ``report.json``; `None` where a figure does not apply to the run. Tool errors are true ones.
 
-    Lengths in m, angles in rad, times in s unless the key says otherwise.
+    Lengths in m, angles in rad, times in s unless the key says otherwise. Raises `InvalidInput` for the record of a plan.
     """
     meta, tilt = record.run_meta, quantity(record, "HA.tilt")
     return {

@@ -21,7 +21,7 @@ def transition_series(record: Record) -> dict[str, np.ndarray]:
     ``step`` (n,): largest change of any axis since the tick before, as a share of its acceleration limit times dt.
     ``jerk`` (n,) [m/s3, rad/s3]: largest second difference of any axis. ``lost`` (n,) [m/s, rad/s]: largest norm, over
     the tasks that are fully on and of a class above the actions, of what the task misses of the rate that the
-    acceleration limits let it reach. Raises `InvalidInput` for a record without limits.
+    acceleration limits let it reach. Raises `InvalidInput` for a plan, or without limits.
     """
     dt, limits = record.run_meta.dt, _acceleration(record)
     change = np.diff(record["command"], axis=0, prepend=0.0)
