@@ -85,7 +85,7 @@ def test_what_stands_above_the_action_loses_nothing_through_the_phase_changes(ru
 def test_minimum_altitude_holds_while_it_is_on(run: Run) -> None:
     record = run.record
     gate = record["gates"][:, run.scenario.mission.hierarchy.index("MAC")]
-    altitude = record["quantities"][:, record.meta["quantities"].index("MAC.altitude")]
+    altitude = record["quantities"][:, record.meta.quantities.index("MAC.altitude")]
     assert altitude[gate == 1].min() > 1.0
 
 
@@ -128,8 +128,8 @@ def test_every_number_can_be_overridden() -> None:
         duration=0.1,
     )
     record = scenario.run()
-    assert record.meta["robot"] == "girona_maris7"
-    assert [task["name"] for task in record.meta["tasks"][:2]] == ["UA", "HA"]
+    assert record.meta.robot == "girona_maris7"
+    assert [task.name for task in record.meta.tasks[:2]] == ["UA", "HA"]
     np.testing.assert_array_equal(record["q"][0, :3], [9.0, 38.0, -37.0])
     assert record["altimeter_range"][0] == pytest.approx(41.0 - 37.0 - 0.3)
 

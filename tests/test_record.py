@@ -8,15 +8,29 @@ import numpy as np
 import pytest
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound, OutputError
+from uvms_ocp.meta_values import PhaseMeta
 from uvms_ocp.output import staged_folder
 from uvms_ocp.record import Record, Recorder
+from uvms_ocp.run_meta import RunMeta, write_meta
+
+META = RunMeta(
+    scenario="é",
+    robot="any",
+    joints=("a", "b"),
+    phases=(PhaseMeta(name="A"),),
+    plant="kinematic",
+    solver="none",
+    floating=False,
+    dt=0.1,
+    completed=True,
+)
 
 
 def record(rows: int = 5) -> Record:
     recorder = Recorder(capacity=2)
     for k in range(rows):
         recorder.append({"t": 0.1 * k, "q": np.full(3, k), "phase": k})
-    return recorder.freeze({"name": "é", "list": [1, 2.5]})
+    return recorder.freeze(META)
 
 
 def test_a_recorder_grows_and_keeps_every_row() -> None:
@@ -27,7 +41,7 @@ def test_a_recorder_grows_and_keeps_every_row() -> None:
 def test_a_record_survives_a_round_trip(tmp_path: Path) -> None:
     record().save(tmp_path / "r.npz")
     loaded = Record.load(tmp_path / "r.npz")
-    assert dict(loaded.meta) == dict(record().meta)
+    assert loaded.meta == META
     for name in ("t", "q", "phase"):
         np.testing.assert_array_equal(loaded[name], record()[name])
 
@@ -47,6 +61,33 @@ def test_a_file_that_is_no_record_is_refused(tmp_path: Path) -> None:
     path.write_text("no")
     with pytest.raises(InvalidInput, match=r"r\.npz: not a record"):
         Record.load(path)
+
+
+def test_a_file_that_is_cut_off_is_refused(tmp_path: Path) -> None:
+    record().save(tmp_path / "r.npz")
+    whole = (tmp_path / "r.npz").read_bytes()
+    for n in (0, 10, len(whole) // 2, len(whole) - 30):
+        (tmp_path / "r.npz").write_bytes(whole[:n])
+        with pytest.raises(InvalidInput, match=r"r\.npz: not a record") as caught:
+            Record.load(tmp_path / "r.npz")
+        assert "\n" not in str(caught.value)
+
+
+def test_a_file_without_times_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "r.npz", q=np.zeros(1), __meta__=np.array(write_meta(META)))
+    with pytest.raises(InvalidInput, match="no series 't'"):
+        Record.load(tmp_path / "r.npz")
+
+
+def test_metadata_of_another_type_are_refused() -> None:
+    with pytest.raises(InvalidInput, match="meta = dict; give a RunMeta or a PlanMeta"):
+        Record(series={"t": np.zeros(1)}, meta={"scenario": "x"})  # type: ignore[arg-type]
+
+
+def test_a_run_is_no_plan() -> None:
+    assert record().run_meta is META
+    with pytest.raises(InvalidInput, match=r"of a run \(é\); give that of a plan"):
+        _ = record().plan_meta
 
 
 def test_a_folder_appears_whole(tmp_path: Path) -> None:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import json
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.run_meta import PlanMeta, RunMeta, read_meta, write_meta
 
 _META_KEY = "__meta__"
 
@@ -19,13 +21,16 @@ _META_KEY = "__meta__"
 class Record:
     """Named time series that share their first axis, and what is needed to read them.
 
-    ``series["t"]`` (n,) [s] is always there; ``meta`` holds JSON values only. Plots and reports read nothing else.
+    Plots and reports read nothing else. Raises `InvalidInput` for metadata of any other type.
     """
 
     series: Mapping[str, np.ndarray]
-    meta: Mapping[str, Any]
+    """By name, read-only, (n, ...) each; ``t`` (n,) [s] is always there."""
+    meta: RunMeta | PlanMeta
 
     def __post_init__(self) -> None:
+        if not isinstance(self.meta, (RunMeta, PlanMeta)):
+            raise InvalidInput(f"meta = {type(self.meta).__name__}; give a RunMeta or a PlanMeta")
         for array in self.series.values():
             array.flags.writeable = False
 
@@ -38,27 +43,46 @@ class Record:
             raise NameNotFound("series", name, sorted(self.series))
         return self.series[name]
 
+    @property
+    def run_meta(self) -> RunMeta:
+        """`meta` of a run. Raises `InvalidInput` for a plan."""
+        if self.meta.kind != "run":
+            raise InvalidInput(f"this record is of a plan ({self.meta.scenario}); give that of a run")
+        return self.meta
+
+    @property
+    def plan_meta(self) -> PlanMeta:
+        """`meta` of a plan. Raises `InvalidInput` for a run."""
+        if self.meta.kind != "plan":
+            raise InvalidInput(f"this record is of a run ({self.meta.scenario}); give that of a plan")
+        return self.meta
+
     def save(self, path: Path | str) -> None:
-        """Write one ``.npz`` file; arrays stay arrays, ``meta`` becomes a JSON string."""
-        text = np.array(json.dumps(dict(self.meta)))
+        """Write one ``.npz`` file; arrays stay arrays, `meta` becomes a JSON string."""
+        text = np.array(write_meta(self.meta))
         with Path(path).open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **{_META_KEY: text}, **self.series)
 
     @staticmethod
     def load(path: Path | str) -> Record:
-        """Read a file written by `save`; raises `InvalidInput` where it is not one."""
+        """Read a file written by `save`, of this version or of 0.1; raises `InvalidInput`, in one line, where it is not one."""
         try:
-            with np.load(path, allow_pickle=False) as data:
+            with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as data:
                 series = {name: data[name] for name in data.files if name != _META_KEY}
-                meta = json.loads(str(data[_META_KEY]))
-        except (OSError, ValueError, KeyError) as error:
+                text = str(data[_META_KEY])
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error) as error:
             raise InvalidInput(f"{path}: not a record written by uvms_ocp ({error})") from error
-        return Record(series=series, meta=meta)
+        if "t" not in series:
+            raise InvalidInput(f"{path}: not a record written by uvms_ocp (no series 't')")
+        try:
+            return Record(series=series, meta=read_meta(text))
+        except InvalidInput as error:
+            raise InvalidInput(f"{path}: {error}") from error
 
 
 def quantity(record: Record, name: str) -> np.ndarray | None:
     """The series (n,) of a measured quantity such as ``T.position_error``; `None` where no task measures it."""
-    names = record.meta.get("quantities", [])
+    names = record.meta.quantities
     return record["quantities"][:, names.index(name)] if name in names else None
 
 
@@ -84,7 +108,7 @@ class Recorder:
         """The newest value of the series `name`."""
         return self._arrays[name][self._n - 1]
 
-    def freeze(self, meta: Mapping[str, Any]) -> Record:
+    def freeze(self, meta: RunMeta | PlanMeta) -> Record:
         """The rows so far as a `Record`."""
         series = {name: array[: self._n].copy() for name, array in self._arrays.items()}
         return Record(series=series, meta=meta)

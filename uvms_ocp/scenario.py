@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from importlib.metadata import version
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from uvms_ocp.collision.obstacle_file import ObstacleData
 from uvms_ocp.control.force.dynamic import DynamicController, VelocityGains
 from uvms_ocp.control.navigation.estimator import Estimator as NavigationEstimator
 from uvms_ocp.control.navigation.estimator import PassThrough
 from uvms_ocp.control.velocity.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.mission.conditions import Below
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.robot import Robot
@@ -29,22 +24,17 @@ from uvms_ocp.preflight.checks import check_mission
 from uvms_ocp.preflight.findings import PreflightReport
 from uvms_ocp.preflight.setup import Setup
 from uvms_ocp.record import Record
+from uvms_ocp.report.meta import Ending, run_meta
+from uvms_ocp.run_meta import RunMeta
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.loop import Controller, Estimator, Plant, simulate
 from uvms_ocp.sim.plant import KinematicPlant
-from uvms_ocp.sim.seafloor import floor_relief
 from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
-from uvms_ocp.solvers.hierarchy.solution import Status
-from uvms_ocp.tasks.pose import ToolPose, ToolPosition
-from uvms_ocp.tasks.reference import evaluate_pose
-from uvms_ocp.version import __version__
 
 Progress = Callable[[float, Command, KinematicController], None]
 PLANTS = ("dynamic", "kinematic")
-_FLOOR_AROUND = 12.0  # [m] of a floor with protuberances that a record keeps around the mission
-_DEPENDENCIES = ("pin", "casadi", "coal", "numpy")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -128,8 +118,21 @@ class Scenario:
         )
         wall = perf_counter() - begin
         truth = kinematic.evaluate(self._true_measurement(plant.state), recorder.last("t"))
-        around = self._surroundings(recorder.last("q"))
-        return recorder.freeze(self._meta(kinematic, wall, truth) | around)
+        ending = Ending(q=recorder.last("q"), quantities=truth, wall_s=wall)
+        return recorder.freeze(self._meta(kinematic, ending))
+
+    def _meta(self, controller: KinematicController, ending: Ending) -> RunMeta:
+        return run_meta(
+            name=self.name,
+            setup=self.setup(),
+            plant=self.plant,
+            solver=type(self.solver).__name__,
+            seed=self.seed,
+            noise=self.sensors != IDEAL_SENSORS,
+            markers=self.markers,
+            controller=controller,
+            ending=ending,
+        )
 
     def _plant_and_controller(self, kinematic: KinematicController) -> tuple[Plant, Controller]:
         if self.plant == "kinematic":
@@ -159,89 +162,6 @@ class Scenario:
         if z <= floor:
             text = f"start position of the vehicle z = {z:g} m is below the seafloor z = {floor:g} m; raise it"
             raise InvalidInput(text)
-
-    def _surroundings(self, end: np.ndarray) -> dict[str, Any]:
-        """Obstacles, and the floor around the way from the start to the configuration `end` (n_q,), to draw."""
-        obstacles = [ObstacleData.of(item) for item in self.environment.obstacles]
-        ends = (self.start[:2], end[:2]) if self.robot.n_vehicle else np.zeros((1, 2))
-        points = np.array([*ends, *(point[:2] for point in self.markers.values())])
-        low, high = points.min(axis=0) - _FLOOR_AROUND, points.max(axis=0) + _FLOOR_AROUND
-        return {
-            "obstacles": [
-                item.model_dump(mode="json", exclude_defaults=True) for item in obstacles if item is not None
-            ],
-            "floor": floor_relief(self.environment.seafloor, low, high),
-        }
-
-    def _meta(self, controller: KinematicController, wall: float, truth: dict[str, float]) -> dict[str, Any]:
-        tasks = self.mission.hierarchy.tasks
-        tools = [task.name for task in tasks if isinstance(task, (ToolPose, ToolPosition))]
-        return {
-            "scenario": self.name,
-            "robot": self.robot.name,
-            "floating": bool(self.robot.n_vehicle),
-            "plant": self.plant,
-            "solver": type(self.solver).__name__,
-            "dt": self.dt,
-            "wall_s": wall,
-            "seed": self.seed,
-            "noise": self.sensors != IDEAL_SENSORS,
-            "true_quantities": truth,
-            "alarms": [{"t": t, "text": text} for t, text in controller.watchdog.alarms],
-            "completed": controller.state.completed,
-            "pending": "" if controller.state.completed else controller.pending(),
-            "events": [
-                {"t": e.t, "source": e.source, "target": e.target, "reason": e.reason} for e in controller.events
-            ],
-            "phases": [
-                {
-                    "name": phase.name,
-                    "title": phase.title,
-                    "tasks": [name for name, gate in phase.gates.items() if gate],
-                }
-                for phase in self.mission.phases
-            ],
-            "tasks": [{"name": task.name, "label": task.label} for task in tasks],
-            "tool_task": tools[0] if tools else None,
-            "levels": [
-                {"name": name, "rows": size}
-                for name, size in zip(controller.problem.names, controller.problem.sizes, strict=True)
-            ],
-            "quantities": list(controller.problem.quantity_names),
-            "statuses": [status.value for status in Status],
-            "joints": list(self.robot.joint_names),
-            "limits": {
-                "position_lower": self.robot.limits.position_lower.tolist(),
-                "position_upper": self.robot.limits.position_upper.tolist(),
-                "velocity": self.robot.limits.velocity.tolist(),
-                "acceleration": self.robot.limits.acceleration.tolist(),
-                "effort": self.robot.limits.effort.tolist(),
-            },
-            "thresholds": [
-                {
-                    "quantity": condition.quantity,
-                    "limit": condition.limit,
-                    "sign": "<" if isinstance(condition, Below) else ">",
-                    "phase": phase.name,
-                }
-                for phase in self.mission.phases
-                for transition in phase.transitions
-                for condition in transition.when
-            ],
-            "frames": {
-                f"goal of {task.name}": pin.SE3ToXYZQUAT(evaluate_pose(task.name, task.goal, 0.0)[0]).tolist()
-                for task in tasks
-                if isinstance(task, ToolPose)
-            },
-            "floor_z": self.environment.seafloor.height(float(self.start[0]), float(self.start[1])),
-            "markers": {name: [float(x) for x in point] for name, point in self.markers.items()},
-            "versions": _versions(),
-        }
-
-
-def _versions() -> dict[str, str]:
-    own = {"uvms_ocp": __version__, "python": platform.python_version()}
-    return own | {name: version(name) for name in _DEPENDENCIES}
 
 
 def pose_at(position: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)) -> pin.SE3:

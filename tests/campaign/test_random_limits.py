@@ -12,7 +12,9 @@ from uvms_ocp.campaign.random_limits import close_quarters, largest, limit_viola
 from uvms_ocp.campaign.random_missions import random_missions
 from uvms_ocp.campaign.study import Study
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.meta_values import PhaseMeta
 from uvms_ocp.record import Record
+from uvms_ocp.run_meta import RunMeta
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.sim.seafloor import FlatSeafloor
 
@@ -26,7 +28,19 @@ def at(*configurations: np.ndarray) -> Record:
     """A record whose measured altitude is always 100 m."""
     n = len(configurations)
     series = {"t": np.arange(n) * 0.1, "q": np.array(configurations), "quantities": np.full((n, 1), 100.0)}
-    return Record(series=series, meta={"quantities": ["MAC.altitude"]})
+    meta = RunMeta(
+        scenario="placed",
+        robot="any",
+        joints=(),
+        phases=(PhaseMeta(name="A"),),
+        quantities=("MAC.altitude",),
+        plant="kinematic",
+        solver="none",
+        floating=True,
+        dt=0.1,
+        completed=True,
+    )
+    return Record(series=series, meta=meta)
 
 
 def lowered(scenario: Scenario, depth: float) -> np.ndarray:

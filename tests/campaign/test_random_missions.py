@@ -49,7 +49,7 @@ def test_what_is_refused_has_a_reason(result: StudyResult) -> None:
 
 def test_a_mission_on_the_dynamic_plant_in_a_current_completes() -> None:
     record = random_mission(seed=1).run()
-    assert record.meta["completed"]
+    assert record.meta.completed
     assert record["thruster_energy"][-1].sum() > 10.0
 
 

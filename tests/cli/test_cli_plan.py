@@ -91,7 +91,7 @@ def test_the_recorded_velocity_is_the_derivative_of_the_configuration(around: Ru
 
 def test_the_scene_holds_the_obstacles(around: Run) -> None:
     record = Record.load(around[1] / "record.npz")
-    assert [item["name"] for item in record.meta["obstacles"]] == ["pile", "crate", "pipe", "sphere1"]
+    assert [item.name for item in record.meta.surroundings.obstacles] == ["pile", "crate", "pipe", "sphere1"]
     assert "<html" in (around[1] / "scene.html").read_text()[:2000].lower()
 
 
@@ -244,12 +244,13 @@ def test_plans_of_either_method_compare_figure_by_figure(around: Run, controlled
 
 
 def test_a_plan_against_anything_else_is_refused_in_one_line(around: Run, tmp_path: Path) -> None:
-    t = np.zeros(1)
-    Record(series={"t": t}, meta={"completed": True}).save(tmp_path / "run.npz")
-    Record(series={"t": t}, meta={}).save(tmp_path / "other.npz")
+    shutil.copy(Path(__file__).parents[1] / "records" / "run_v0_1.npz", tmp_path / "run.npz")
+    np.savez(tmp_path / "other.npz", t=np.zeros(1), __meta__=np.array("{}"))
+    np.savez(tmp_path / "broken.npz", t=np.zeros(1), __meta__=np.array('{"completed": "yes"}'))
     for name, message in (
         ("run.npz", "the second a run"),
-        ("other.npz", "neither a run nor a plan"),
+        ("other.npz", "other.npz: a record of neither a run nor a plan"),
+        ("broken.npz", "broken.npz: "),
         ("", "not a record"),
     ):
         process = compared(around[1], tmp_path / name)

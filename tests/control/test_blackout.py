@@ -11,10 +11,12 @@ import pytest
 from uvms_ocp.control.force.dynamic import DynamicController
 from uvms_ocp.control.navigation.estimator import PassThrough
 from uvms_ocp.control.velocity.kinematic import KinematicController
+from uvms_ocp.meta_values import PhaseMeta
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.sensing import IDEAL_SENSORS
 from uvms_ocp.model.state import Measurement, Readings, State
 from uvms_ocp.record import Record
+from uvms_ocp.run_meta import RunMeta
 from uvms_ocp.scenarios.case1 import case1
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.loop import simulate
@@ -47,7 +49,18 @@ def run(lost: tuple[str, ...], duration: float, back: float = math.inf) -> tuple
         dt=scenario.dt,
         duration=duration,
     )
-    return recorder.freeze({}), kinematic
+    meta = RunMeta(
+        scenario="blackout",
+        robot=robot.name,
+        joints=robot.joint_names,
+        phases=(PhaseMeta(name="A"),),
+        plant="dynamic",
+        solver="none",
+        floating=True,
+        dt=scenario.dt,
+        completed=False,
+    )
+    return recorder.freeze(meta), kinematic
 
 
 @pytest.mark.parametrize("lost", [ALL, ("linear_velocity",), ("joint_positions",), ("altimeter_range",)])

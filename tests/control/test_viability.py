@@ -194,15 +194,15 @@ def test_case_1_among_obstacles_steps_within_the_accelerations_and_keeps_clear(c
     scenario = case1_among_obstacles
     limits = scenario.robot.limits
     record = scenario.run()
-    assert record.meta["completed"]
-    assert [event["target"] for event in record.meta["events"]] == ["B", "C", "D", "done"]
+    assert record.meta.completed
+    assert [event.target for event in record.meta.events] == ["B", "C", "D", "done"]
     steps = np.abs(np.diff(record["command"], axis=0, prepend=0.0)) / (limits.acceleration * scenario.dt)
     assert steps.max() <= 1.0 + 1e-6
     violations = limit_violations(scenario, record)
     assert violations["CL_m"] <= 1e-6
     assert violations["SC_m"] <= 1e-6
     assert violations["joints_rad"] <= 1e-6
-    distances = record["quantities"][:, record.meta["quantities"].index("CL.clearance")]
+    distances = record["quantities"][:, record.meta.quantities.index("CL.clearance")]
     assert distances.min() < 0.1  # the obstacles are in the way
 
 

@@ -60,7 +60,7 @@ def test_a_silent_sensor_is_reported_and_the_mission_does_not_go_on() -> None:
     dead = dataclasses.replace(IDEAL_SENSORS, linear_velocity=SensorSpec(rate=0.2))
     scenario = dataclasses.replace(case1(duration=6.0), sensors=dead)
     record = scenario.run()
-    texts = [alarm["text"] for alarm in record.meta["alarms"]]
+    texts = [alarm.text for alarm in record.meta.alarms]
     assert any("holding" in text for text in texts)
     assert any("going on" in text for text in texts)
     assert record["freshness"].max() >= 1

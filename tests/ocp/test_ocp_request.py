@@ -12,13 +12,13 @@ import pytest
 
 from uvms_ocp.collision import collision_scene, coordinates
 from uvms_ocp.collision.coal_distances import CoalDistances
-from uvms_ocp.collision.obstacle_file import ObstacleData
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.kinematics import Kinematics
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.obstacles import Obstacle, obstacle
 from uvms_ocp.model.state import State
+from uvms_ocp.obstacle_data import ObstacleData
 from uvms_ocp.ocp.capsule_clearance import capsule_clearance, nearest_capsules
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.problem import OcpLevel, single_phase
@@ -112,7 +112,7 @@ def test_the_record_adds_up(planar: Robot) -> None:
     steps = np.diff(record["q"], axis=0) / np.diff(record["t"])[:, None]
     middle = (record["x_rate"][:-1] + record["x_rate"][1:]) / 2
     np.testing.assert_allclose(steps, middle, atol=1e-2)
-    assert record.meta["clearance_groups"][0] == "ball"
+    assert record.meta.clearance_groups[0] == "ball"
 
 
 @pytest.mark.parametrize(

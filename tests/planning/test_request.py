@@ -7,13 +7,19 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.collision.obstacle_file import ObstacleData, obstacle_from_words, read_obstacles
+from uvms_ocp.collision.obstacle_file import (
+    build_obstacle,
+    describe_obstacle,
+    obstacle_from_words,
+    read_obstacles,
+)
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.kinematics import Kinematics
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.collision_model import CollisionModel
 from uvms_ocp.model.shapes.obstacles import mesh_shape, obstacle
+from uvms_ocp.obstacle_data import ObstacleData
 from uvms_ocp.planning.request import PlanRequest, PostureGoal, ToolGoal, solve
 from uvms_ocp.report.planned_motion import motion_record, plan_report
 
@@ -49,7 +55,7 @@ def test_the_clearance_of_each_obstacle_is_recorded(robot: Robot) -> None:
     result = solve(PlanRequest(robot=robot, start=robot.configuration(), goal=goal, obstacles=(BALL,)))
     assert result.plan is not None
     record = motion_record(result, result.plan)
-    assert record.meta["clearance_groups"] == ["ball", "its own links"]
+    assert record.meta.clearance_groups == ("ball", "its own links")
     assert record["clearance"].min() == pytest.approx(plan_report(result)["min_clearance_m"], abs=1e-3)
 
 
@@ -71,7 +77,7 @@ def test_words_and_files_build_the_same_obstacle(shape: str, size: int, kind: ty
     path = tmp_path / "a.yaml"
     path.write_text(f"obstacles: [{{name: a, shape: {shape}, size: {sizes}, position: [1.0, -2.0, 0.5]}}]")
     assert read_obstacles(path) == (words,)
-    assert isinstance(words.build().shape, kind)
+    assert isinstance(build_obstacle(words).shape, kind)
     assert ObstacleData.model_validate(words.model_dump(mode="json")) == words
 
 
@@ -94,16 +100,16 @@ def test_data_of_an_obstacle_build_it_again(shape: coal.CollisionGeometry, robot
     """The same distances of the whole robot, after a detour through JSON."""
     turned = pin.rpy.rpyToMatrix(0.3, -0.8, 2.0)
     item = obstacle("thing", shape, (1.5, 1.0, -0.5), turned)
-    data = ObstacleData.of(item)
+    data = describe_obstacle(item)
     assert data is not None
-    built = ObstacleData.model_validate_json(data.model_dump_json(exclude_defaults=True)).build()
+    built = build_obstacle(ObstacleData.model_validate_json(data.model_dump_json(exclude_defaults=True)))
     q = robot.configuration()
     given, again = (CollisionModel(robot, [thing], self_collision=False).values(q) for thing in (item, built))
     np.testing.assert_allclose(again, given, atol=1e-7)
 
 
 def test_a_shape_without_an_end_has_no_data() -> None:
-    assert ObstacleData.of(obstacle("wall", coal.Halfspace(np.array([0.0, 0, 1]), 0.0), (0, 0, 0))) is None
+    assert describe_obstacle(obstacle("wall", coal.Halfspace(np.array([0.0, 0, 1]), 0.0), (0, 0, 0))) is None
 
 
 @pytest.mark.parametrize(

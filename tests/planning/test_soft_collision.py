@@ -293,7 +293,7 @@ def test_a_straight_line_through_an_obstacle_is_bent_around_it(
     assert limits.ratio(plan.trajectory) == pytest.approx(1.0, abs=1e-9)
     np.testing.assert_allclose(plan.trajectory.evaluate([t[0], t[-1]]), ends, atol=1e-10)
     np.testing.assert_allclose(plan.trajectory.evaluate([t[0], t[-1]], 1), 0.0, atol=1e-10)
-    assert plan.clearance.pair in {pair.name for pair in blocked.pairs}
+    assert plan.clearance.nearest.pair in {pair.name for pair in blocked.pairs}
     assert plan.status.advice
 
 
@@ -337,8 +337,8 @@ def test_a_plan_that_collides_says_so(robot: Robot, planned: Coordinates, ends: 
     plan = plan_soft_collision(wall, ends, limits=limits_of(robot), options=options)
     assert plan.status is PlanStatus.COLLIDING
     assert not plan.collision_free
-    assert plan.clearance.min_clearance <= 0.0
-    assert plan.clearance.pair.startswith("wall")
+    assert plan.clearance.nearest.distance <= 0.0
+    assert plan.clearance.nearest.pair.startswith("wall")
 
 
 def test_an_end_point_in_collision_or_out_of_limits_is_refused(

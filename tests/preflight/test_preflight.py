@@ -107,7 +107,7 @@ def test_the_side_from_which_the_vehicle_comes_decides(start_x: float, severity:
     (finding,) = scenario.check().of_check("reachability")
     assert finding.severity is severity
     assert finding.figures["missing_best_m"] < 1e-3 < finding.figures["missing_worst_m"]
-    assert scenario.run().meta["completed"] is completes
+    assert scenario.run().meta.completed is completes
 
 
 def test_the_suggested_way_point_is_accepted(refused: PreflightReport) -> None:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.meta_values import LevelMeta, LimitsMeta, PhaseMeta, TaskMeta
 from uvms_ocp.record import Record
 from uvms_ocp.report.transitions import transition_series, transition_table
+from uvms_ocp.run_meta import RunMeta
 from uvms_ocp.viz.comparison import figure_transitions
 
 DT = 0.1
@@ -25,13 +30,28 @@ def record() -> Record:
     residual = np.zeros((n, 4))
     residual[20:, 2] = 0.3  # the safety task
     residual[30:, 3] = 0.7  # the action
-    meta = {
-        "dt": DT,
-        "limits": {"acceleration": [1.0, 2.0]},
-        "phases": [{"name": "A"}, {"name": "B"}],
-        "tasks": [{"name": "S", "label": "[R,I,S]"}, {"name": "G", "label": "[R,E,AD]"}],
-        "levels": [{"name": "limits", "rows": 2}, {"name": "S", "rows": 1}, {"name": "G", "rows": 1}],
-    }
+    unlimited = (np.inf, np.inf)
+    limits = LimitsMeta(
+        position_lower=(-np.inf, -np.inf),
+        position_upper=unlimited,
+        velocity=unlimited,
+        acceleration=(1.0, 2.0),
+        effort=unlimited,
+    )
+    meta = RunMeta(
+        scenario="two axes",
+        robot="planar",
+        joints=("x", "y"),
+        phases=(PhaseMeta(name="A"), PhaseMeta(name="B")),
+        tasks=(TaskMeta(name="S", label="[R,I,S]"), TaskMeta(name="G", label="[R,E,AD]")),
+        levels=tuple(LevelMeta(name=name, rows=rows) for name, rows in (("limits", 2), ("S", 1), ("G", 1))),
+        limits=limits,
+        plant="kinematic",
+        solver="none",
+        floating=False,
+        dt=DT,
+        completed=True,
+    )
     phase = (t > 1.95).astype(int)
     series = {"t": t, "command": command, "gates": gates, "residual": residual, "phase": phase}
     return Record(series=series, meta=meta)
@@ -62,3 +82,9 @@ def test_the_figure_has_one_line_for_every_run(record: Record) -> None:
     figure = figure_transitions({"one": series, "two": series})
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["one", "two"]
     assert len(figure.axes) == 3
+
+
+def test_a_record_without_limits_has_no_shares_of_them(record: Record) -> None:
+    poor = replace(record, meta=record.meta.model_copy(update={"limits": None}))
+    with pytest.raises(InvalidInput, match="tells no limits"):
+        transition_series(poor)

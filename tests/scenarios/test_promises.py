@@ -77,15 +77,15 @@ def test_a_transit_ends_above_its_way_point(relief: str, threshold: float) -> No
     record = transit(relief=relief, threshold=threshold, length=12.0).run()
     altitude = quantity(record, "MAC.altitude")
     assert altitude is not None
-    assert record.meta["completed"]
-    assert np.ptp(record.meta["floor"]["z"]) > 0.0
+    assert record.meta.completed
+    assert np.ptp(record.meta.surroundings.floor.z) > 0.0
     assert altitude[len(altitude) // 2 :].min() > 0.7 * threshold
     assert np.isfinite(record["q"]).all()
 
 
 def in_phase(record: Record, name: str) -> np.ndarray:
     """Mask (n,) of the ticks of a phase."""
-    names = [phase["name"] for phase in record.meta["phases"]]
+    names = [phase.name for phase in record.meta.phases]
     return record["phase"] == names.index(name)
 
 
@@ -132,7 +132,7 @@ def test_the_valve_is_turned_in_view_of_the_camera() -> None:
     scenario = bluerov_inspection(plant="kinematic", dt=0.02)
     assert scenario.check().accepted
     record = scenario.run()
-    assert record.meta["completed"]
+    assert record.meta.completed
     turning = in_phase(record, "C")
     error, angle = quantity(record, "TP.position_error"), quantity(record, "FV.angle")
     assert error is not None
@@ -145,8 +145,8 @@ def test_clearance_keeps_the_whole_robot_away_from_the_obstacles_that_it_would_h
     scenario = obstacle_field(dt=0.02)
     kept = scenario.run()
     lost = obstacle_field(with_clearance=False, dt=0.02, duration=12.0).run()
-    assert kept.meta["completed"]
-    assert [item["name"] for item in kept.meta["obstacles"]] == ["boulder", "pillar", "wreck"]
+    assert kept.meta.completed
+    assert [item.name for item in kept.meta.surroundings.obstacles] == ["boulder", "pillar", "wreck"]
     closest = closest_approach(scenario.robot, scenario.environment, kept["q"][::5], self_collision=True)
     assert closest.distance > 0.02
     assert closest_approach(scenario.robot, scenario.environment, kept["q"][::5]).distance > 0.1
@@ -156,5 +156,5 @@ def test_clearance_keeps_the_whole_robot_away_from_the_obstacles_that_it_would_h
 def test_without_water_the_obstacles_are_kept_at_the_threshold() -> None:
     scenario = obstacle_field(plant="kinematic", dt=0.02)
     record = scenario.run()
-    assert record.meta["completed"]
+    assert record.meta.completed
     assert closest_approach(scenario.robot, scenario.environment, record["q"]).distance > 0.15 - 1e-6

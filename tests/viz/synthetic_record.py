@@ -7,14 +7,24 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.meta_values import LevelMeta, MarkerMeta, PhaseMeta, SurroundingsMeta, TaskMeta, ThresholdMeta
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.record import Record
+from uvms_ocp.run_meta import RunMeta
 
 QUANTITIES = ("AT.misalignment", "LA.altitude", "PC.position_error", "PC.orientation_error", "T.position_error")
 
+SURROUNDINGS = SurroundingsMeta(
+    floor_z=-40.0,
+    markers=(
+        MarkerMeta(name="target", position=(2.5, 1.0, -39.9)),
+        MarkerMeta(name="way point", position=(1.5, 0.5, -38.0)),
+    ),
+)
+
 
 def synthetic_record(robot: Robot, *, duration: float = 6.0, dt: float = 0.02, **meta: Any) -> Record:
-    """A smooth motion of `duration` [s] from the robot's neutral posture; `meta` adds to or replaces entries."""
+    """A smooth motion of `duration` [s] from the robot's neutral posture; `meta` adds to or replaces fields of `RunMeta`."""
     t = np.arange(round(duration / dt) + 1) * dt
     q, v = _motion(robot, t)
     phase = (t > 0.6 * duration).astype(int)
@@ -32,7 +42,7 @@ def synthetic_record(robot: Robot, *, duration: float = 6.0, dt: float = 0.02, *
         "tick_time": 1e-4 * (1.5 + np.sin(7 * t)),
         **_efforts(robot, t),
     }
-    return Record(series=series, meta={**_meta(robot), **meta})
+    return Record(series=series, meta=RunMeta(**{**_meta(robot), **meta}))
 
 
 def _efforts(robot: Robot, t: np.ndarray) -> dict[str, np.ndarray]:
@@ -56,27 +66,22 @@ def _motion(robot: Robot, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _meta(robot: Robot) -> dict[str, Any]:
+    tasks = {"PC": "vehicle pose", "T": "tool pose", "HA": "horizontal attitude"}
+    rows = {"limits": robot.n_v, "PC": 2, "T": 1, "HA": 0}
     return {
         "scenario": "synthetic",
         "robot": robot.name,
+        "plant": "dynamic",
+        "solver": "none",
+        "floating": bool(robot.n_vehicle),
+        "dt": 0.02,
         "completed": True,
-        "events": [],
-        "phases": [{"name": "A", "title": "way point"}, {"name": "B", "title": "tool frame"}],
-        "tasks": [
-            {"name": "PC", "label": "vehicle pose"},
-            {"name": "T", "label": "tool pose"},
-            {"name": "HA", "label": "horizontal attitude"},
-        ],
+        "phases": (PhaseMeta(name="A", title="way point"), PhaseMeta(name="B", title="tool frame")),
+        "tasks": tuple(TaskMeta(name=name, label=label) for name, label in tasks.items()),
         "tool_task": "T",
-        "levels": [
-            {"name": "limits", "rows": robot.n_v},
-            {"name": "PC", "rows": 2},
-            {"name": "T", "rows": 1},
-            {"name": "HA", "rows": 0},
-        ],
-        "quantities": list(QUANTITIES),
-        "thresholds": [{"quantity": "LA.altitude", "limit": 0.17, "phase": "A"}],
-        "joints": list(robot.joint_names),
-        "floor_z": -40.0,
-        "markers": {"target": [2.5, 1.0, -39.9], "way point": [1.5, 0.5, -38.0]},
+        "levels": tuple(LevelMeta(name=name, rows=n) for name, n in rows.items()),
+        "quantities": QUANTITIES,
+        "thresholds": (ThresholdMeta(quantity="LA.altitude", limit=0.17, sign="<", phase="A"),),
+        "joints": robot.joint_names,
+        "surroundings": SURROUNDINGS,
     }

@@ -17,14 +17,11 @@ from uvms_ocp.exceptions import InvalidInput, OutputError
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.record import Record
-from uvms_ocp.viz.plots import (
-    FIGURES,
-    figure_activations,
-    figure_altitude,
-    figure_errors,
-    figure_velocities,
-    write_figures,
-)
+from uvms_ocp.run_meta import RunMeta
+from uvms_ocp.viz.activation_figures import figure_activations
+from uvms_ocp.viz.motion_figures import figure_velocities
+from uvms_ocp.viz.quantity_figures import figure_altitude, figure_errors
+from uvms_ocp.viz.run_figures import FIGURES, write_figures
 from uvms_ocp.viz.series import phase_spans, task_activity
 
 _PNG = b"\x89PNG"
@@ -36,10 +33,6 @@ def _texts(figure: Figure) -> str:
     return "\n".join([*words, *notes])
 
 
-def _without(record: Record, *names: str) -> Record:
-    return replace(record, meta={name: value for name, value in record.meta.items() if name not in names})
-
-
 def test_every_figure_of_a_complete_record_is_written_as_png(record: Record, tmp_path: Path) -> None:
     paths = write_figures(record, tmp_path / "figures")
     assert [path.stem for path in paths] == list(FIGURES)
@@ -47,7 +40,7 @@ def test_every_figure_of_a_complete_record_is_written_as_png(record: Record, tmp
 
 
 def test_figures_whose_quantities_are_missing_are_left_out(record: Record) -> None:
-    poor = replace(record, meta={**record.meta, "quantities": []})
+    poor = replace(record, meta=record.meta.model_copy(update={"quantities": ()}))
     assert figure_errors(poor) is None
     assert figure_altitude(poor) is None
     assert figure_velocities(poor) is not None
@@ -55,7 +48,8 @@ def test_figures_whose_quantities_are_missing_are_left_out(record: Record) -> No
 
 def test_a_record_with_nothing_but_time_and_motion_still_gives_figures(record: Record, tmp_path: Path) -> None:
     series = {name: record[name] for name in ("t", "q", "v")}
-    bare = Record(series=series, meta={"joints": record.meta["joints"]})
+    told = ("scenario", "robot", "joints", "phases", "plant", "solver", "floating", "dt", "completed")
+    bare = Record(series=series, meta=RunMeta(**{name: getattr(record.meta, name) for name in told}))
     assert {path.stem for path in write_figures(bare, tmp_path)} == {"velocities", "joints", "path"}
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -14,16 +15,18 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import umsgpack
-from synthetic_record import synthetic_record
+from synthetic_record import SURROUNDINGS, synthetic_record
 
 from uvms_ocp.exceptions import InvalidInput, OutputError
+from uvms_ocp.meta_values import FloorRelief, FrameMeta, MarkerMeta, SurroundingsMeta
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.obstacle_data import ObstacleData
 from uvms_ocp.record import Record
-from uvms_ocp.viz.scene import show, write_scene
+from uvms_ocp.viz.scene.shapes import draw_shape, tube
+from uvms_ocp.viz.scene.show import show, write_scene
+from uvms_ocp.viz.scene.viewer import CommandLog
 from uvms_ocp.viz.series import floor_heights
-from uvms_ocp.viz.shapes import draw_shape, tube
-from uvms_ocp.viz.viewer import CommandLog
 
 _FPS = 25
 _KINDS = ("set_object", "set_transform")
@@ -100,7 +103,8 @@ def test_the_vehicle_is_animated_through_the_recorded_poses(page: str, record: R
 
 
 def test_a_long_run_keeps_the_page_below_ten_megabytes(robot: Robot) -> None:
-    long = synthetic_record(robot, duration=400.0, dt=0.1, floor_z=-400.0)
+    deep = SURROUNDINGS.model_copy(update={"floor_z": -400.0})
+    long = synthetic_record(robot, duration=400.0, dt=0.1, surroundings=deep)
     html = show(long, robot, fps=_FPS).html
     assert len(html) < 10_000_000
     assert _positions(html, "root_joint")[-1]["time"] / _FPS == pytest.approx(400.0)
@@ -120,38 +124,40 @@ def test_markers_and_trails_are_drawn(page: str) -> None:
 
 
 def test_frames_of_the_record_become_triads(record: Record, robot: Robot) -> None:
-    meta = {**record.meta, "frames": {"tool goal": [2.5, 1.0, -39.9, 1.0, 0.0, 0.0, 0.0]}}
-    page = show(Record(series=record.series, meta=meta), robot).html
+    goal = FrameMeta(name="tool goal", pose=(2.5, 1.0, -39.9, 1.0, 0.0, 0.0, 0.0))
+    page = show(_with_surroundings(record, frames=(goal,)), robot).html
     assert "/meshcat/scene/goals/frame tool goal/x" in {command["path"] for command in _commands(page)}
 
 
-def _with_meta(record: Record, **meta: Any) -> Record:
-    return Record(series=record.series, meta={**record.meta, **meta})
+def _with_surroundings(record: Record, **values: Any) -> Record:
+    around = record.meta.surroundings.model_copy(update=values)
+    return replace(record, meta=record.meta.model_copy(update={"surroundings": around}))
 
 
 def test_obstacles_of_the_record_are_drawn_where_they_are(record: Record, robot: Robot) -> None:
-    ball = {"name": "ball", "shape": "sphere", "size": [0.5], "position": [1.0, 2.0, -38.0]}
-    pages = [_commands(show(item, robot).html) for item in (record, _with_meta(record, obstacles=[ball]))]
+    ball = ObstacleData(name="ball", shape="sphere", size=(0.5,), position=(1.0, 2.0, -38.0))
+    pages = [_commands(show(item, robot).html) for item in (record, _with_surroundings(record, obstacles=(ball,)))]
     drawn, placed = ([c for c in pages[1] if c["type"] == kind and "/obstacles/" in c["path"]] for kind in _KINDS)
     assert not any("/obstacles/" in command.get("path", "") for command in pages[0])
     assert drawn[0]["object"]["geometries"][0]["radius"] == 0.5
     moved = next(c for c in placed if c["path"].endswith("/obstacles/000"))
-    np.testing.assert_allclose(np.array(moved["matrix"])[12:15], ball["position"], atol=1e-6)
+    np.testing.assert_allclose(np.array(moved["matrix"])[12:15], ball.position, atol=1e-6)
 
 
 def test_a_floor_with_protuberances_is_part_of_the_page(record: Record, robot: Robot) -> None:
-    floor = {"x": [-5.0, 0.0, 5.0], "y": [-5.0, 5.0], "z": [[-40.0, -39.0, -40.0], [-40.0, -38.5, -40.0]]}
-    details = _details(show(_with_meta(record, floor=floor), robot).html)
+    z = ((-40.0, -39.0, -40.0), (-40.0, -38.5, -40.0))
+    floor = FloorRelief(x=(-5.0, 0.0, 5.0), y=(-5.0, 5.0), z=z)
+    details = _details(show(_with_surroundings(record, floor=floor), robot).html)
     heights = np.array(details["relief"]["z"])
     assert heights.shape == (2, 3)
-    np.testing.assert_allclose(heights - heights.min(), np.array(floor["z"]) + 40.0, atol=2e-3)
+    np.testing.assert_allclose(heights - heights.min(), np.array(z) + 40.0, atol=2e-3)
     assert details["floor"] == pytest.approx(heights.min(), abs=2e-3)
     assert _details(show(record, robot).html)["relief"] is None
 
 
 def test_markers_stand_on_the_floor_below_them(record: Record) -> None:
-    floor = {"x": [0.0, 2.0], "y": [0.0, 2.0], "z": [[-40.0, -40.0], [-39.0, -39.0]]}
-    heights = floor_heights(_with_meta(record, floor=floor), np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 9.0]]))
+    floor = FloorRelief(x=(0.0, 2.0), y=(0.0, 2.0), z=((-40.0, -40.0), (-39.0, -39.0)))
+    heights = floor_heights(_with_surroundings(record, floor=floor), np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 9.0]]))
     np.testing.assert_allclose(heights, [-40.0, -39.5, -39.0])
     np.testing.assert_allclose(floor_heights(record, np.zeros((2, 2))), -40.0)
 
@@ -169,7 +175,8 @@ def test_no_server_and_no_browser_are_started(
 
 def test_text_of_a_user_cannot_break_out_of_the_page(robot: Robot) -> None:
     evil = "</script><img src=http://example.org>"
-    record = synthetic_record(robot, scenario=evil, markers={evil.replace("/", ""): [0, 0, -39]})
+    marker = MarkerMeta(name=evil.replace("/", ""), position=(0, 0, -39))
+    record = synthetic_record(robot, scenario=evil, surroundings=SurroundingsMeta(markers=(marker,)))
     parser = _References()
     parser.feed(show(record, robot).html)
     assert all(reference.startswith("data:") for reference in parser.found)

@@ -91,7 +91,7 @@ def run_mission(case: dict[str, Any]) -> Row:
     cause = cause_of_end(record)
     return {
         **row,
-        "completed": bool(record.meta["completed"]),
+        "completed": record.run_meta.completed,
         "cause": cause["kind"],
         "text": cause["text"],
         "clearance_m": guarded_clearance(scenario, record),

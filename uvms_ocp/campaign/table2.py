@@ -50,7 +50,7 @@ def run_transit(case: dict[str, Any]) -> Row:
     closest = closest_approach(scenario.robot, scenario.environment, record["q"][::_EVERY])
     return {
         **case,
-        "completed": bool(record.meta["completed"]),
+        "completed": record.run_meta.completed,
         "duration_s": float(record["t"][-1]),
         "clearance_m": closest.distance,
         "closest_pair": closest.pair,

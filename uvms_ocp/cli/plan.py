@@ -13,10 +13,11 @@ from rich.console import Console
 
 from uvms_ocp.cli.options import NOT_COMPLETED, Json, folder, given
 from uvms_ocp.cli.printing import print_json, print_paths
-from uvms_ocp.collision.obstacle_file import ObstacleData, obstacle_from_words, read_obstacles
+from uvms_ocp.collision.obstacle_file import obstacle_from_words, read_obstacles
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.obstacle_data import ObstacleData
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.request import OcpRequest, solve_ocp
 from uvms_ocp.output import staged_folder
@@ -110,7 +111,7 @@ class _Made:
     def write(self, folder: Path) -> None:
         """The report always, the rest where there is a motion; a colliding one is worth looking at."""
         from uvms_ocp.viz.plan_figures import write_plan_figures
-        from uvms_ocp.viz.scene import write_scene
+        from uvms_ocp.viz.scene.show import write_scene
 
         (folder / "report.json").write_text(json.dumps(self.report, indent=2) + "\n")
         if self.record is None:

@@ -137,8 +137,8 @@ def _progress(console: Console) -> Iterator[Progress]:
 
 
 def _write(scenario: Scenario, record: Record, report: dict[str, Any], folder: Path) -> None:
-    from uvms_ocp.viz.plots import write_figures
-    from uvms_ocp.viz.scene import write_scene
+    from uvms_ocp.viz.run_figures import write_figures
+    from uvms_ocp.viz.scene.show import write_scene
 
     record.save(folder / "record.npz")
     (folder / "report.json").write_text(json.dumps(report, indent=2) + "\n")

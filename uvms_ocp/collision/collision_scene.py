@@ -31,6 +31,18 @@ class Pair:
     name: str
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Nearest:
+    """The smallest of many distances."""
+
+    distance: float
+    """[m]; infinite where there are no pairs."""
+    time: float
+    """[s] where it is."""
+    pair: str
+    """The two shapes it is between; empty where there are no pairs."""
+
+
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class CollisionScene:
     """What ``collision_scene`` builds: a geometry model whose pairs are the ones checked."""
@@ -58,6 +70,13 @@ class CollisionScene:
     def is_obstacle(self, shape: int) -> bool:
         """True for the index of an obstacle; the robot's own shapes come first."""
         return shape >= self.coordinates.robot.collision_model.ngeoms
+
+    def nearest(self, t: Array, distances: Array) -> Nearest:
+        """The smallest of the distances (n, n_pairs) [m] at times t (n,) [s]."""
+        if not distances.size:
+            return Nearest(distance=np.inf, time=0.0, pair="")
+        row, pair = np.unravel_index(int(np.argmin(distances)), distances.shape)
+        return Nearest(distance=float(distances[row, pair]), time=float(t[row]), pair=self.pairs[pair].name)
 
     def groups(self) -> dict[str, list[int]]:
         """Indices of pairs by the obstacle they are with, and those of two links."""

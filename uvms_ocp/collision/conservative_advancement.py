@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from uvms_ocp.collision.collision_scene import CollisionScene
+from uvms_ocp.collision.collision_scene import CollisionScene, Nearest
 from uvms_ocp.model.axis_reach import largest_change
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 
@@ -39,12 +39,8 @@ class ClearanceReport:
     """No sample collides and no motion between samples can."""
     undecided: bool
     """No collision was found, but intervals too short to halve could not be excluded."""
-    min_clearance: float
-    """[m] smallest distance at any sample; negative in collision."""
-    time: float
-    """[s] where it is."""
-    pair: str
-    """The two shapes it is between."""
+    nearest: Nearest
+    """The smallest distance at any sample; negative in collision."""
     n_samples: int
 
 
@@ -65,12 +61,12 @@ def check_clearance(
     """
     middle, half = _first_intervals(trajectory, per_piece)
     acceleration = _acceleration_bounds(trajectory)
-    worst, n_samples, undecided = (np.inf, 0.0, 0), 0, False
+    worst, n_samples, undecided = Nearest(distance=np.inf, time=0.0, pair=""), 0, False
     while middle.size:
         d = distances.distances(trajectory.evaluate(middle))
         n_samples += middle.size
-        worst = min(worst, _smallest(d, middle))
-        if worst[0] <= 0.0 and not all_collisions:
+        worst = min(worst, distances.scene.nearest(middle, d), key=lambda near: (near.distance, near.time))
+        if worst.distance <= 0.0 and not all_collisions:
             break
         move = _motion_bound(trajectory, middle, half, acceleration)
         open_ = ~(d - largest_change(distances.scene.reach, move) > _TOLERANCE).all(axis=1)
@@ -78,11 +74,9 @@ def check_clearance(
         undecided |= bool(short.any())
         middle, half = _halved(middle[open_ & ~short], half[open_ & ~short])
     return ClearanceReport(
-        collision_free=worst[0] > 0.0 and not undecided,
-        undecided=worst[0] > 0.0 and undecided,
-        min_clearance=float(worst[0]),
-        time=float(worst[1]),
-        pair=distances.scene.pairs[worst[2]].name if distances.scene.pairs else "",
+        collision_free=worst.distance > 0.0 and not undecided,
+        undecided=worst.distance > 0.0 and undecided,
+        nearest=worst,
         n_samples=n_samples,
     )
 
@@ -123,10 +117,3 @@ def _motion_bound(trajectory: PiecewisePolynomial, middle: Array, half: Array, a
 def _halved(middle: Array, half: Array) -> tuple[Array, Array]:
     quarter = half / 2.0
     return np.concatenate([middle - quarter, middle + quarter]), np.concatenate([quarter, quarter])
-
-
-def _smallest(d: Array, times: Array) -> tuple[float, float, int]:
-    if d.shape[1] == 0:
-        return np.inf, float(times[0]), 0
-    sample, pair = np.unravel_index(int(np.argmin(d)), d.shape)
-    return float(d[sample, pair]), float(times[sample]), int(pair)

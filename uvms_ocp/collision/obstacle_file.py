@@ -1,12 +1,10 @@
-"""Obstacles as data: a YAML file, words of a command line, and the values that a ``Record`` keeps of them.
+"""Obstacles from a YAML file or from words of a command line, and the way from `ObstacleData` to shapes and back.
 
     obstacles:
       - {name: pile, shape: cylinder, size: [0.2, 3.0], position: [1.5, 0.0, 0.0]}
       - {name: crate, shape: box, size: [0.4, 0.4, 0.8], position: [2.0, 1.0, -0.5], rpy: [0.0, 0.0, 0.3]}
 
-``size`` [m] is (radius) of a sphere, (radius, length) of a capsule, cylinder or cone along z, (x, y, z) of a box, half axes
-of an ellipsoid; a capsule's length is that of its straight part. ``position`` [m] and ``rpy`` [rad], R = Rz Ry Rx, are of its
-middle in W. A mesh has ``vertices`` [m] and ``triangles``, three indices each, instead of a size.
+The entries are the fields of `ObstacleData`.
 """
 
 from __future__ import annotations
@@ -14,23 +12,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import coal
 import numpy as np
 import pinocchio as pin
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, ValidationError
 from scipy.spatial import ConvexHull
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.shapes.obstacles import Obstacle, mesh_shape, obstacle
+from uvms_ocp.obstacle_data import N_SIZES, ObstacleData
 
 _MESH = "mesh"
 _EXAMPLE = "obstacles: [{name: ball, shape: sphere, size: [0.3], position: [1.0, 0.0, 0.0]}]"
-_N_SIZES: Mapping[str, int] = MappingProxyType(
-    {"sphere": 1, "capsule": 2, "cylinder": 2, "cone": 2, "box": 3, "ellipsoid": 3, _MESH: 0}
-)
 _SHAPES: Mapping[str, Callable[..., coal.ShapeBase]] = MappingProxyType(
     {
         "sphere": coal.Sphere,
@@ -41,51 +37,6 @@ _SHAPES: Mapping[str, Callable[..., coal.ShapeBase]] = MappingProxyType(
         "ellipsoid": coal.Ellipsoid,
     }
 )
-Triple = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
-
-
-class ObstacleData(BaseModel):
-    """One obstacle; see the module."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    name: Annotated[str, Field(min_length=1)]
-    shape: Literal["sphere", "capsule", "cylinder", "cone", "box", "ellipsoid", "mesh"]
-    size: tuple[Annotated[FiniteFloat, Field(gt=0.0)], ...] = ()
-    vertices: tuple[Triple, ...] = ()
-    triangles: tuple[tuple[int, int, int], ...] = ()
-    position: Triple
-    rpy: Triple = (0.0, 0.0, 0.0)
-
-    @model_validator(mode="after")
-    def _has_its_sizes(self) -> ObstacleData:
-        if len(self.size) != _N_SIZES[self.shape]:
-            raise ValueError(f"a {self.shape} has {_N_SIZES[self.shape]} sizes, not {len(self.size)}")
-        corners = [corner for triangle in self.triangles for corner in triangle]
-        if (self.shape == _MESH) != bool(corners) or not all(0 <= corner < len(self.vertices) for corner in corners):
-            raise ValueError("a mesh, and only a mesh, has triangles, with indices from 0 below the number of vertices")
-        return self
-
-    @staticmethod
-    def of(item: Obstacle) -> ObstacleData | None:
-        """The data from which `build` makes the obstacle again, a convex shape as the mesh of its surface.
-
-        `None` for a shape without an end, such as a plane.
-        """
-        form = _form(item.shape)
-        if form is None:
-            return None
-        rpy = pin.rpy.matrixToRpy(item.X_WO.rotation)
-        return ObstacleData(name=item.name, position=item.X_WO.translation.tolist(), rpy=rpy.tolist(), **form)
-
-    def build(self) -> Obstacle:
-        """The obstacle itself."""
-        rotation = pin.rpy.rpyToMatrix(*self.rpy)
-        if self.shape == _MESH:
-            shape = mesh_shape(np.array(self.vertices), np.array(self.triangles))
-        else:
-            shape = _SHAPES[self.shape](*self.size)
-        return obstacle(self.name, shape, self.position, rotation)
 
 
 class ObstacleFile(BaseModel):
@@ -116,7 +67,7 @@ def obstacle_from_words(shape: str, words: str, name: str) -> ObstacleData:
         InvalidInput: words that are not numbers, too many or too few, or a size that is not positive.
     """
     given = words.replace(",", " ").split()
-    wanted = 3 + _N_SIZES[shape]
+    wanted = 3 + N_SIZES[shape]
     try:
         numbers = [float(word) for word in given]
     except ValueError:
@@ -127,6 +78,28 @@ def obstacle_from_words(shape: str, words: str, name: str) -> ObstacleData:
         return ObstacleData.model_validate({"name": name, "shape": shape, "size": numbers[3:], "position": numbers[:3]})
     except ValidationError as error:
         raise InvalidInput(f"{shape} {words!r}: {_first(error)}") from error
+
+
+def build_obstacle(data: ObstacleData) -> Obstacle:
+    """The obstacle that the data describe."""
+    rotation = pin.rpy.rpyToMatrix(*data.rpy)
+    if data.shape == _MESH:
+        shape = mesh_shape(np.array(data.vertices), np.array(data.triangles))
+    else:
+        shape = _SHAPES[data.shape](*data.size)
+    return obstacle(data.name, shape, data.position, rotation)
+
+
+def describe_obstacle(item: Obstacle) -> ObstacleData | None:
+    """The data from which `build_obstacle` makes the obstacle again, a convex shape as the mesh of its surface.
+
+    `None` for a shape without an end, such as a plane.
+    """
+    form = _form(item.shape)
+    if form is None:
+        return None
+    rpy = pin.rpy.matrixToRpy(item.X_WO.rotation)
+    return ObstacleData(name=item.name, position=item.X_WO.translation.tolist(), rpy=rpy.tolist(), **form)
 
 
 def check_names(obstacles: tuple[ObstacleData, ...]) -> None:

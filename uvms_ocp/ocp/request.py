@@ -10,13 +10,14 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from uvms_ocp.collision.coal_distances import CoalDistances
-from uvms_ocp.collision.collision_scene import CollisionScene, collision_scene
+from uvms_ocp.collision.collision_scene import CollisionScene, Nearest, collision_scene
 from uvms_ocp.collision.coordinates import coordinates
-from uvms_ocp.collision.obstacle_file import ObstacleData, check_names
+from uvms_ocp.collision.obstacle_file import build_obstacle, check_names
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.kinematics import Kinematics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
+from uvms_ocp.obstacle_data import ObstacleData
 from uvms_ocp.ocp.capsule_clearance import CapsuleClearance, capsule_clearance, nearest_capsules
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
@@ -84,17 +85,14 @@ class OcpResult:
         return CoalDistances(self.scene).distances(self.coordinates)
 
     @property
-    def smallest(self) -> tuple[float, float, str]:
-        """Time [s], distance [m] and pair of the smallest distance at any sample; infinite without pairs."""
-        if not self.distances.size:
-            return 0.0, np.inf, ""
-        row, pair = np.unravel_index(int(np.argmin(self.distances)), self.distances.shape)
-        return float(self.samples[0][row]), float(self.distances[row, pair]), self.scene.pairs[pair].name
+    def nearest(self) -> Nearest:
+        """The smallest distance at any sample."""
+        return self.scene.nearest(self.samples[0], self.distances)
 
     @property
     def collision_free(self) -> bool:
         """True if no two shapes touch at any sample."""
-        return self.smallest[1] > 0.0
+        return self.nearest.distance > 0.0
 
 
 def solve_ocp(request: OcpRequest) -> OcpResult:
@@ -106,7 +104,7 @@ def solve_ocp(request: OcpRequest) -> OcpResult:
             capsules do not cover, or numbers out of their range.
     """
     check_names(request.obstacles)
-    obstacles = [item.build() for item in request.obstacles]
+    obstacles = [build_obstacle(item) for item in request.obstacles]
     scene = collision_scene(coordinates(request.robot, reference=request.start), obstacles)
     clearance = capsule_clearance(scene, margin=request.clearance)
     problem = _problem(request, clearance)

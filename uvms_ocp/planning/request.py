@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import CollisionScene, collision_scene
 from uvms_ocp.collision.coordinates import VEHICLE_AXES, Coordinates, coordinates
-from uvms_ocp.collision.obstacle_file import ObstacleData, check_names
+from uvms_ocp.collision.obstacle_file import build_obstacle, check_names
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.obstacle_data import ObstacleData
 from uvms_ocp.planning.inverse_kinematics import ToolGoalOptions, tool_goal
 from uvms_ocp.planning.path_cost import CostWeights
 from uvms_ocp.planning.sampling import SamplingOptions
@@ -98,7 +99,7 @@ def solve(request: PlanRequest) -> PlanResult:
     """
     check_names(request.obstacles)
     planned = _planned_axes(request)
-    scene = collision_scene(planned, [item.build() for item in request.obstacles])
+    scene = collision_scene(planned, [build_obstacle(item) for item in request.obstacles])
     start = planned.x(request.start)
     goal = _goal(request, scene, start)
     if goal is None:

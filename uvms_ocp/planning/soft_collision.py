@@ -117,7 +117,7 @@ def _first_free(plans: Iterator[CollisionPlan]) -> tuple[CollisionPlan, int]:
     """The first plan free of collision, or else the clearest, and how many were made."""
     best, n = next(plans), 1
     for plan in plans if not best.collision_free else ():
-        best, n = max(best, plan, key=lambda p: (p.collision_free, p.clearance.min_clearance)), n + 1
+        best, n = max(best, plan, key=lambda p: (p.collision_free, p.clearance.nearest.distance)), n + 1
         if best.collision_free:
             break
     return best, n

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
+from uvms_ocp.meta_values import ThresholdMeta
+from uvms_ocp.mission.conditions import ABORT
 from uvms_ocp.record import Record
 from uvms_ocp.report.series import quantity
 
@@ -14,58 +14,61 @@ _PROGRESS = 0.02  # share of what is missing that must have been gained in the w
 
 
 def cause_of_end(record: Record) -> dict[str, str]:
-    """``kind``: completed, given up, slow, stalled; ``text``: one sentence with the figures."""
-    meta = record.meta
-    if meta["completed"]:
+    """``kind``: completed, given up, slow, stalled; ``text``: one sentence with the figures.
+
+    Raises `InvalidInput` for the record of a plan.
+    """
+    meta = record.run_meta
+    if meta.completed:
         return {"kind": "completed", "text": "every phase came to its end"}
-    if meta["events"] and meta["events"][-1]["target"] == "abort":
-        return {"kind": "given up", "text": meta["events"][-1]["reason"]}
+    if meta.events and meta.events[-1].target == ABORT:
+        return {"kind": "given up", "text": meta.events[-1].reason}
     return _unfinished(record)
 
 
 def _unfinished(record: Record) -> dict[str, str]:
     """What the last phase waited for, and whether it was coming."""
-    phase = record.meta["phases"][int(record["phase"][-1])]["name"]
+    phase = record.meta.phases[int(record["phase"][-1])].name
     waiting = [item for item in _conditions(record, phase) if not _fulfilled(record, item)]
     if not waiting:
         return {"kind": "slow", "text": f"phase {phase}: its conditions hold, but not yet for long enough"}
     trends = [(item, *_trend(record, item)) for item in waiting]
     item, now, gained = min(trends, key=lambda trend: trend[2])
-    what = f"phase {phase}: {item['quantity']} = {now:.4g} against a limit of {item['limit']:g}"
+    what = f"phase {phase}: {item.quantity} = {now:.4g} against a limit of {item.limit:g}"
     if gained > _PROGRESS:
         return {"kind": "slow", "text": f"{what} was still improving, by {100 * gained:.0f} % in the last 5 s"}
-    return {"kind": "stalled", "text": f"{what} has stopped improving; {_obstruction(record, item['quantity'])}"}
+    return {"kind": "stalled", "text": f"{what} has stopped improving; {_obstruction(record, item.quantity)}"}
 
 
-def _conditions(record: Record, phase: str) -> list[dict[str, Any]]:
+def _conditions(record: Record, phase: str) -> list[ThresholdMeta]:
     """Conditions of the forward transitions of a phase."""
-    return [item for item in record.meta["thresholds"] if item["phase"] == phase and item["sign"] == "<"]
+    return [item for item in record.meta.thresholds if item.phase == phase and item.sign == "<"]
 
 
-def _fulfilled(record: Record, condition: dict[str, Any]) -> bool:
-    series = quantity(record, condition["quantity"])
-    return series is not None and bool(series[-1] < condition["limit"])
+def _fulfilled(record: Record, condition: ThresholdMeta) -> bool:
+    series = quantity(record, condition.quantity)
+    return series is not None and bool(series[-1] < condition.limit)
 
 
-def _trend(record: Record, condition: dict[str, Any]) -> tuple[float, float]:
+def _trend(record: Record, condition: ThresholdMeta) -> tuple[float, float]:
     """The value now, and the share of the distance to the limit that the last seconds brought."""
-    series = quantity(record, condition["quantity"])
+    series = quantity(record, condition.quantity)
     values = np.zeros(1) if series is None else series
-    n = min(len(values), max(2, round(_WINDOW / record.meta["dt"])))
+    n = min(len(values), max(2, round(_WINDOW / record.run_meta.dt)))
     before, now = float(values[-n]), float(values[-1])
-    return now, (before - now) / max(before - condition["limit"], 1e-12)
+    return now, (before - now) / max(before - condition.limit, 1e-12)
 
 
 def _obstruction(record: Record, name: str) -> str:
     """Tasks that rank above the one that waits and are active, and drives at their limits."""
-    tasks = [task["name"] for task in record.meta["tasks"]]
+    tasks = [task.name for task in record.meta.tasks]
     own = tasks.index(name.split(".", 1)[0])
     activity, active = record["activity"][-1], []
-    ends = np.cumsum([level["rows"] for level in record.meta["levels"]])
-    for level, end in zip(record.meta["levels"], ends, strict=True):
-        if level["name"] in tasks[:own] and activity[end - level["rows"] : end].max(initial=0.0) > 0:
-            active.append(level["name"])
+    ends = np.cumsum([level.rows for level in record.meta.levels])
+    for level, end in zip(record.meta.levels, ends, strict=True):
+        if level.name in tasks[:own] and activity[end - level.rows : end].max(initial=0.0) > 0:
+            active.append(level.name)
     above = f"active above it: {', '.join(active)}" if active else "nothing above it is active"
-    n = round(_WINDOW / record.meta["dt"])
+    n = round(_WINDOW / record.run_meta.dt)
     full = float(np.mean(record["saturated"][-n:])) if "saturated" in record.series else 0.0
     return above + (f"; thrusters at their limits {100 * full:.0f} % of the time" if full > 0.05 else "")

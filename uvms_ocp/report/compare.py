@@ -12,43 +12,33 @@ from uvms_ocp.record import Record
 from uvms_ocp.report.resources import resources
 from uvms_ocp.report.series import max_velocity_step, quantity
 
-_RUN, _PLAN = "run", "plan"
-
 
 def compare(first: Record, second: Record) -> list[dict[str, Any]]:
     """Rows with the keys ``figure``, ``first``, ``second`` and ``change`` [%], `None` where one record lacks it.
 
-    Raises `InvalidInput` for a run against a plan, and for records of neither.
+    Raises `InvalidInput` for a run against a plan.
     """
-    kinds = _kind(first), _kind(second)
+    kinds = first.meta.kind, second.meta.kind
     if kinds[0] != kinds[1]:
         raise InvalidInput(f"the first is a {kinds[0]}, the second a {kinds[1]}; give two runs or two plans")
-    figures = _run_figures if kinds[0] == _RUN else _plan_figures
+    figures = _run_figures if kinds[0] == "run" else _plan_figures
     pairs = zip(figures(first), figures(second), strict=True)
     return [{"figure": name, "first": a, "second": b, "change": _change(a, b)} for (name, a), (_, b) in pairs]
 
 
-def _kind(record: Record) -> str:
-    if "completed" in record.meta:
-        return _RUN
-    if "min_clearance" in record.meta:
-        return _PLAN
-    raise InvalidInput("a record of neither a run nor a plan; give folders that `run` or `plan` wrote")
-
-
 def _run_figures(record: Record) -> Iterator[tuple[str, Any]]:
-    yield "completed", record.meta["completed"]
+    meta = record.run_meta
+    yield "completed", meta.completed
     yield "phases", " ".join(row["phase"] for row in resources(record)[:-1])
     yield from ((name, value) for name, value in resources(record)[-1].items() if name != "phase")
-    tool = record.meta["tool_task"]
-    yield "tool_position_error_m", record.meta["true_quantities"].get(f"{tool}.position_error")
+    yield "tool_position_error_m", meta.true_quantity(f"{meta.tool_task}.position_error")
     tilt = quantity(record, "HA.tilt")
     yield "largest_tilt_rad", None if tilt is None else float(tilt.max())
     yield "max_velocity_step", max_velocity_step(record)
 
 
 def _plan_figures(record: Record) -> Iterator[tuple[str, Any]]:
-    yield "plan", record.meta["scenario"]
+    yield "plan", record.meta.scenario
     yield "duration_s", float(record["t"][-1] - record["t"][0])
     yield "path_length_m", _path_length(record)
     thrusters, joints = (_last(record, name) for name in ("thruster_energy", "joint_energy"))
@@ -56,13 +46,13 @@ def _plan_figures(record: Record) -> Iterator[tuple[str, Any]]:
     yield "joint_energy_j", joints
     yield "energy_j", None if thrusters is None or joints is None else thrusters + joints
     yield "peak_thrust_n", float(np.abs(record["thrust"]).max(initial=0.0)) if "thrust" in record.series else None
-    least = record.meta["min_clearance"][1]
-    yield "min_clearance_m", float(least) if np.isfinite(least) else None
+    nearest = record.plan_meta.min_clearance
+    yield "min_clearance_m", None if nearest is None else nearest.distance
 
 
 def _path_length(record: Record) -> float:
     """Way of the vehicle; 0 where it is not planned."""
-    axes = [i for i, name in enumerate(record.meta["axes"]) if name in ("x", "y", "z")]
+    axes = [i for i, name in enumerate(record.plan_meta.axes) if name in ("x", "y", "z")]
     return float(np.linalg.norm(np.diff(record["x"][:, axes], axis=0), axis=1).sum())
 
 

@@ -9,12 +9,17 @@ import numpy as np
 from uvms_ocp.mission.conditions import ABORT, DONE
 from uvms_ocp.record import Record
 
+_N_VEHICLE = 6  # velocity degrees of freedom of a free-flyer
+
 
 def resources(record: Record) -> list[dict[str, Any]]:
-    """One row per visit to a phase, in order of time, and a last row ``total``: `phase` and `figures_between`."""
-    t = record["t"]
-    ends = [*(event["t"] for event in record.meta["events"]), float(t[-1])]
-    names = [record.meta["phases"][0]["name"], *(event["target"] for event in record.meta["events"])]
+    """One row per visit to a phase, in order of time, and a last row ``total``: `phase` and `figures_between`.
+
+    Raises `InvalidInput` for the record of a plan.
+    """
+    t, meta = record["t"], record.run_meta
+    ends = [*(event.t for event in meta.events), float(t[-1])]
+    names = [meta.phases[0].name, *(event.target for event in meta.events)]
     spans = [span for span in zip(names, [0.0, *ends], ends, strict=False) if span[0] not in (ABORT, DONE)]
     rows = [{"phase": name, **figures_between(record, start, end)} for name, start, end in spans]
     return [*rows, {"phase": "total", **figures_between(record, 0.0, float(t[-1]))}]
@@ -28,10 +33,11 @@ def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
     """
     first, last = (int(np.searchsorted(record["t"], t - 1e-9)) for t in (start, end))
     rows = slice(first, min(last, len(record) - 1) + 1)
+    limits = record.meta.limits
     thrusters, joints = _gain(record, "thruster_energy", rows), _gain(record, "joint_energy", rows)
     return {
         "duration_s": end - start,
-        "path_length_m": _length(record["q"][rows, :3]) if record.meta["floating"] else 0.0,
+        "path_length_m": _length(record["q"][rows, :3]) if record.run_meta.floating else 0.0,
         "joint_path_rad": _joint_path(record, rows),
         "thruster_energy_j": thrusters,
         "joint_energy_j": joints,
@@ -39,8 +45,8 @@ def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
         "peak_thrust_n": _peak(record, "thrust", rows),
         "saturation_time_s": _saturated(record, rows),
         "joint_margin_rad": _joint_margin(record, rows),
-        "velocity_share": _share(record, "v", "velocity", rows),
-        "torque_share": _share(record, "torque", "effort", rows),
+        "velocity_share": _share(record, "v", None if limits is None else limits.velocity, rows),
+        "torque_share": _share(record, "torque", None if limits is None else limits.effort, rows),
     }
 
 
@@ -57,8 +63,9 @@ def _length(points: np.ndarray) -> float:
 
 
 def _joint_path(record: Record, rows: slice) -> float:
-    rates = record["v"][rows, len(record["v"][0]) - len(record.meta["limits"]["position_lower"]) :]
-    return float(np.abs(rates[:-1]).sum() * record.meta["dt"])
+    meta = record.run_meta
+    rates = record["v"][rows, _N_VEHICLE if meta.floating else 0 :]
+    return float(np.abs(rates[:-1]).sum() * meta.dt)
 
 
 def _peak(record: Record, name: str, rows: slice) -> float | None:
@@ -68,13 +75,15 @@ def _peak(record: Record, name: str, rows: slice) -> float | None:
 def _saturated(record: Record, rows: slice) -> float | None:
     if "saturated" not in record.series:
         return None
-    return float(np.count_nonzero(record["saturated"][rows][:-1]) * record.meta["dt"])
+    return float(np.count_nonzero(record["saturated"][rows][:-1]) * record.run_meta.dt)
 
 
 def _joint_margin(record: Record, rows: slice) -> float | None:
-    limits = record.meta["limits"]
-    lower, upper = np.array(limits["position_lower"]), np.array(limits["position_upper"])
-    n_vehicle = 7 if record.meta["floating"] else 0
+    meta = record.run_meta
+    if meta.limits is None:
+        return None
+    lower, upper = np.array(meta.limits.position_lower), np.array(meta.limits.position_upper)
+    n_vehicle = 7 if meta.floating else 0
     if record["q"].shape[1] - n_vehicle != len(lower) or not len(lower):
         return None  # joints that turn without end have two entries in q
     joints = record["q"][rows, n_vehicle:]
@@ -82,8 +91,8 @@ def _joint_margin(record: Record, rows: slice) -> float | None:
     return margin if np.isfinite(margin) else None
 
 
-def _share(record: Record, name: str, limit: str, rows: slice) -> float | None:
+def _share(record: Record, name: str, limits: tuple[float, ...] | None, rows: slice) -> float | None:
     """The largest value in units of its limit."""
-    if name not in record.series or limit not in record.meta["limits"]:
+    if name not in record.series or limits is None:
         return None
-    return float((np.abs(record[name][rows]) / np.array(record.meta["limits"][limit])).max(initial=0.0))
+    return float((np.abs(record[name][rows]) / np.array(limits)).max(initial=0.0))

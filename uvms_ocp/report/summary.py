@@ -9,6 +9,7 @@ import numpy as np
 from uvms_ocp.mission.conditions import ABORT, DONE
 from uvms_ocp.record import Record
 from uvms_ocp.report.cause import cause_of_end
+from uvms_ocp.report.meta import versions
 from uvms_ocp.report.resources import figures_between, resources
 from uvms_ocp.report.series import max_velocity_step, quantity
 
@@ -18,53 +19,50 @@ _SETTLING = 0.5  # [s] after the start of a phase, before its drift counts
 def summarize(record: Record) -> dict[str, Any]:
     """The content of ``report.json``; `None` where a figure does not apply to the run. Tool errors are true ones.
 
-    Lengths in m, angles in rad, times in s unless the key says otherwise.
+    Lengths in m, angles in rad, times in s unless the key says otherwise. Raises `InvalidInput` for the record of a plan.
     """
-    meta = record.meta
-    tool, tilt = meta["tool_task"], quantity(record, "HA.tilt")
+    meta, tilt = record.run_meta, quantity(record, "HA.tilt")
     return {
-        "scenario": meta["scenario"],
-        "robot": meta["robot"],
-        "plant": meta["plant"],
-        "solver": meta["solver"],
-        "completed": meta["completed"],
-        "pending": meta["pending"],
+        "scenario": meta.scenario,
+        "robot": meta.robot,
+        "plant": meta.plant,
+        "solver": meta.solver,
+        "completed": meta.completed,
+        "pending": meta.pending,
         "cause": cause_of_end(record),
         "phases": phase_table(record),
         "resources": resources(record),
-        "seed": meta["seed"],
-        "noise": meta["noise"],
-        "alarms": meta["alarms"],
-        "tool_position_error_m": meta["true_quantities"].get(f"{tool}.position_error"),
-        "tool_orientation_error_rad": meta["true_quantities"].get(f"{tool}.orientation_error"),
+        "seed": meta.seed,
+        "noise": meta.noise,
+        "alarms": [alarm.model_dump() for alarm in meta.alarms],
+        "tool_position_error_m": meta.true_quantity(f"{meta.tool_task}.position_error"),
+        "tool_orientation_error_rad": meta.true_quantity(f"{meta.tool_task}.orientation_error"),
         "vehicle_drift_in_last_phase_m": _drift_in_last_phase(record),
         "largest_tilt_rad": None if tilt is None else float(tilt.max()),
         "min_altimeter_m": _smallest(record["altimeter_range"]),
         "max_velocity_step": max_velocity_step(record),
         "failed_ticks": _failed_ticks(record),
         "tick_us": _percentiles_us(record["tick_time"]),
-        "wall_s": meta["wall_s"],
+        "wall_s": meta.wall_s,
         "simulated_s": float(record["t"][-1]),
-        "versions": meta["versions"],
+        "versions": versions(meta.packages),
     }
 
 
 def phase_table(record: Record) -> list[dict[str, Any]]:
     """One row per phase that was entered, in order of time: name, title, start, end, reason, errors at its end."""
-    events = record.meta["events"]
-    starts = [0.0, *(event["t"] for event in events if event["target"] not in (DONE, ABORT))]
-    names = [
-        record.meta["phases"][0]["name"],
-        *(event["target"] for event in events if event["target"] not in (DONE, ABORT)),
-    ]
-    ends = [event["t"] for event in events] + [float(record["t"][-1])]
-    reasons = [event["reason"] for event in events] + [f"time is over, waiting for: {record.meta['pending']}"]
-    phases = {phase["name"]: phase for phase in record.meta["phases"]}
+    meta = record.run_meta
+    entered = [event for event in meta.events if event.target not in (DONE, ABORT)]
+    starts = [0.0, *(event.t for event in entered)]
+    names = [meta.phases[0].name, *(event.target for event in entered)]
+    ends = [*(event.t for event in meta.events), float(record["t"][-1])]
+    reasons = [*(event.reason for event in meta.events), f"time is over, waiting for: {meta.pending}"]
+    phases = {phase.name: phase for phase in meta.phases}
     return [
         {
             "name": name,
-            "title": phases[name]["title"],
-            "tasks": phases[name]["tasks"],
+            "title": phases[name].title,
+            "tasks": list(phases[name].tasks),
             "start_s": start,
             "end_s": end,
             "reason": reason,
@@ -77,7 +75,7 @@ def phase_table(record: Record) -> list[dict[str, Any]]:
 
 def _quantities_at(record: Record, t: float) -> dict[str, float]:
     row = record["quantities"][min(int(np.searchsorted(record["t"], t - 1e-9)), len(record) - 1)]
-    return dict(zip(record.meta["quantities"], row.tolist(), strict=True))
+    return dict(zip(record.meta.quantities, row.tolist(), strict=True))
 
 
 def _drift_in_last_phase(record: Record) -> float | None:
@@ -87,7 +85,7 @@ def _drift_in_last_phase(record: Record) -> float | None:
     settled = t >= t[start] + _SETTLING
     if not settled.any():
         return None
-    if not record.meta["floating"]:
+    if not record.run_meta.floating:
         return None
     positions = record["q"][settled, :3]
     return float(np.linalg.norm(positions - positions[0], axis=1).max())
@@ -95,7 +93,7 @@ def _drift_in_last_phase(record: Record) -> float | None:
 
 def _failed_ticks(record: Record) -> dict[str, int]:
     codes, counts = np.unique(record["status"], return_counts=True)
-    names = [record.meta["statuses"][code] for code in codes]
+    names = [record.run_meta.statuses[code] for code in codes]
     return {name: int(count) for name, count in zip(names, counts, strict=True) if name != "solved"}
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.record import Record
 
 WINDOW = 1.0  # [s] after a phase change that belongs to it
@@ -20,9 +21,9 @@ def transition_series(record: Record) -> dict[str, np.ndarray]:
     ``step`` (n,): largest change of any axis since the tick before, as a share of its acceleration limit times dt.
     ``jerk`` (n,) [m/s3, rad/s3]: largest second difference of any axis. ``lost`` (n,) [m/s, rad/s]: largest norm, over
     the tasks that are fully on and of a class above the actions, of what the task misses of the rate that the
-    acceleration limits let it reach.
+    acceleration limits let it reach. Raises `InvalidInput` for a plan, or without limits.
     """
-    dt, limits = record.meta["dt"], np.array(record.meta["limits"]["acceleration"])
+    dt, limits = record.run_meta.dt, _acceleration(record)
     change = np.diff(record["command"], axis=0, prepend=0.0)
     second = np.diff(change, axis=0, prepend=0.0)
     starts = np.flatnonzero(np.diff(record["phase"])) + 1
@@ -35,6 +36,12 @@ def transition_series(record: Record) -> dict[str, np.ndarray]:
     }
 
 
+def _acceleration(record: Record) -> np.ndarray:
+    if record.meta.limits is None:
+        raise InvalidInput("this record tells no limits; shares of the acceleration limits need them")
+    return np.array(record.meta.limits.acceleration)
+
+
 def transition_table(records: Mapping[str, Record]) -> list[dict[str, Any]]:
     """One row per run and phase change, and one per run for all ticks: largest step, jerk and loss, root mean square jerk.
 
@@ -44,7 +51,7 @@ def transition_table(records: Mapping[str, Record]) -> list[dict[str, Any]]:
 
 
 def _rows(name: str, record: Record) -> list[dict[str, Any]]:
-    series, phases = transition_series(record), [phase["name"] for phase in record.meta["phases"]]
+    series, phases = transition_series(record), [phase.name for phase in record.meta.phases]
     t = series["t"]
     windows = [(float(start), (t >= start) & (t < start + WINDOW)) for start in series["changes"]]
     labels = [f"{phases[record['phase'][rows][0] - 1]}-{phases[record['phase'][rows][0]]}" for _, rows in windows]
@@ -64,12 +71,12 @@ def _rows(name: str, record: Record) -> list[dict[str, Any]]:
 
 
 def _lost(record: Record) -> np.ndarray:
-    above = {task["name"]: k for k, task in enumerate(record.meta["tasks"]) if not task["label"].endswith(_NOT_ABOVE)}
+    above = {task.name: k for k, task in enumerate(record.meta.tasks) if not task.label.endswith(_NOT_ABOVE)}
     lost, start = np.zeros(len(record)), 0
-    for level in record.meta["levels"]:
-        end = start + level["rows"]
-        if level["name"] in above:
-            on = record["gates"][:, above[level["name"]]] >= 1.0
+    for level in record.meta.levels:
+        end = start + level.rows
+        if level.name in above:
+            on = record["gates"][:, above[level.name]] >= 1.0
             lost = np.maximum(lost, on * np.linalg.norm(record["residual"][:, start:end], axis=1))
         start = end
     return lost

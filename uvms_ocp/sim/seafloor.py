@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 import coal
 import numpy as np
@@ -12,6 +12,7 @@ import pinocchio as pin
 from scipy.optimize import brentq
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.meta_values import FloorRelief
 from uvms_ocp.model.shapes.obstacles import Obstacle, mesh_shape
 
 _LEVEL = 1e-9  # sine of the angle to the horizon below which a ray counts as level
@@ -254,16 +255,13 @@ def _highest(centres: np.ndarray, heights: np.ndarray, radii: np.ndarray) -> flo
     return float(((distances < radii[:, None] + radii) @ heights).max())
 
 
-def floor_relief(seafloor: Seafloor, low: np.ndarray, high: np.ndarray) -> dict[str, list[Any]] | None:
-    """Heights of a rectangle of the floor from `low` (2,) to `high` (2,) [m], for records: ``x`` (n), ``y`` (m), ``z`` (m, n).
-
-    [m] in W, rounded to a millimetre; `None` for a plane.
-    """
+def floor_relief(seafloor: Seafloor, low: np.ndarray, high: np.ndarray) -> FloorRelief | None:
+    """A rectangle of the floor from `low` (2,) to `high` (2,) [m], rounded to a millimetre, for records; `None` for a plane."""
     if isinstance(seafloor, FlatSeafloor):
         return None
     x, y = (np.linspace(a, b, _RELIEF_POINTS) for a, b in zip(low, high, strict=True))
-    z = [[round(seafloor.height(float(u), float(v)), 3) for u in x] for v in y]
-    return {"x": x.round(3).tolist(), "y": y.round(3).tolist(), "z": z}
+    z = tuple(tuple(round(seafloor.height(float(u), float(v)), 3) for u in x) for v in y)
+    return FloorRelief(x=tuple(x.round(3).tolist()), y=tuple(y.round(3).tolist()), z=z)
 
 
 def floor_mesh(

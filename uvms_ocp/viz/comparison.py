@@ -1,4 +1,4 @@
-"""Figures of joints one by one, and of two runs or two paths together ([Gao2022] figures 10-12)."""
+"""Figures of two runs or two paths together ([Gao2022] figures 11-12)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from uvms_ocp.record import Record
-from uvms_ocp.viz.series import n_joints, phase_spans, task_activity, task_gate
+from uvms_ocp.viz.series import n_joints, phase_spans
 from uvms_ocp.viz.style import (
     BLACK,
     BLUE,
@@ -18,9 +18,7 @@ from uvms_ocp.viz.style import (
     VERMILLION,
     WIDTH,
     RecordFigure,
-    activation_legend,
     heading_legend,
-    shade_phases,
     stacked,
     styled,
 )
@@ -31,38 +29,10 @@ _LEAST = {"step": 1e-4, "jerk": 1e-2, "lost": 1e-18}
 
 
 @styled
-def figure_row_activations(record: Record, task: str = "JL") -> Figure | None:
-    """Activation of every row of a task, such as each joint of JL; `None` where the task has no level."""
-    rows = task_activity(record, task)
-    if rows is None or not rows.shape[1]:
-        return None
-    figure, axes = stacked(rows.shape[1], 0.5, f"Activation of the rows of {task}")
-    names = _row_names(record, task, rows.shape[1])
-    gate = task_gate(record, task)
-    for axis, name, row in zip(axes, names, rows.T, strict=True):
-        axis.fill_between(record["t"], row, color=BLUE, alpha=0.25, lw=0)
-        axis.plot(record["t"], row, color=BLUE, lw=0.8)
-        if gate is not None:
-            axis.plot(record["t"], gate, color=VERMILLION, lw=0.9, ls="--")
-        axis.set(ylim=(-0.08, 1.12), yticks=(0, 1))
-        axis.set_ylabel(str(name), rotation=0, ha="right", va="center")
-    shade_phases(axes, phase_spans(record))
-    activation_legend(figure)
-    return figure
-
-
-def _row_names(record: Record, task: str, n: int) -> list[str]:
-    joints = record.meta["joints"]
-    if n == len(joints):
-        return list(joints)
-    return [task] if n == 1 else [str(k + 1) for k in range(n)]
-
-
-@styled
 def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> Figure:
     """Positions of all joints during the last stay in a phase, for runs by name, over time since its start."""
     first = next(iter(records.values()))
-    joints = first.meta["joints"]
+    joints = first.meta.joints
     figure, axes = stacked(len(joints), 0.6, f"Joint positions in phase {phase} [rad]")
     for (_, record), color in zip(records.items(), _COLORS, strict=False):
         span = [span for span in phase_spans(record) if span.name == phase][-1]

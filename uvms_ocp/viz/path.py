@@ -37,7 +37,7 @@ def _draw_floor(axis: Axes, record: Record) -> None:
     below = floor_heights(record, record["q"][:, :2])
     if below is None:
         return
-    if record.meta.get("floor") is None:
+    if record.meta.surroundings.floor is None:
         axis.axhline(below[0], color=_SAND, lw=2, label="floor")
     else:
         axis.plot(record["q"][:, 0], below, color=_SAND, lw=2, label="floor below")
@@ -49,6 +49,7 @@ def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
         part = (t >= span.start) & (t <= span.end)
         axis.plot(p[part, i], p[part, j], color=LINES[k % len(LINES)], lw=2, label=span.label)
     axis.plot(p[0, i], p[0, j], "o", color=BLACK, ms=4)
-    for name, point in record.meta.get("markers", {}).items():
-        axis.plot(point[i], point[j], "*", color=BLACK, ms=7)
-        axis.annotate(name, (point[i], point[j]), xytext=(5, 4), textcoords="offset points", fontsize=7)
+    for marker in record.meta.surroundings.markers:
+        place = marker.position[i], marker.position[j]
+        axis.plot(*place, "*", color=BLACK, ms=7)
+        axis.annotate(marker.name, place, xytext=(5, 4), textcoords="offset points", fontsize=7)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
@@ -10,20 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from uvms_ocp.exceptions import OutputError
+from uvms_ocp.meta_values import ClearanceMeta
 from uvms_ocp.record import Record
 from uvms_ocp.viz.efforts import figure_efforts
-from uvms_ocp.viz.style import (
-    BLACK,
-    DASHES,
-    DPI,
-    LINES,
-    THRESHOLD,
-    VERMILLION,
-    stacked,
-    styled,
-    threshold,
-)
+from uvms_ocp.viz.style import BLACK, DASHES, LINES, THRESHOLD, VERMILLION, save_figure, stacked, styled, threshold
 
 _ROWS: Mapping[str, str] = MappingProxyType(
     {
@@ -41,15 +31,13 @@ _VEHICLE = ("x", "y", "z", "roll", "pitch", "yaw")
 @styled
 def figure_vehicle_motion(record: Record) -> Figure | None:
     """Planned vehicle axes from position to snap; `None` where none is planned."""
-    wanted = [i for i, name in enumerate(record.meta["axes"]) if name in _VEHICLE]
-    return _motion(record, wanted, "Planned motion of the vehicle") if wanted else None
+    return _motion(record, _VEHICLE, "Planned motion of the vehicle")
 
 
 @styled
 def figure_joint_motion(record: Record) -> Figure | None:
-    """Planned joints from position to snap."""
-    wanted = [i for i, name in enumerate(record.meta["axes"]) if name in record.meta["joints"]]
-    return _motion(record, wanted, "Planned motion of the joints") if wanted else None
+    """Planned joints from position to snap; `None` where none is planned."""
+    return _motion(record, record.meta.joints, "Planned motion of the joints")
 
 
 @styled
@@ -57,13 +45,15 @@ def figure_clearance(record: Record) -> Figure | None:
     """Distance from each obstacle and between links along the path, and the clearance that was wanted."""
     if "clearance" not in record.series:
         return None
-    d, wanted = record["clearance"], record.meta["clearance_wanted"]
+    d, meta = record["clearance"], record.plan_meta
+    wanted = meta.clearance_wanted
     figure, (axis,) = stacked(1, 2.8, "Clearance along the path")
-    for k, name in enumerate(record.meta["clearance_groups"]):
+    for k, name in enumerate(meta.clearance_groups):
         style = DASHES[k // len(LINES) % len(DASHES)]
         axis.plot(record["t"], d[:, k], color=LINES[k % len(LINES)], ls=style, label=name)
     threshold(axis, wanted, f"wanted {wanted:g} m")
-    _mark_least(axis, *record.meta["min_clearance"])
+    if meta.min_clearance is not None:
+        _mark_least(axis, meta.min_clearance)
     top, bottom = min(float(d.max()), max(_FAR, 5.0 * wanted)), min(float(d.min()), 0.0)
     axis.set_ylim(1.1 * bottom - 0.03 * top, 1.05 * top)
     axis.axhspan(axis.get_ylim()[0], 0.0, color=VERMILLION, alpha=0.15, lw=0)
@@ -73,12 +63,13 @@ def figure_clearance(record: Record) -> Figure | None:
     return figure
 
 
-def _mark_least(axis: Axes, when: float, least: float, pair: str) -> None:
+def _mark_least(axis: Axes, nearest: ClearanceMeta) -> None:
     """A dot at the smallest distance, with the two shapes, written towards the middle of the panel."""
+    when, least = nearest.t, nearest.distance
     left = when < axis.get_xlim()[1] / 2.0
     axis.plot(when, least, "o", color=BLACK, ms=4, clip_on=False, zorder=3)
     axis.annotate(
-        f"{least:.3g} m, {pair}",
+        f"{least:.3g} m, {nearest.between}",
         (when, least),
         xytext=(5 if left else -5, -4),
         textcoords="offset points",
@@ -96,25 +87,24 @@ def write_plan_figures(record: Record, folder: Path | str) -> tuple[Path, ...]:
         "clearance": figure_clearance(record),
         "efforts": figure_efforts(record),
     }
-    return tuple(_save(figure, Path(folder) / f"{name}.png") for name, figure in figures.items() if figure is not None)
+    return tuple(
+        save_figure(figure, Path(folder) / f"{name}.png") for name, figure in figures.items() if figure is not None
+    )
 
 
-def _save(figure: Figure, path: Path) -> Path:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=DPI)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error}); choose another folder") from error
-    return path
-
-
-def _motion(record: Record, wanted: list[int], title: str) -> Figure:
+def _motion(record: Record, names: Collection[str], title: str) -> Figure | None:
     """One row per derivative that is recorded, one line per axis; each with its limit where it has one and comes near it."""
+    if "x" not in record.series:
+        return None
+    planned = record.plan_meta.axes
+    wanted = [i for i, name in enumerate(planned) if name in names]
+    if not wanted:
+        return None
     rows = {series: label for series, label in _ROWS.items() if series in record.series}
     figure, axes = stacked(len(rows), 1.25, title)
     for row, (series, label) in zip(axes, rows.items(), strict=True):
         for k, i in enumerate(wanted):
-            name, style = record.meta["axes"][i], DASHES[k // len(LINES) % len(DASHES)]
+            name, style = planned[i], DASHES[k // len(LINES) % len(DASHES)]
             row.plot(record["t"], record[series][:, i], color=LINES[k % len(LINES)], ls=style, label=name)
         row.set_ylabel(label)
         _draw_limits(row, record, series, wanted)
@@ -124,7 +114,8 @@ def _motion(record: Record, wanted: list[int], title: str) -> Figure:
 
 
 def _draw_limits(row: Axes, record: Record, series: str, wanted: list[int]) -> None:
-    values = record.meta["axis_limits"].get(series)
+    limits = record.plan_meta.axis_limits
+    values = {"x_rate": limits.x_rate, "x_acceleration": limits.x_acceleration}.get(series)
     if values is None:
         return
     low, high = row.get_ylim()
@@ -137,6 +128,6 @@ def _draw_limits(row: Axes, record: Record, series: str, wanted: list[int]) -> N
 def _mark_breaks(axes: list[Axes], record: Record) -> None:
     """Thin lines where the pieces of the trajectory meet."""
     for axis in axes:
-        for t in record.meta["breaks"][1:-1]:
+        for t in record.plan_meta.breaks[1:-1]:
             axis.axvline(t, color="#D5DADF", lw=0.5, zorder=-1)
         axis.set_xlim(record["t"][0], record["t"][-1])

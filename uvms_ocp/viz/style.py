@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import wraps
 from io import BytesIO
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import matplotlib as mpl
@@ -13,6 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from uvms_ocp.exceptions import OutputError
 from uvms_ocp.viz.series import PhaseSpan
 
 P = ParamSpec("P")
@@ -102,15 +104,19 @@ def stacked(n_rows: int, height: float, title: str) -> tuple[RecordFigure, list[
     return figure, list(axes)
 
 
+def save_figure(figure: Figure, path: Path) -> Path:
+    """Write a PNG, and the folders that it needs; returns its path. Raises `OutputError`."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, dpi=DPI)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error}); choose another folder") from error
+    return path
+
+
 def heading_legend(figure: Figure, handles: Sequence[Line2D]) -> None:
     """One legend for all panels, on the line of the title."""
     figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
-
-
-def activation_legend(figure: Figure) -> None:
-    """What the two lines of a panel of activations are."""
-    rows = Line2D([], [], color=BLUE, lw=0.9, label="rows: own bell × phase")
-    heading_legend(figure, [rows, Line2D([], [], color=VERMILLION, lw=0.9, ls="--", label="phase")])
 
 
 def shade_phases(axes: Sequence[Axes], spans: Sequence[PhaseSpan], *, named: bool = True, share: float = 1.0) -> None:

@@ -38,8 +38,7 @@ def figure_tick_time(record: Record) -> Figure | None:
     spread.hist(tick, bins=np.geomspace(tick.min(), tick.max() * 1.01, 50), orientation="horizontal", color=BLUE)
     spread.set_xlabel("ticks")
     lines = [_percentile_line((over_time, spread), tick, *entry) for entry in ((50, BLACK), (99, VERMILLION))]
-    if "dt" in record.meta:
-        threshold(over_time, 1e6 * record.meta["dt"], "control period")
+    threshold(over_time, 1e6 * record.run_meta.dt, "control period")
     heading_legend(figure, lines)
     shade_phases([over_time], phase_spans(record), share=0.77)
     return figure

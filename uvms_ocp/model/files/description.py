@@ -14,7 +14,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from uvms_ocp.exceptions import InvalidInput, RobotDataError
-from uvms_ocp.model.files.validation import one_line
+from uvms_ocp.validation import one_line
 
 NonNegative = Annotated[float, Field(ge=0.0)]
 Positive = Annotated[float, Field(gt=0.0)]

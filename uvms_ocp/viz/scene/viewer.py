@@ -14,7 +14,7 @@ from typing import Any
 import umsgpack  # type: ignore[import-untyped]
 
 from uvms_ocp.exceptions import OutputError
-from uvms_ocp.viz.meshcat_parts import (
+from uvms_ocp.viz.scene.meshcat_parts import (
     Animation,
     ScenePath,
     SetAnimation,
@@ -70,7 +70,7 @@ class ScenePage:
 
 def build_page(log: CommandLog, *, title: str, details: Mapping[str, Any], height: int = 520) -> ScenePage:
     """Fill the page template with meshcat's viewer, the commands and `details` (JSON values) for the page's script."""
-    folder = files("uvms_ocp.viz")
+    folder = files("uvms_ocp.viz.scene")
     parts = {
         "__TITLE__": html.escape(title),
         "__STYLE__": (folder / "page.css").read_text(encoding="utf-8"),

@@ -10,8 +10,8 @@ import coal
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from uvms_ocp.viz.meshcat_parts import Visualizer
-from uvms_ocp.viz.meshcat_parts import geometry as mg
+from uvms_ocp.viz.scene.meshcat_parts import Visualizer
+from uvms_ocp.viz.scene.meshcat_parts import geometry as mg
 
 # three.js draws cylinders along y, coal along z.
 Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
@@ -28,6 +28,12 @@ def material(rgba: tuple[float, ...] | np.ndarray, **options: Any) -> mg.MeshPho
 def _hex(red: float, green: float, blue: float) -> int:
     r, g, b = (round(255 * min(max(x, 0.0), 1.0)) for x in (red, green, blue))
     return (r << 16) + (g << 8) + b
+
+
+def glow(rgb: tuple[float, ...], opacity: float) -> mg.MeshBasicMaterial:
+    """A material of colour rgb (3,) in [0, 1] that needs no light."""
+    red, green, blue = (round(255 * x) for x in rgb)
+    return mg.MeshBasicMaterial(color=(red << 16) + (green << 8) + blue, opacity=opacity, transparent=opacity < 1)
 
 
 def draw_shape(node: Visualizer, shape: coal.CollisionGeometry, rgba: np.ndarray) -> bool:

@@ -1,0 +1,173 @@
+"""The small values that metadata of records are made of."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, model_validator
+
+from uvms_ocp.obstacle_data import ObstacleData
+
+Triple = tuple[float, float, float]
+Septuple = tuple[float, float, float, float, float, float, float]
+
+
+class MetaValue(BaseModel):
+    """Base of all: unknown keys are refused, nothing can be changed, and infinity and NaN survive the way through JSON."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, ser_json_inf_nan="constants")
+
+
+class EventMeta(MetaValue):
+    """Why a phase ended."""
+
+    t: float
+    """[s]"""
+    source: str
+    target: str
+    """The phase that began, or ``done``, or ``abort``."""
+    reason: str
+
+
+class AlarmMeta(MetaValue):
+    """What the watchdog said."""
+
+    t: float
+    """[s]"""
+    text: str
+
+
+class PhaseMeta(MetaValue):
+    """One action of a mission."""
+
+    name: str
+    title: str = ""
+    tasks: tuple[str, ...] = ()
+    """Names of those that are on."""
+
+
+class TaskMeta(MetaValue):
+    """A task of the hierarchy."""
+
+    name: str
+    label: str
+    """The paper's bracket, such as ``[R,E,AD]``."""
+
+
+class LevelMeta(MetaValue):
+    """A level of the hierarchy; its rows follow those of the level above."""
+
+    name: str
+    rows: int
+
+
+class ThresholdMeta(MetaValue):
+    """A condition that a phase waits for."""
+
+    quantity: str
+    """``task.quantity``"""
+    limit: float
+    """[m] or [rad], as the quantity."""
+    sign: Literal["<", ">"]
+    phase: str
+
+
+class LimitsMeta(MetaValue):
+    """Limits of a robot, infinite where there is none; positions are of the joints, all else of the vehicle's axes too."""
+
+    position_lower: tuple[float, ...]
+    """(n_joints,) [rad or m]"""
+    position_upper: tuple[float, ...]
+    """(n_joints,) [rad or m]"""
+    velocity: tuple[float, ...]
+    """(n_v,) [m/s, rad/s]"""
+    acceleration: tuple[float, ...]
+    """(n_v,) [m/s2, rad/s2]"""
+    effort: tuple[float, ...]
+    """(n_joints,) [N m or N]"""
+
+
+class AxisLimitsMeta(MetaValue):
+    """Limits of the planned axes, by the series that they bound."""
+
+    x_rate: tuple[float, ...]
+    """(n_axes,) [m/s, rad/s]"""
+    x_acceleration: tuple[float, ...] | None = None
+    """(n_axes,) [m/s2, rad/s2]; `None` where the method limits forces instead."""
+
+
+class FrameMeta(MetaValue):
+    """A pose to draw."""
+
+    name: str
+    pose: Septuple
+    """(7,) X_WF: p_WF [m] and quaternion xyzw [-]."""
+
+
+class MarkerMeta(MetaValue):
+    """A point to draw."""
+
+    name: str
+    position: Triple
+    """(3,) [m] in W."""
+
+
+class QuantityMeta(MetaValue):
+    """One value of a measured quantity."""
+
+    name: str
+    """``task.quantity``"""
+    value: float
+    """[m] or [rad]"""
+
+
+class PackageMeta(MetaValue):
+    """A package, or Python itself, and its version."""
+
+    name: str
+    version: str
+
+
+class ClearanceMeta(MetaValue):
+    """The smallest distance along a plan."""
+
+    t: float
+    """[s]"""
+    distance: float
+    """[m]; negative in collision."""
+    between: str
+    """The two shapes."""
+
+
+class FloorRelief(MetaValue):
+    """Heights of a rectangle of the floor, on a grid."""
+
+    x: tuple[float, ...]
+    """(n,) [m] in W, ascending."""
+    y: tuple[float, ...]
+    """(m,) [m] in W, ascending."""
+    z: tuple[tuple[float, ...], ...]
+    """(m, n) [m] in W."""
+
+    @model_validator(mode="after")
+    def _is_a_grid(self) -> FloorRelief:
+        for axis in (self.x, self.y):
+            if len(axis) < 2 or any(b <= a for a, b in pairwise(axis)):
+                raise ValueError("x and y of a floor ascend, with two values or more each")
+        if len(self.z) != len(self.y) or any(len(row) != len(self.x) for row in self.z):
+            raise ValueError(f"z of this floor has {len(self.y)} rows of {len(self.x)} heights")
+        return self
+
+
+class SurroundingsMeta(MetaValue):
+    """What there is to draw around the robot."""
+
+    frames: tuple[FrameMeta, ...] = ()
+    """Such as goals."""
+    markers: tuple[MarkerMeta, ...] = ()
+    obstacles: tuple[ObstacleData, ...] = ()
+    floor_z: float | None = None
+    """[m] height of the floor in W, below the start."""
+    floor: FloorRelief | None = None
+    """The floor around the way where it is not flat."""

@@ -1,0 +1,214 @@
+"""Who writes the metadata of records: `run_meta` of a run, `plan_meta` of a plan."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.collision.collision_scene import Nearest
+from uvms_ocp.collision.obstacle_file import describe_obstacle
+from uvms_ocp.control.velocity.kinematic import KinematicController
+from uvms_ocp.meta_values import (
+    AlarmMeta,
+    AxisLimitsMeta,
+    ClearanceMeta,
+    EventMeta,
+    FloorRelief,
+    FrameMeta,
+    LevelMeta,
+    LimitsMeta,
+    MarkerMeta,
+    PackageMeta,
+    PhaseMeta,
+    QuantityMeta,
+    SurroundingsMeta,
+    TaskMeta,
+    ThresholdMeta,
+)
+from uvms_ocp.mission.conditions import Below
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.model.limits import Limits
+from uvms_ocp.preflight.setup import Setup
+from uvms_ocp.report.motion import Motion
+from uvms_ocp.run_meta import PlanMeta, RunMeta
+from uvms_ocp.sim.seafloor import floor_relief
+from uvms_ocp.solvers.hierarchy.solution import Status
+from uvms_ocp.tasks.pose import ToolPose, ToolPosition
+from uvms_ocp.tasks.reference import evaluate_pose
+from uvms_ocp.version import __version__
+
+Markers = Mapping[str, tuple[float, float, float]]
+"""Points (3,) [m] in W to draw, by name."""
+
+_FLOOR_AROUND = 12.0  # [m] of a floor with protuberances that a record keeps around the mission
+_DEPENDENCIES = ("pin", "casadi", "coal", "numpy")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Ending:
+    """How a run ended."""
+
+    q: np.ndarray
+    """(n_q,) the true configuration."""
+    quantities: Mapping[str, float]
+    """By ``task.quantity``, at the true state [m] or [rad]."""
+    wall_s: float
+    """[s] that the simulation took."""
+
+
+def run_meta(
+    *,
+    name: str,
+    setup: Setup,
+    plant: str,
+    solver: str,
+    seed: int,
+    noise: bool,
+    markers: Markers,
+    controller: KinematicController,
+    ending: Ending,
+) -> RunMeta:
+    """What a record tells of a run of the mission in `setup`.
+
+    controller: the one that ran, which knows what happened. `noise` tells whether the sensors had any.
+    """
+    robot, tasks, state = setup.robot, setup.mission.hierarchy.tasks, controller.state
+    return RunMeta(
+        scenario=name,
+        robot=robot.name,
+        joints=robot.joint_names,
+        phases=_phases(setup.mission),
+        tasks=tuple(TaskMeta(name=task.name, label=task.label) for task in tasks),
+        tool_task=next((task.name for task in tasks if isinstance(task, (ToolPose, ToolPosition))), None),
+        levels=_levels(controller),
+        quantities=tuple(controller.problem.quantity_names),
+        thresholds=_thresholds(setup.mission),
+        limits=_limits(robot.limits),
+        surroundings=_surroundings(setup, markers, ending.q),
+        packages=packages(),
+        plant=plant,
+        solver=solver,
+        floating=bool(robot.n_vehicle),
+        dt=setup.dt,
+        completed=state.completed,
+        pending="" if state.completed else controller.pending(),
+        events=_events(controller),
+        alarms=tuple(AlarmMeta(t=t, text=text) for t, text in controller.watchdog.alarms),
+        true_quantities=tuple(QuantityMeta(name=key, value=value) for key, value in ending.quantities.items()),
+        statuses=tuple(status.value for status in Status),
+        seed=seed,
+        noise=noise,
+        wall_s=ending.wall_s,
+    )
+
+
+def _phases(mission: Mission) -> tuple[PhaseMeta, ...]:
+    return tuple(
+        PhaseMeta(name=phase.name, title=phase.title, tasks=tuple(name for name, gate in phase.gates.items() if gate))
+        for phase in mission.phases
+    )
+
+
+def _levels(controller: KinematicController) -> tuple[LevelMeta, ...]:
+    problem = controller.problem
+    return tuple(LevelMeta(name=name, rows=n) for name, n in zip(problem.names, problem.sizes, strict=True))
+
+
+def _events(controller: KinematicController) -> tuple[EventMeta, ...]:
+    return tuple(EventMeta(t=e.t, source=e.source, target=e.target, reason=e.reason) for e in controller.events)
+
+
+def _thresholds(mission: Mission) -> tuple[ThresholdMeta, ...]:
+    return tuple(
+        ThresholdMeta(
+            quantity=condition.quantity,
+            limit=condition.limit,
+            sign="<" if isinstance(condition, Below) else ">",
+            phase=phase.name,
+        )
+        for phase in mission.phases
+        for transition in phase.transitions
+        for condition in transition.when
+    )
+
+
+def _limits(limits: Limits) -> LimitsMeta:
+    return LimitsMeta(
+        position_lower=tuple(limits.position_lower.tolist()),
+        position_upper=tuple(limits.position_upper.tolist()),
+        velocity=tuple(limits.velocity.tolist()),
+        acceleration=tuple(limits.acceleration.tolist()),
+        effort=tuple(limits.effort.tolist()),
+    )
+
+
+def _surroundings(setup: Setup, markers: Markers, end: np.ndarray) -> SurroundingsMeta:
+    tasks, obstacles = setup.mission.hierarchy.tasks, map(describe_obstacle, setup.environment.obstacles)
+    goals = {task.name: evaluate_pose(task.name, task.goal, 0.0)[0] for task in tasks if isinstance(task, ToolPose)}
+    return SurroundingsMeta(
+        frames=tuple(_frame(f"goal of {name}", X_WT) for name, X_WT in goals.items()),
+        markers=tuple(MarkerMeta(name=name, position=point) for name, point in markers.items()),
+        obstacles=tuple(item for item in obstacles if item is not None),
+        floor_z=setup.floor_at(*setup.start[:2]),
+        floor=_relief(setup, markers, end),
+    )
+
+
+def _frame(name: str, X_WF: pin.SE3) -> FrameMeta:
+    return FrameMeta(name=name, pose=tuple(pin.SE3ToXYZQUAT(X_WF).tolist()))
+
+
+def _relief(setup: Setup, markers: Markers, end: np.ndarray) -> FloorRelief | None:
+    """The floor around the way from the start to the configuration `end` (n_q,), and around the markers."""
+    ends = (setup.start[:2], end[:2]) if setup.robot.n_vehicle else np.zeros((1, 2))
+    points = np.array([*ends, *(point[:2] for point in markers.values())])
+    low, high = points.min(axis=0) - _FLOOR_AROUND, points.max(axis=0) + _FLOOR_AROUND
+    return floor_relief(setup.environment.seafloor, low, high)
+
+
+def plan_meta(
+    motion: Motion, *, scenario: str, axis_limits: AxisLimitsMeta, breaks: tuple[float, ...], nearest: Nearest
+) -> PlanMeta:
+    """What a record tells of a plan.
+
+    breaks [s] are where the pieces of its trajectory meet; `nearest` is the smallest distance that the method met.
+    """
+    request, scene, X_WF = motion.request, motion.scene, motion.goal_pose()
+    return PlanMeta(
+        scenario=scenario,
+        robot=request.robot.name,
+        joints=request.robot.joint_names,
+        phases=(PhaseMeta(name="plan"),),
+        quantities=("plan.clearance",) if scene.n_pairs else (),
+        surroundings=SurroundingsMeta(
+            frames=() if X_WF is None else (_frame("goal", X_WF),), obstacles=request.obstacles
+        ),
+        packages=packages(),
+        axes=scene.coordinates.names,
+        axis_limits=axis_limits,
+        breaks=breaks,
+        clearance_wanted=request.clearance,
+        clearance_groups=tuple(scene.groups()),
+        min_clearance=_clearance(nearest) if scene.n_pairs else None,
+    )
+
+
+def _clearance(nearest: Nearest) -> ClearanceMeta:
+    return ClearanceMeta(t=nearest.time, distance=nearest.distance, between=nearest.pair)
+
+
+def packages() -> tuple[PackageMeta, ...]:
+    """This package, Python and what the numbers depend on."""
+    own = {"uvms_ocp": __version__, "python": platform.python_version()}
+    found = own | {name: version(name) for name in _DEPENDENCIES}
+    return tuple(PackageMeta(name=name, version=text) for name, text in found.items())
+
+
+def versions(found: tuple[PackageMeta, ...]) -> dict[str, str]:
+    """Versions by package, for reports."""
+    return {package.name: package.version for package in found}

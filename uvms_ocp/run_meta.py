@@ -1,0 +1,169 @@
+"""What a record tells beside its series: `RunMeta` of a run, `PlanMeta` of a plan, and their JSON form.
+
+Values that cannot be changed. What a robot, a mission or a method does not have is `None` or empty.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import Field, ValidationError
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.meta_values import (
+    AlarmMeta,
+    AxisLimitsMeta,
+    ClearanceMeta,
+    EventMeta,
+    LevelMeta,
+    LimitsMeta,
+    MetaValue,
+    PackageMeta,
+    PhaseMeta,
+    QuantityMeta,
+    SurroundingsMeta,
+    TaskMeta,
+    ThresholdMeta,
+)
+from uvms_ocp.validation import one_line
+
+VERSION: Final = "0.2"
+"""Of the format; 0.1 had neither a version nor a kind, and is still read."""
+
+
+class RecordMeta(MetaValue):
+    """What figures, scenes and reports ask of any record."""
+
+    version: Literal["0.2"] = VERSION
+    scenario: str
+    """What was run or planned, in a few words."""
+    robot: str
+    joints: tuple[str, ...]
+    """Names in the order of q."""
+    phases: Annotated[tuple[PhaseMeta, ...], Field(min_length=1)]
+    """The series ``phase`` counts them; a plan has one."""
+    tasks: tuple[TaskMeta, ...] = ()
+    """Highest priority first, one per column of the series ``gates``."""
+    tool_task: str | None = None
+    """The task that brings the tool to its goal."""
+    levels: tuple[LevelMeta, ...] = ()
+    """Whose rows the columns of the series ``activity`` and ``residual`` are."""
+    quantities: tuple[str, ...] = ()
+    """``task.quantity``, one per column of the series ``quantities``."""
+    thresholds: tuple[ThresholdMeta, ...] = ()
+    limits: LimitsMeta | None = None
+    surroundings: SurroundingsMeta = SurroundingsMeta()
+    packages: tuple[PackageMeta, ...] = ()
+    """Versions of what computed the record."""
+
+
+class RunMeta(RecordMeta):
+    """Of a run: a mission, simulated tick by tick."""
+
+    kind: Literal["run"] = "run"
+    plant: str
+    solver: str
+    floating: bool
+    """Whether q begins with the pose of a vehicle."""
+    dt: float
+    """[s] control period."""
+    completed: bool
+    """Whether every phase came to its end."""
+    pending: str = ""
+    """What an incomplete mission still waited for."""
+    events: tuple[EventMeta, ...] = ()
+    alarms: tuple[AlarmMeta, ...] = ()
+    true_quantities: tuple[QuantityMeta, ...] = ()
+    """At the true state at the end."""
+    statuses: tuple[str, ...] = ()
+    """Words for the numbers of the series ``status``."""
+    seed: int = 0
+    noise: bool = False
+    wall_s: float = 0.0
+    """[s] that the simulation took."""
+
+    def true_quantity(self, name: str) -> float | None:
+        """The value of ``task.quantity`` at the true state at the end, in its unit [m] or [rad]; `None` if not measured."""
+        return next((item.value for item in self.true_quantities if item.name == name), None)
+
+
+class PlanMeta(RecordMeta):
+    """Of a plan: a motion that no one has made yet."""
+
+    kind: Literal["plan"] = "plan"
+    axes: tuple[str, ...]
+    """Planned axes, one per column of the series ``x``."""
+    axis_limits: AxisLimitsMeta
+    breaks: tuple[float, ...]
+    """[s] where the pieces of the trajectory meet, both ends included."""
+    clearance_wanted: float
+    """[m]"""
+    clearance_groups: tuple[str, ...] = ()
+    """What the columns of the series ``clearance`` are the distance from."""
+    min_clearance: ClearanceMeta | None = None
+    """The smallest distance met; `None` where nothing can meet."""
+
+
+_KINDS: dict[str, type[RunMeta] | type[PlanMeta]] = {"run": RunMeta, "plan": PlanMeta}
+
+
+def write_meta(meta: RunMeta | PlanMeta) -> str:
+    """The JSON text that `read_meta` reads."""
+    return meta.model_dump_json()
+
+
+def read_meta(text: str) -> RunMeta | PlanMeta:
+    """The metadata in a JSON text of this format or of 0.1.
+
+    Raises `InvalidInput`, in one line, for what is neither, and names the keys that are wrong.
+    """
+    try:
+        values = json.loads(text)
+    except ValueError as error:
+        raise InvalidInput(f"metadata that is no JSON: {error}") from error
+    if not isinstance(values, dict):
+        raise InvalidInput(f"metadata that is a {type(values).__name__}; allowed: an object with a kind and a version")
+    if "version" not in values:
+        values = _from_0_1(values)
+    model = _model(values)
+    try:
+        return model.model_validate_json(json.dumps(values), strict=True)
+    except ValidationError as error:
+        raise InvalidInput(one_line(error, model)) from error
+
+
+def _model(values: dict[str, Any]) -> type[RunMeta] | type[PlanMeta]:
+    if values["version"] != VERSION:
+        raise InvalidInput(f"format {values['version']!r}; this version reads {VERSION} and 0.1: install a newer one")
+    kind = str(values.get("kind"))
+    if kind not in _KINDS:
+        raise InvalidInput(f"a record of neither a run nor a plan, but {kind!r}; give what `run` or `plan` wrote")
+    return _KINDS[kind]
+
+
+def _from_0_1(values: dict[str, Any]) -> dict[str, Any]:
+    """The same in this format; what is damaged stays as it is and is refused later."""
+    kind = "run" if "completed" in values else "plan" if "min_clearance" in values else "none"
+    named = {"markers": "position", "frames": "pose", "true_quantities": "value", "versions": "version"}
+    lists = {key: _named(values[key], field) for key, field in named.items() if key in values}
+    new = {**values, **lists, "kind": kind, "version": VERSION}
+    new["surroundings"] = {key: new.pop(key) for key in SurroundingsMeta.model_fields if key in new}
+    if "versions" in new:
+        new["packages"] = new.pop("versions")
+    if kind == "plan":
+        new["min_clearance"] = _nearest(values["min_clearance"])
+    return new
+
+
+def _named(values: Any, field: str) -> Any:
+    """Entries with a name, from a mapping."""
+    return [{"name": name, field: value} for name, value in values.items()] if isinstance(values, dict) else values
+
+
+def _nearest(values: Any) -> Any:
+    """Time, distance, infinite where nothing can meet, and pair by name."""
+    if not (isinstance(values, list) and len(values) == 3):
+        return values
+    nearest = dict(zip(("t", "distance", "between"), values, strict=True))
+    return None if nearest["distance"] == float("inf") else nearest

@@ -1,0 +1,134 @@
+"""Figures of what the tasks measure: errors, misalignment, altitude ([Gao2022] figures 5-9)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from uvms_ocp.record import Record
+from uvms_ocp.viz.series import phase_spans, quantity, task_gate, thresholds
+from uvms_ocp.viz.style import (
+    BLACK,
+    BLUE,
+    FADED,
+    GREEN,
+    ORANGE,
+    VERMILLION,
+    heading_legend,
+    shade_phases,
+    stacked,
+    styled,
+    threshold,
+)
+
+_LOG_FLOOR = 1e-9  # [m, rad] below this an error is rounding
+
+
+@styled
+def figure_errors(record: Record, task: str = "PC") -> Figure | None:
+    """Position and orientation error of the vehicle to its way point; faded while the task is off."""
+    return _pose_error_figure(record, task, "Vehicle: error to the way point")
+
+
+@styled
+def figure_tool_error(record: Record, task: str | None = None) -> Figure | None:
+    """Position and orientation error of the tool; faded while the task is off. `task` is the record's tool task."""
+    name = task or record.meta.tool_task
+    return None if name is None else _pose_error_figure(record, name, "Tool: error to its goal")
+
+
+def _pose_error_figure(record: Record, task: str, title: str) -> Figure | None:
+    rows = (
+        (f"{task}.position_error", "position error [m]", BLUE),
+        (f"{task}.orientation_error", "orientation error [rad]", VERMILLION),
+    )
+    return _quantity_figure(record, rows, title, _logarithmic_panel)
+
+
+def _quantity_figure(
+    record: Record,
+    rows: Sequence[tuple[str, str, str]],
+    title: str,
+    panel: Callable[[Axes, Record, str, str], None],
+) -> Figure | None:
+    """One panel per row (quantity, label, colour) that the record has."""
+    known = [row for row in rows if quantity(record, row[0]) is not None]
+    if not known:
+        return None
+    figure, axes = stacked(len(known), 1.75, title)
+    for axis, (name, label, color) in zip(axes, known, strict=True):
+        panel(axis, record, name, color)
+        axis.set_ylabel(label)
+    shade_phases(axes, phase_spans(record))
+    heading_legend(
+        figure,
+        [Line2D([], [], color=BLACK, label="task active"), Line2D([], [], color=FADED, lw=0.9, label="task off")],
+    )
+    return figure
+
+
+def _panel(axis: Axes, record: Record, name: str, color: str) -> np.ndarray:
+    """Draw a quantity, faded while its task is off; returns its values (k,) while the task is on."""
+    values, on = _required(record, name), _task_on(record, name.split(".")[0])
+    axis.plot(record["t"], values, color=color, alpha=0.35, lw=0.9)
+    axis.plot(record["t"], np.where(on, values, np.nan), color=color)
+    for limit in thresholds(record, name):
+        threshold(axis, limit, f"threshold {limit:g}")
+    return values[on]
+
+
+def _task_on(record: Record, task: str) -> np.ndarray:
+    gate = task_gate(record, task)
+    return np.ones(len(record), dtype=bool) if gate is None else gate > 0
+
+
+def _logarithmic_panel(axis: Axes, record: Record, name: str, color: str) -> None:
+    """Logarithmic, because convergence is exponential; an exact start does not stretch the axis."""
+    active = _panel(axis, record, name, color)
+    axis.set_yscale("log", nonpositive="mask")
+    if len(active):
+        lowest = min([*thresholds(record, name), float(np.percentile(active, 5)), float(active[-1])])
+        axis.set_ylim(bottom=max(lowest, _LOG_FLOOR) / 2)
+
+
+def _linear_panel(axis: Axes, record: Record, name: str, color: str) -> None:
+    _panel(axis, record, name, color)
+    axis.set_ylim(bottom=0)
+
+
+def _required(record: Record, name: str) -> np.ndarray:
+    values = quantity(record, name)
+    return np.full(len(record), np.nan) if values is None else values
+
+
+@styled
+def figure_misalignment(record: Record) -> Figure | None:
+    """Angle between the vehicle's x axis and the horizontal direction to the target (AT), and tilt (HA)."""
+    rows = (("AT.misalignment", "misalignment [rad]", GREEN), ("HA.tilt", "tilt [rad]", ORANGE))
+    return _quantity_figure(record, rows, "Vehicle: alignment with the target, and tilt", _linear_panel)
+
+
+@styled
+def figure_altitude(record: Record) -> Figure | None:
+    """Altitude above the floor with the thresholds on it, and a closer view of its end."""
+    name = next((n for n in ("LA.altitude", "MAC.altitude") if quantity(record, n) is not None), None)
+    if name is None:
+        return None
+    t, altitude = record["t"], _required(record, name)
+    figure, axes = stacked(2, 1.75, "Altitude of the altimeter above the floor")
+    near = 2.5 * max([*thresholds(record, name), float(np.nanmin(altitude))])
+    for axis in axes:
+        axis.plot(t, altitude, color=BLUE, label="altitude")
+        for limit in thresholds(record, name):
+            threshold(axis, limit, f"landed below {limit:g} m")
+    lowest = int(np.nanargmin(altitude))
+    axes[1].plot(t[lowest], altitude[lowest], "v", color=VERMILLION, ms=5, label=f"lowest: {altitude[lowest]:.3f} m")
+    axes[0].set(ylabel="altitude [m]", ylim=(0, None))
+    axes[1].set(ylabel="altitude [m], near floor", ylim=(0, near))
+    axes[1].legend(loc="lower left")
+    shade_phases(axes, phase_spans(record))
+    return figure

@@ -1,0 +1,50 @@
+"""All figures of one run, read from its `Record` alone.
+
+Each ``figure_*`` returns a Matplotlib figure, or `None` where the record lacks what it shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+from matplotlib.figure import Figure
+
+from uvms_ocp.record import Record
+from uvms_ocp.viz.activation_figures import figure_activations
+from uvms_ocp.viz.efforts import figure_efforts, figure_tracking
+from uvms_ocp.viz.motion_figures import figure_joints, figure_velocities
+from uvms_ocp.viz.path import figure_path
+from uvms_ocp.viz.quantity_figures import figure_altitude, figure_errors, figure_misalignment, figure_tool_error
+from uvms_ocp.viz.series import require_rows
+from uvms_ocp.viz.style import save_figure
+from uvms_ocp.viz.tick_time import figure_tick_time
+
+FIGURES: Mapping[str, Callable[[Record], Figure | None]] = MappingProxyType(
+    {
+        "errors": figure_errors,
+        "misalignment": figure_misalignment,
+        "altitude": figure_altitude,
+        "tool_error": figure_tool_error,
+        "activations": figure_activations,
+        "velocities": figure_velocities,
+        "joints": figure_joints,
+        "path": figure_path,
+        "efforts": figure_efforts,
+        "tracking": figure_tracking,
+        "tick_time": figure_tick_time,
+    }
+)
+
+
+def write_figures(record: Record, folder: Path | str) -> tuple[Path, ...]:
+    """Write every figure that the record can fill as ``folder/<name>.png``; returns the paths written.
+
+    Raises `InvalidInput` for a record with fewer than two rows and `OutputError` where the folder cannot be written.
+    """
+    require_rows(record)
+    drawn = {name: draw(record) for name, draw in FIGURES.items()}
+    return tuple(
+        save_figure(figure, Path(folder) / f"{name}.png") for name, figure in drawn.items() if figure is not None
+    )

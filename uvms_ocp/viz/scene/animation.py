@@ -1,0 +1,112 @@
+"""The robot and its altimeter's beam, and how they move: the record thinned to the frames of an animation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.record import Record
+from uvms_ocp.viz.scene.meshcat_parts import AnimationClip, AnimationTrack, Visualizer
+from uvms_ocp.viz.scene.meshcat_parts import geometry as mg
+from uvms_ocp.viz.scene.shapes import Y_TO_Z, draw_shape, glow, shifted
+
+_MAX_POSES = 40_000  # joints times frames; keeps the page below 10 MB however long the run
+_BEAM = (0.5, 1.0, 0.9)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Frames:
+    """The record thinned to the frames of the animation."""
+
+    row: np.ndarray
+    """(n,) [-] rows of the record."""
+    t: np.ndarray
+    """(n,) [s] since the record began."""
+    placements: np.ndarray
+    """(n, n_joints_of_the_model, 7) X_W,joint as position [m] and quaternion xyzw [-]."""
+    tool: np.ndarray | None
+    """(n, 3) [m] p_WT"""
+    altimeter: np.ndarray | None
+    """(n, 7) X_WS as position [m] and quaternion xyzw [-]."""
+
+
+def frames_of(record: Record, robot: Robot, fps: float) -> Frames:
+    """The frames of an animation of `fps` frames per second [Hz], fewer where the page would grow too large."""
+    t = record["t"] - record["t"][0]
+    n = max(2, min(int(np.ceil(t[-1] * fps)) + 1, _MAX_POSES // robot.model.njoints))
+    row = np.unique(np.searchsorted(t, np.linspace(0.0, t[-1], n) - 1e-9))
+    data = robot.model.createData()
+    placements, tool, altimeter = [], [], []
+    for q in record["q"][row]:
+        pin.framesForwardKinematics(robot.model, data, q)
+        placements.append([pin.SE3ToXYZQUAT(X) for X in data.oMi])
+        tool += [pin.SE3ToXYZQUAT(X) for X in _frame_pose(robot, data, "tool")]
+        altimeter += [pin.SE3ToXYZQUAT(X) for X in _frame_pose(robot, data, "altimeter")]
+    return Frames(
+        row=row,
+        t=t[row],
+        placements=np.array(placements),
+        tool=np.array(tool)[:, :3] if tool else None,
+        altimeter=np.array(altimeter) if altimeter else None,
+    )
+
+
+def _frame_pose(robot: Robot, data: pin.Data, name: str) -> Iterator[pin.SE3]:
+    if robot.has_frame(name):
+        yield data.oMf[robot.frame_id(name)]
+
+
+def joint_node(model: pin.Model, joint: int) -> str:
+    """The name of a joint's node."""
+    return f"{joint:02d} {model.names[joint]}".replace("/", "_")
+
+
+def draw_robot(node: Visualizer, robot: Robot) -> None:
+    """All visual shapes, each below the node of the joint that moves it."""
+    for i, item in enumerate(robot.visual_model.geometryObjects):
+        shape = node[joint_node(robot.model, item.parentJoint)][f"{i:03d} {item.name}".replace("/", "_")]
+        if draw_shape(shape["shape"], item.geometry, np.asarray(item.meshColor)):
+            shape.set_transform(item.placement.homogeneous)
+
+
+def joint_clips(robot: Robot, frames: Frames, fps: float) -> Iterator[tuple[int, AnimationClip]]:
+    """How each joint of the model, by number, moves at `fps` [Hz]."""
+    for joint in range(1, robot.model.njoints):
+        yield joint, _clip(_pose_tracks(frames.t * fps, frames.placements[:, joint]), fps)
+
+
+def _clip(tracks: list[AnimationTrack], fps: float) -> AnimationClip:
+    return AnimationClip(tracks={track.name: track for track in tracks}, fps=fps)
+
+
+def _pose_tracks(time: np.ndarray, poses: np.ndarray) -> list[AnimationTrack]:
+    return [
+        _track("position", "vector3", time, poses[:, :3]),
+        _track("quaternion", "quaternion", time, poses[:, 3:]),
+    ]
+
+
+def _track(name: str, kind: str, time: np.ndarray, values: np.ndarray) -> AnimationTrack:
+    """Inner keys of stretches without motion are left out."""
+    same = np.all(np.isclose(values[1:], values[:-1], rtol=0, atol=1e-7), axis=1)
+    keep = ~np.concatenate([[False], same[:-1] & same[1:], [False]])
+    return AnimationTrack(name, kind, frames=time[keep].tolist(), values=values[keep].tolist())
+
+
+def draw_beam(node: Visualizer) -> None:
+    """The altimeter's beam of length 1 along -z of its frame; the clip scales it to the range."""
+    node["ray"].set_object(mg.Cylinder(1.0, radiusTop=0.008, radiusBottom=0.05), glow(_BEAM, 0.28))
+    node["ray"].set_transform(shifted(np.array([0.0, 0.0, -0.5])) @ Y_TO_Z)
+
+
+def beam_clip(frames: Frames, reach: np.ndarray, fps: float) -> AnimationClip:
+    """How the beam of `draw_beam` moves at `fps` [Hz]; reach (n,) [m] is its length at each frame."""
+    length = np.where(np.isfinite(reach), reach, 1e-3)
+    scale = np.column_stack([np.ones((len(length), 2)), length])
+    time = frames.t * fps
+    tracks = [] if frames.altimeter is None else _pose_tracks(time, frames.altimeter)
+    return _clip([*tracks, _track("scale", "vector3", time, scale)], fps)
