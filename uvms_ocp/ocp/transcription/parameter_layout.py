@@ -23,11 +23,11 @@ class ParameterLayout:
     start: slice
     """q and v of the first node"""
     water: slice
-    """velocity of the water"""
+    """Velocity of the water"""
     steps: slice
-    """lengths of the steps"""
+    """Lengths of the steps"""
     goals: tuple[slice, ...]
-    """of each block, node after node"""
+    """Of each block, node after node"""
 
     @property
     def n(self) -> int:

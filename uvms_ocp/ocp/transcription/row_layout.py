@@ -47,11 +47,11 @@ class RowLayout:
     names: tuple[str, ...]
     """(n_rows,) of what each row stands for, in reports"""
     constraints: np.ndarray
-    """rows that are constraints, in ascending order"""
+    """Rows that are constraints, in ascending order"""
     levels: tuple[np.ndarray, ...]
-    """rows of each level, in ascending order"""
+    """Rows of each level, in ascending order"""
     held: tuple[np.ndarray, ...]
-    """rows that keep what each level has reached: its own, or its cost where the level may be relaxed"""
+    """Rows that keep what each level has reached: its own, or its cost where the level may be relaxed"""
 
     @property
     def n_rows(self) -> int:

@@ -30,7 +30,7 @@ class TermRows:
     functions: Derivatives
     terms: tuple[Term, ...]
     sizes: tuple[int, ...]
-    """parameters of each term"""
+    """Parameters of each term"""
     level: np.ndarray
     """(m,) level of each row, or CONSTRAINT"""
     lower: np.ndarray
