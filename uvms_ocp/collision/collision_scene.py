@@ -7,15 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.collision.coordinates import Coordinates
 from uvms_ocp.model.axis_reach import shape_reach
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.collision_model import self_pairs, shapes_among
 from uvms_ocp.model.shapes.obstacles import Obstacle
-
-Array = NDArray[np.float64]
 
 _LINKS = "its own links"
 

@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import CollisionScene, collision_scene
 from uvms_ocp.collision.coordinates import coordinates
@@ -28,7 +28,6 @@ from uvms_ocp.tasks.joints import JointTracking
 from uvms_ocp.tasks.pose import ToolPose, ToolPosition, VehiclePose
 from uvms_ocp.tasks.task import Task
 
-Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
 _PERIOD = 0.02  # [s] between the samples whose clearance is looked at

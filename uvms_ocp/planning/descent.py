@@ -6,13 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from uvms_ocp.arrays import Array, Mask
 from uvms_ocp.planning.block_tridiagonal import BlockTridiagonal
 from uvms_ocp.planning.path_cost import LocalModel
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

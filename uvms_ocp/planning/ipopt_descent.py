@@ -7,14 +7,11 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from uvms_ocp.arrays import Array, Indices, Mask
 from uvms_ocp.planning.block_tridiagonal import BlockTridiagonal
 from uvms_ocp.planning.descent import Descent
 from uvms_ocp.planning.path_cost import LocalModel
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -72,7 +69,7 @@ class _Oracle:
     _at: Array | None = None
     _here: LocalModel | None = None
     pattern: ca.Sparsity = field(init=False)
-    entries: NDArray[np.intp] = field(init=False)
+    entries: Indices = field(init=False)
 
     def __post_init__(self) -> None:
         n, b = self.free.shape

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import CollisionScene, collision_scene
 from uvms_ocp.collision.coordinates import VEHICLE_AXES, Coordinates, coordinates
@@ -25,7 +25,6 @@ from uvms_ocp.planning.soft_collision import (
 )
 from uvms_ocp.trajectories.segment_times import MotionLimits
 
-Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
 AXES = ("level", "all", "joints")

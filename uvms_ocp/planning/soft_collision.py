@@ -9,8 +9,9 @@ from enum import Enum
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from uvms_ocp.arrays import Array, Indices, Mask
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import CollisionScene
 from uvms_ocp.collision.conservative_advancement import (
@@ -27,9 +28,6 @@ from uvms_ocp.trajectories.free_derivatives import pieces_of
 from uvms_ocp.trajectories.min_snap import min_snap, solution_of
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.trajectories.segment_times import MotionLimits, scale_to_limits, trapezoidal_times
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 class PlanStatus(Enum):
@@ -246,7 +244,7 @@ def _touches_nothing(model: LocalModel) -> bool:
     return model.parts.collision <= 1e-3
 
 
-def _refined(breaks: Array, pieces: int) -> tuple[Array, NDArray[np.intp]]:
+def _refined(breaks: Array, pieces: int) -> tuple[Array, Indices]:
     """Breaks split evenly into at least ``pieces`` pieces, and which of them were breaks before."""
     each = max(1, -(-pieces // (breaks.size - 1)))
     parts = [np.linspace(a, b, each, endpoint=False) for a, b in itertools.pairwise(breaks)]

@@ -7,15 +7,13 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.request import OcpResult
 from uvms_ocp.planning.request import ToolGoal
 from uvms_ocp.record import Record
 from uvms_ocp.version import __version__
-
-Array = NDArray[np.float64]
 
 _TOUCHING = "two shapes touch: add way for them, move the goal, or plan with another --method"
 _ADVICE = {  # where a request has other means than a problem

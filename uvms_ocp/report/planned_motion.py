@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.conservative_advancement import clearance_along
 from uvms_ocp.planning.request import PlanResult, ToolGoal
@@ -16,8 +16,6 @@ from uvms_ocp.planning.soft_collision import CollisionPlan
 from uvms_ocp.record import Record
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.version import __version__
-
-Array = NDArray[np.float64]
 
 _PERIOD = 0.02  # [s] of the record, longer where it would have more rows than this:
 _MAX_ROWS = 5000

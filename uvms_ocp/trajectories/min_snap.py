@@ -6,8 +6,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from uvms_ocp.arrays import Array, Mask
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.trajectories.free_derivatives import (
     Pieces,
@@ -19,9 +20,6 @@ from uvms_ocp.trajectories.free_derivatives import (
     solve_free,
 )
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial, frozen
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

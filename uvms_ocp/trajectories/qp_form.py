@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from uvms_ocp.arrays import Array, Mask
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.trajectories.free_derivatives import pieces_of
 from uvms_ocp.trajectories.hermite import monomial_cost, monomial_row
@@ -24,8 +25,6 @@ from uvms_ocp.trajectories.min_snap import (
     node_problem,
     solution_of,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -116,7 +115,7 @@ class _Qp:
     def _per_time(self, rows: ca.DM, tau: float) -> ca.DM:
         return ca.sparsify(ca.diag(tau ** -np.arange(self.k)) @ rows)
 
-    def _limits(self, values: Array, fixed: NDArray[np.bool_]) -> tuple[Array, Array]:
+    def _limits(self, values: Array, fixed: Mask) -> tuple[Array, Array]:
         scale = self.unit ** np.arange(self.k)[:, None]
         lower, upper = np.where(fixed, values, -np.inf), np.where(fixed, values, np.inf)
         for index, bound in enumerate(self.bounds):
@@ -136,7 +135,7 @@ class _Qp:
             np.concatenate([(upper * scale).T.ravel(), continuous]),
         )
 
-    def _node_values(self, coefficients: Array, values: Array, fixed: NDArray[np.bool_]) -> Array:
+    def _node_values(self, coefficients: Array, values: Array, fixed: Mask) -> Array:
         ends = np.asarray(self.A[: self.k * (self.n + 1), :] @ ca.DM(coefficients.ravel()))
         nodes = ends.reshape(self.n + 1, self.k).T / self.unit ** np.arange(self.k)[:, None]
         return np.where(fixed, values, nodes)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.trajectories.min_snap import (
     Boundary,
@@ -17,8 +18,6 @@ from uvms_ocp.trajectories.min_snap import (
     min_snap,
 )
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
