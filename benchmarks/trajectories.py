@@ -23,6 +23,7 @@ import numpy as np
 from closed_forms import ClosedFormDistances, collision_density, density_hessian
 from trajectory_scenes import N_SCENES, Problem, problem
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.collision.capsules import capsule_robot
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.model.loading import load_robot
@@ -33,8 +34,6 @@ from uvms_ocp.trajectories.min_snap import MinSnap, min_snap
 from uvms_ocp.trajectories.qp_form import min_snap_qp
 from uvms_ocp.trajectories.segment_times import MotionLimits
 from uvms_ocp.trajectories.specification import CurveSpecification
-
-Array = np.ndarray
 
 PEER = """
 import numpy as np, time, minsnap_trajectories as ms

@@ -14,7 +14,8 @@ from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.collision_model import CollisionModel
 from uvms_ocp.model.shapes.obstacles import mesh_shape, obstacle
-from uvms_ocp.planning.request import PlanRequest, PostureGoal, ToolGoal, solve
+from uvms_ocp.planning.goals import PostureGoal, ToolGoal
+from uvms_ocp.planning.request import PlanRequest, solve
 from uvms_ocp.report.planned_motion import motion_record, plan_report
 
 BALL = ObstacleData(name="ball", shape="sphere", size=(0.3,), position=(1.6, 0.3, -0.4))

@@ -20,7 +20,8 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.request import OcpRequest, solve_ocp
 from uvms_ocp.output import staged_folder
-from uvms_ocp.planning.request import AXES, PlanRequest, PostureGoal, ToolGoal, solve
+from uvms_ocp.planning.goals import PostureGoal, ToolGoal
+from uvms_ocp.planning.request import AXES, PlanRequest, solve
 from uvms_ocp.record import Record
 from uvms_ocp.report.ocp_motion import ocp_record, ocp_report
 from uvms_ocp.report.planned_motion import motion_record, plan_report

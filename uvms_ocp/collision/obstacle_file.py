@@ -11,7 +11,7 @@ middle in W. A mesh has ``vertices`` [m] and ``triangles``, three indices each, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
@@ -129,12 +129,13 @@ def obstacle_from_words(shape: str, words: str, name: str) -> ObstacleData:
         raise InvalidInput(f"{shape} {words!r}: {_first(error)}") from error
 
 
-def check_names(obstacles: tuple[ObstacleData, ...]) -> None:
-    """Raise ``InvalidInput`` where two obstacles share a name."""
+def build_obstacles(obstacles: Sequence[ObstacleData]) -> list[Obstacle]:
+    """The obstacles themselves. Raises ``InvalidInput`` where two share a name."""
     names = [item.name for item in obstacles]
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise InvalidInput(f"two obstacles are called {twice[0]!r}; give each a name of its own")
+    return [item.build() for item in obstacles]
 
 
 def _form(shape: coal.CollisionGeometry) -> dict[str, Any] | None:

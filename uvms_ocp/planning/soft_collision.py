@@ -266,12 +266,7 @@ def _check_ends(scene: CollisionScene, distances: PairDistances, waypoints: Arra
                 f"allowed is {lower[axis]:.6g} to {upper[axis]:.6g}."
             )
         d = distances.distances(waypoints[index : index + 1])[0]
-        if d.size and d.min() <= 0.0:
-            pair = scene.pairs[int(np.argmin(d))].name
-            raise InvalidInput(
-                f"way point {index} (the {name}) is in collision: {pair} overlap by {-d.min():.3g} m; "
-                "move it or the obstacle."
-            )
+        scene.check_apart(d, f"way point {index} (the {name})")
 
 
 def _verified(problem: _Problem, descent: Descent, exact: CoalDistances) -> CollisionPlan:

@@ -11,7 +11,7 @@ import pinocchio as pin
 from uvms_ocp.arrays import Array
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.request import OcpResult
-from uvms_ocp.planning.request import ToolGoal
+from uvms_ocp.planning.goals import ToolGoal
 from uvms_ocp.record import Record
 from uvms_ocp.version import __version__
 

@@ -11,7 +11,8 @@ import pinocchio as pin
 from uvms_ocp.arrays import Array
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.conservative_advancement import clearance_along
-from uvms_ocp.planning.request import PlanResult, ToolGoal
+from uvms_ocp.planning.goals import ToolGoal
+from uvms_ocp.planning.request import PlanResult
 from uvms_ocp.planning.soft_collision import CollisionPlan
 from uvms_ocp.record import Record
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
