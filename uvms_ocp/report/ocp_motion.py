@@ -15,7 +15,7 @@ from uvms_ocp.planning.goals import ToolGoal
 from uvms_ocp.record import Record
 from uvms_ocp.version import __version__
 
-_TOUCHING = "two shapes touch: add way for them, move the goal, or plan with another --method"
+_TOUCHING = "two shapes touch: add way for them, move the goal, or plan a curve"
 _ADVICE = {  # where a request has other means than a problem
     OcpStatus.UNFINISHED: "the solver stopped early: give a longer duration, a nearer goal or fewer steps, or raise time_limit",
 }
