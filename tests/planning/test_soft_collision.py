@@ -19,7 +19,7 @@ from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.obstacles import obstacle
 from uvms_ocp.planning.inverse_kinematics import ToolGoalOptions, tool_goal
-from uvms_ocp.planning.ipopt_descent import IpoptOptions
+from uvms_ocp.planning.ipopt_descent import Ipopt
 from uvms_ocp.planning.path_cost import CostWeights
 from uvms_ocp.planning.sampling import SamplingOptions, edge_reach, sampled_waypoints
 from uvms_ocp.planning.soft_collision import (
@@ -80,9 +80,7 @@ def test_way_points_are_kept_on_request(robot: Robot, blocked: CollisionScene, e
 
 def test_ipopt_finds_the_same_plan(robot: Robot, blocked: CollisionScene, ends: np.ndarray) -> None:
     mine = plan_soft_collision(blocked, ends, limits=limits_of(robot))
-    theirs = plan_soft_collision(
-        blocked, ends, limits=limits_of(robot), options=SoftCollisionOptions(descent=IpoptOptions())
-    )
+    theirs = plan_soft_collision(blocked, ends, limits=limits_of(robot), options=SoftCollisionOptions(solver=Ipopt()))
     assert theirs.collision_free
     assert theirs.cost.total == pytest.approx(mine.cost.total, rel=0.05)
 
