@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from uvms_ocp.arrays import Array, Indices
 from uvms_ocp.collision.capsules import (
     Capsule,
     capsule_of,
@@ -21,8 +21,6 @@ from uvms_ocp.collision.collision_scene import CollisionScene
 from uvms_ocp.model.symbolic.tree import Pose, SymbolicModel
 from uvms_ocp.planning.path_cost import CostWeights
 from uvms_ocp.planning.penalty import symbolic_penalty
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,7 +74,7 @@ class ClosedFormDistances:
         second = ends[:, [pair.second for pair in self.scene.pairs]].reshape(-1, 2, 3)
         return first[:, 0], first[:, 1], second[:, 0], second[:, 1]
 
-    def _screws(self, x: Array, sample: NDArray[np.intp]) -> Array:
+    def _screws(self, x: Array, sample: Indices) -> Array:
         model, wanted = self.scene.coordinates.robot.model, np.unique(sample)
         q = self.scene.coordinates.configurations(x[wanted])
         jacobians = np.array([pin.computeJointJacobians(model, self._data, row).copy() for row in q])

@@ -23,6 +23,7 @@ import numpy as np
 from closed_forms import ClosedFormDistances, collision_density, density_hessian
 from trajectory_scenes import N_SCENES, Problem, problem
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.collision.capsules import capsule_robot
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.model.loading import load_robot
@@ -32,8 +33,7 @@ from uvms_ocp.trajectories.free_derivatives import pieces_of
 from uvms_ocp.trajectories.min_snap import MinSnap, min_snap
 from uvms_ocp.trajectories.qp_form import min_snap_qp
 from uvms_ocp.trajectories.segment_times import MotionLimits
-
-Array = np.ndarray
+from uvms_ocp.trajectories.specification import CurveSpecification
 
 PEER = """
 import numpy as np, time, minsnap_trajectories as ms
@@ -211,10 +211,11 @@ def largest_jump(found: MinSnap) -> float:
 
 def min_snap_gradient_errors(k: int) -> dict[str, float]:
     waypoints, times = random_problem(8)
-    gradients = min_snap(waypoints, times, derivative=k).gradients()
+    specification = CurveSpecification(derivative=k)
+    gradients = min_snap(waypoints, times, specification).gradients()
     steps = np.random.default_rng(0).normal(size=(20, *waypoints.shape))
-    by_point = [directional(lambda w: min_snap(w, times, derivative=k).cost, waypoints, s) for s in steps]
-    by_time = [directional(lambda t: min_snap(waypoints, t, derivative=k).cost, times, s[:, 0]) for s in steps]
+    by_point = [directional(lambda w: min_snap(w, times, specification).cost, waypoints, s) for s in steps]
+    by_time = [directional(lambda t: min_snap(waypoints, t, specification).cost, times, s[:, 0]) for s in steps]
     return {
         "way points": relative_error(np.tensordot(steps, gradients.waypoints, axes=2), np.array(by_point)),
         "times": relative_error(steps[:, :, 0] @ gradients.times, np.array(by_time)),

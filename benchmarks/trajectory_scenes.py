@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import coal
 import numpy as np
-from numpy.typing import NDArray
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import CollisionScene, collision_scene
 from uvms_ocp.collision.coordinates import Coordinates, coordinates
@@ -18,8 +18,6 @@ from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.obstacles import Obstacle, obstacle
 from uvms_ocp.planning.sampling import SamplingOptions, sampled_waypoints
-
-Array = NDArray[np.float64]
 
 N_SCENES = 50
 

@@ -89,7 +89,7 @@ def test_a_mission_out_of_time_exits_with_3_and_says_why(tmp_path: Path) -> None
         (["run", "--duration", "nan"], "duration = nan s"),
         (["run", "--out", "taken/out"], "cannot write there"),
         (["run", "--out", ""], "names no folder"),
-        (["plan", "--to", "3", "0", "0", "--out", ""], "names no folder"),
+        (["plan", "curve", "--to", "3", "0", "0", "--out", ""], "names no folder"),
         (["export", "tick", " "], "names no folder"),
         (["run", "obstacle_field", "--seabed", "-39"], "obstacle_field has no option --seabed"),
         (["run", "table2", "--noise"], "table2 has no option --noise"),

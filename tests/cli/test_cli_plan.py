@@ -1,4 +1,4 @@
-"""The planning command: what it writes, its exit codes, its one-line errors."""
+"""The planning commands: what they write, and their exit codes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uvms_ocp.cli import main
 from uvms_ocp.model.kinematics import Kinematics
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.record import Record
@@ -39,7 +38,7 @@ def around(tmp_path_factory: pytest.TempPathFactory) -> Run:
     folder = tmp_path_factory.mktemp("plan")
     (folder / "obstacles.yaml").write_text(OBSTACLES)
     goal = ("--tool", *map(str, TOOL), "--sphere", "1.7,0.3,-0.4,0.35", "--obstacles", "obstacles.yaml")
-    return plan(*goal, "--out", "out", "--json", cwd=folder), folder / "out"
+    return plan("curve", *goal, "--out", "out", "--json", cwd=folder), folder / "out"
 
 
 def test_a_goal_behind_an_obstacle_is_reached_free_of_collision(around: Run) -> None:
@@ -97,13 +96,13 @@ def test_the_scene_holds_the_obstacles(around: Run) -> None:
 
 def test_a_fixed_robot_moves_its_joints_alone(tmp_path: Path) -> None:
     goal = ("--joint", "theta1=1.2", "--joint", "x0=0.5", "--robot", "planar5")
-    process = plan(*goal, "--out", "out", "--json", cwd=tmp_path)
+    process = plan("curve", *goal, "--out", "out", "--json", cwd=tmp_path)
     assert process.returncode == 0, process.stderr
     assert json.loads(process.stdout)["goal"] == pytest.approx([0.5, 0.0, 0.0, 1.2, -1.0])
 
 
 def test_a_goal_that_no_posture_reaches_exits_with_3_and_advice(tmp_path: Path) -> None:
-    process = plan("--tool", "9", "0", "0", "--axes", "joints", "--out", "out", "--json", cwd=tmp_path)
+    process = plan("curve", "--tool", "9", "0", "0", "--axes", "joints", "--out", "out", "--json", cwd=tmp_path)
     assert process.returncode == 3
     report = json.loads(process.stdout)
     assert report["collision_free"] is False
@@ -111,11 +110,11 @@ def test_a_goal_that_no_posture_reaches_exits_with_3_and_advice(tmp_path: Path) 
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["report.json"]
 
 
-OCP_OF_TWO = ("--method", "ocp", "--steps", "2")
+OCP_OF_TWO = ("ocp", "--steps", "2")
 FAILING = {
-    "infeasible": ("--to", "2", "0", "0", "--current", "3", "0", "0", *OCP_OF_TWO),
-    "obstructed": ("--to", "0.5", "1", "0", "--sphere", "-1,0,0.25,0.05", *OCP_OF_TWO),
-    "unreached": ("--tool", "9", "0", "0", "--axes", "joints"),
+    "infeasible": (*OCP_OF_TWO, "--to", "2", "0", "0", "--current", "3", "0", "0"),
+    "obstructed": (*OCP_OF_TWO, "--to", "0.5", "1", "0", "--sphere", "-1,0,0.25,0.05"),
+    "unreached": ("curve", "--tool", "9", "0", "0", "--axes", "joints"),
 }
 
 
@@ -123,8 +122,8 @@ FAILING = {
 def replanned(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Run]:
     """Each failing plan, in a folder of a plan of either method that was found."""
     folder = tmp_path_factory.mktemp("again")
-    for number, method in enumerate((("--method", "curve"), OCP_OF_TWO)):
-        assert plan("--to", "0.3", "0", "0", *method, "--out", str(number), cwd=folder).returncode == 0
+    for number, method in enumerate((("curve",), OCP_OF_TWO)):
+        assert plan(*method, "--to", "0.3", "0", "0", "--out", str(number), cwd=folder).returncode == 0
     runs = {}
     for name, options in FAILING.items():
         for number in "01":
@@ -163,7 +162,7 @@ def test_an_obstructed_start_names_the_shapes_and_how_far_to_move_them(replanned
 
 def test_a_robot_shut_in_exits_with_3_and_shows_the_collision(tmp_path: Path) -> None:
     wall = ("--robot", "planar5", "--box", "2,0,0,0.1,30,30")
-    process = plan("--joint", "x0=4", *wall, "--out", "out", "--json", cwd=tmp_path)
+    process = plan("curve", "--joint", "x0=4", *wall, "--out", "out", "--json", cwd=tmp_path)
     assert process.returncode == 3
     report = json.loads(process.stdout)
     assert report["min_clearance_m"] <= 0.0
@@ -175,9 +174,9 @@ def test_a_robot_shut_in_exits_with_3_and_shows_the_collision(tmp_path: Path) ->
 @pytest.fixture(scope="module")
 def controlled(tmp_path_factory: pytest.TempPathFactory) -> Run:
     folder = tmp_path_factory.mktemp("ocp")
-    options = ("--method", "ocp", "--duration", "14", "--steps", "20", "--current", "0.1", "0", "0")
+    options = ("--duration", "14", "--steps", "20", "--current", "0.1", "0", "0")
     goal = ("--tool", *map(str, TOOL), "--sphere", "1.7,0.3,-0.4,0.35")
-    return plan(*goal, *options, "--out", "out", "--json", cwd=folder), folder / "out"
+    return plan("ocp", *goal, *options, "--out", "out", "--json", cwd=folder), folder / "out"
 
 
 def test_optimal_control_reaches_the_goal_with_what_the_thrusters_have(controlled: Run) -> None:
@@ -205,8 +204,8 @@ def test_optimal_control_writes_its_plan_with_forces(controlled: Run) -> None:
 
 
 def test_optimal_control_that_misses_its_goal_exits_with_3_and_says_why(tmp_path: Path) -> None:
-    options = ("--method", "ocp", "--duration", "1", "--steps", "5", "--robot", "planar5")
-    process = plan("--joint", "x0=0.9", *options, "--out", "out", "--json", cwd=tmp_path)
+    options = ("--duration", "1", "--steps", "5", "--robot", "planar5")
+    process = plan("ocp", "--joint", "x0=0.9", *options, "--out", "out", "--json", cwd=tmp_path)
     assert process.returncode == 3, process.stderr
     report = json.loads(process.stdout)
     assert report["status"] == "horizon too short"
@@ -215,7 +214,7 @@ def test_optimal_control_that_misses_its_goal_exits_with_3_and_says_why(tmp_path
 
 
 def test_a_solver_that_runs_out_of_time_says_what_to_give(tmp_path: Path) -> None:
-    process = plan("--to", "2", "0", "0", "--method", "ocp", "--time-limit", "1e-6", "--out", "out", cwd=tmp_path)
+    process = plan("ocp", "--to", "2", "0", "0", "--time-limit", "1e-6", "--out", "out", cwd=tmp_path)
     assert process.returncode == 3, process.stderr
     text = " ".join(process.stdout.split())
     assert "unfinished" in text
@@ -257,64 +256,3 @@ def test_a_plan_against_anything_else_is_refused_in_one_line(around: Run, tmp_pa
         assert process.returncode == 2
         assert message in process.stderr
         assert len(process.stderr.strip().splitlines()) == 1
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ([], "give one goal"),
-        (["--to", "2", "0", "-1", "--robot", "planar5"], "--to: planar5 has no free vehicle pose; give --joint NAME=Q"),
-        (["--to", "2", "0", "-1", "--robot", "planar5", "--method", "ocp"], "with any of x0"),
-        (["--joint", "x0=1", "--rpy", "0", "0", "1", "--robot", "planar5"], "--rpy: planar5 has no free vehicle pose"),
-        (["--to", "3", "0", "0", "--time-limit", "5"], "--time-limit is for --method ocp, not for curve"),
-        (["--to", "3", "0", "0", "--method", "ocp", "--time-limit", "0"], "time_limit = 0.0; give a finite value > 0"),
-        (["--to", "3", "0", "0", "--obstacles", "list.yaml"], "give a mapping such as obstacles: [{name: ball"),
-        (["--to", "3", "0", "0", "--method", "prm"], "unknown method 'prm'"),
-        (["--to", "3", "0", "0", "--duration", "5"], "--duration is for --method ocp, not for curve"),
-        (["--to", "3", "0", "0", "--method", "ocp", "--axes", "all"], "--axes is for --method curve, not for ocp"),
-        (["--to", "3", "0", "0", "--method", "ocp", "--nlp", "snopt"], "unknown NLP solver 'snopt'"),
-        (["--to", "3", "0", "0", "--method", "ocp", "--steps", "0"], "give at least 1"),
-        (["--to", "3", "0", "0", "--method", "ocp", "--current", "nan", "0", "0"], "three finite numbers"),
-        (["--to", "3", "0", "0", "--method", "ocp", "--sphere", "0,0,0,0.3"], "the start is in collision: sphere1"),
-        (["--to", "3", "0", "0", "--method", "ocp", "--box", "5,0,0,0.01,9,9"], "give fewer or less flat obstacles"),
-        (["--tool", "1", "0", "0", "--joint", "joint1=0"], "give one goal"),
-        (["--tool-rpy", "1", "0", "0"], "give one goal"),
-        (["--tool", "nan", "0", "0"], "give finite numbers"),
-        (["--joint", "joint1"], "give NAME=VALUE"),
-        (["--joint", "joint9=0.1"], "unknown axis 'joint9'"),
-        (["--joint", "joint1=9"], "the goal) has joint1 = 9"),
-        (["--to", "1", "0", "0", "--axes", "joints"], "the goal moves x"),
-        (["--to-rpy", "0.5", "0", "0"], "the goal moves roll"),
-        (["--to", "0", "0", "0"], "way point"),
-        (["--to", "3", "0", "0", "--axes", "arm"], "unknown axes 'arm'"),
-        (["--to", "3", "0", "0", "--sphere", "3,0,0,0.3"], "(the goal) is in collision: sphere1"),
-        (["--to", "3", "0", "0", "--sphere", "0,0,0,0.3"], "(the start) is in collision: sphere1"),
-        (["--to", "3", "0", "0", "--sphere", "1,0,0"], "give 4 numbers"),
-        (["--to", "3", "0", "0", "--sphere", "1,0,0,-1"], "greater than 0"),
-        (["--to", "3", "0", "0", "--box", "1,0,0,a,1,1"], "give 6 numbers"),
-        (["--to", "3", "0", "0", "--clearance", "0"], "clearance is 0.0"),
-        (["--to", "3", "0", "0", "--obstacles", "none.yaml"], "cannot be read"),
-        (["--to", "3", "0", "0", "--obstacles", "bad.yaml"], "obstacles.0: a box has 3 sizes, not 2"),
-        (["--to", "3", "0", "0", "--robot", "girona"], "unknown robot 'girona'"),
-        (["--to", "3", "0", "0", "--out", "bad.yaml/out"], "cannot write there"),
-    ],
-)
-def test_mistakes_get_one_line_and_exit_code_2(
-    arguments: list[str],
-    message: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    (tmp_path / "bad.yaml").write_text("obstacles: [{name: a, shape: box, size: [1, 1], position: [0, 0, 0]}]")
-    (tmp_path / "list.yaml").write_text("[{name: a, shape: sphere, size: [1], position: [9, 9, 9]}]")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["uvms-ocp", "plan", *arguments])
-    with pytest.raises(SystemExit) as exit_:
-        main()
-    shown = capsys.readouterr()
-    assert exit_.value.code == 2
-    assert message in shown.err
-    assert len(shown.err.strip().splitlines()) == 1
-    assert shown.out == ""
-    assert {path.name for path in tmp_path.iterdir()} == {"bad.yaml", "list.yaml"}

@@ -25,7 +25,7 @@ from uvms_ocp.ocp.problem import OcpLevel, single_phase
 from uvms_ocp.ocp.request import OcpRequest, solve_ocp
 from uvms_ocp.ocp.terms import Effort
 from uvms_ocp.ocp.transcription.stage import StageModel
-from uvms_ocp.planning.request import PostureGoal, ToolGoal
+from uvms_ocp.planning.goals import PostureGoal, ToolGoal
 from uvms_ocp.report.ocp_motion import ocp_record, ocp_report
 
 BALL = ObstacleData(name="ball", shape="sphere", size=(0.2,), position=(0.8, 0.9, 0.0))

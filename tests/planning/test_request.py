@@ -15,20 +15,15 @@ from uvms_ocp.collision.obstacle_file import (
 )
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.kinematics import Kinematics
-from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.collision_model import CollisionModel
 from uvms_ocp.model.shapes.obstacles import mesh_shape, obstacle
 from uvms_ocp.obstacle_data import ObstacleData
-from uvms_ocp.planning.request import PlanRequest, PostureGoal, ToolGoal, solve
+from uvms_ocp.planning.goals import PostureGoal, ToolGoal
+from uvms_ocp.planning.request import PlanRequest, solve
 from uvms_ocp.report.planned_motion import motion_record, plan_report
 
 BALL = ObstacleData(name="ball", shape="sphere", size=(0.3,), position=(1.6, 0.3, -0.4))
-
-
-@pytest.fixture(scope="module")
-def robot() -> Robot:
-    return load_robot("girona_maris7")
 
 
 def test_a_tool_pose_is_reached_in_position_and_orientation(robot: Robot) -> None:

@@ -6,8 +6,9 @@ import pytest
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.trajectories import min_snap
 from uvms_ocp.trajectories.free_derivatives import end_data, piece_costs, pieces_of
-from uvms_ocp.trajectories.min_snap import Boundary, Constraint, MinSnap
+from uvms_ocp.trajectories.min_snap import MinSnap
 from uvms_ocp.trajectories.qp_form import Bound, min_snap_qp
+from uvms_ocp.trajectories.specification import Boundary, Constraint, CurveSpecification
 
 RNG = np.random.default_rng
 
@@ -53,7 +54,7 @@ def test_neighbouring_ratios_up_to_three_are_continuous_up_to_the_sixth_derivati
 @pytest.mark.parametrize("k", [2, 3, 4])
 def test_no_perturbation_of_the_free_derivatives_is_cheaper(k: int) -> None:
     waypoints, times = random_problem(6)
-    found = min_snap(waypoints, times, derivative=k)
+    found = min_snap(waypoints, times, CurveSpecification(derivative=k))
     pieces, rng = pieces_of(np.diff(times), k), RNG(2)
     for size in np.repeat([1e-3, 1e-1], 100):
         moved = found.node_derivatives.copy()
@@ -65,9 +66,10 @@ def test_no_perturbation_of_the_free_derivatives_is_cheaper(k: int) -> None:
 @pytest.mark.parametrize("n", [1, 3, 10])
 def test_the_qp_and_the_free_derivative_form_agree(k: int, n: int) -> None:
     waypoints, times = random_problem(n)
-    constraints = [Constraint(node=1, derivative=1, value=0.3)] if n > 1 else []
-    free = min_snap(waypoints, times, derivative=k, constraints=constraints)
-    qp = min_snap_qp(waypoints, times, derivative=k, constraints=constraints)
+    constraints = (Constraint(node=1, derivative=1, value=0.3),) if n > 1 else ()
+    specification = CurveSpecification(derivative=k, constraints=constraints)
+    free = min_snap(waypoints, times, specification)
+    qp = min_snap_qp(waypoints, times, specification)
     size = np.abs(free.node_derivatives).max()
     np.testing.assert_allclose(qp.node_derivatives, free.node_derivatives, atol=1e-8 * size)
     assert qp.cost == pytest.approx(free.cost, rel=1e-8)
@@ -90,22 +92,23 @@ def test_contradictory_bounds_are_refused() -> None:
 def test_constraints_are_met_on_the_chosen_axes_only() -> None:
     waypoints, times = random_problem(4)
     plain = min_snap(waypoints, times)
-    held = min_snap(waypoints, times, constraints=[Constraint(node=2, derivative=1, value=0.0, axes=(1,))])
+    stop = Constraint(node=2, derivative=1, value=0.0, axes=(1,))
+    held = min_snap(waypoints, times, CurveSpecification(constraints=(stop,)))
     np.testing.assert_allclose(held.trajectory.evaluate(times[2], 1)[1], 0.0, atol=1e-12)
     np.testing.assert_allclose(held.node_derivatives[:, :, [0, 2]], plain.node_derivatives[:, :, [0, 2]], rtol=1e-9)
 
 
 def test_boundary_rows_fix_the_first_derivatives_and_leave_the_others_free() -> None:
     waypoints, times = random_problem(4)
-    moving = Boundary(start=[[1.0, 2.0, 3.0]], end=None)
-    found = min_snap(waypoints, times, boundary=moving)
+    moving, stopping = Boundary(start=[[1.0, 2.0, 3.0]], end=None), Boundary(start=[[1.0, 2.0, 3.0]])
+    found = min_snap(waypoints, times, CurveSpecification(boundary=moving))
     np.testing.assert_allclose(found.trajectory.evaluate(times[0], 1), [1.0, 2.0, 3.0], atol=1e-12)
-    assert found.cost < min_snap(waypoints, times, boundary=Boundary(start=[[1.0, 2.0, 3.0]])).cost
+    assert found.cost < min_snap(waypoints, times, CurveSpecification(boundary=stopping)).cost
 
 
 def test_a_free_way_point_lowers_the_cost_to_where_its_gradient_vanishes() -> None:
     waypoints, times = random_problem(5)
-    found = min_snap(waypoints, times, free_positions=[2])
+    found = min_snap(waypoints, times, CurveSpecification(free_positions=(2,)))
     assert found.cost < min_snap(waypoints, times).cost
     gradient = found.gradients().waypoints
     assert np.abs(gradient[2]).max() < 1e-9 * np.abs(gradient).max()
@@ -120,17 +123,16 @@ def test_the_cost_does_not_change_under_a_shift_of_space_and_time() -> None:
 @pytest.mark.parametrize("k", [2, 3, 4])
 def test_gradients_of_the_optimal_cost_match_differences(k: int) -> None:
     waypoints, times = random_problem(5)
-    gradients = min_snap(waypoints, times, derivative=k).gradients()
+    specification = CurveSpecification(derivative=k)
+    gradients = min_snap(waypoints, times, specification).gradients()
     h = 1e-5
     for i in range(6):
         step = h * np.eye(6)[i]
-        slope = (
-            min_snap(waypoints, times + step, derivative=k).cost - min_snap(waypoints, times - step, derivative=k).cost
-        ) / (2 * h)
-        assert slope == pytest.approx(gradients.times[i], rel=1e-6)
+        late, early = (min_snap(waypoints, times + s * step, specification).cost for s in (1, -1))
+        assert (late - early) / (2 * h) == pytest.approx(gradients.times[i], rel=1e-6)
         for axis in range(3):
             move = h * np.outer(np.eye(6)[i], np.eye(3)[axis])
-            up, down = (min_snap(waypoints + s * move, times, derivative=k).cost for s in (1, -1))
+            up, down = (min_snap(waypoints + s * move, times, specification).cost for s in (1, -1))
             assert (up - down) / (2 * h) == pytest.approx(gradients.waypoints[i, axis], rel=1e-6, abs=1e-6)
 
 
@@ -153,7 +155,7 @@ def test_bad_way_points_and_times_are_refused_with_the_offending_index(
 
 
 def test_equal_way_points_are_a_wait_when_asked_for() -> None:
-    found = min_snap([1.0, 1.0], [0.0, 2.0], dwell=True)
+    found = min_snap([1.0, 1.0], [0.0, 2.0], CurveSpecification(dwell=True))
     assert found.cost == 0.0
 
 
@@ -168,11 +170,19 @@ def test_bad_constraints_are_refused_with_the_offending_index() -> None:
         (Constraint(node=1, derivative=2, axes=(5,)), "axes 0 to 2"),
     ):
         with pytest.raises(InvalidInput, match=message):
-            min_snap(waypoints, times, constraints=[good, bad])
+            min_snap(waypoints, times, CurveSpecification(constraints=(good, bad)))
 
 
 def test_a_curve_with_too_little_fixed_is_refused() -> None:
     with pytest.raises(InvalidInput, match="not determined"):
-        min_snap([0.0, 1.0], [0.0, 1.0], boundary=Boundary(start=None, end=None))
+        min_snap([0.0, 1.0], [0.0, 1.0], CurveSpecification(boundary=Boundary(start=None, end=None)))
     with pytest.raises(InvalidInput, match="start boundary"):
-        min_snap([0.0, 1.0], [0.0, 1.0], boundary=Boundary(start=np.zeros((4, 1))))
+        min_snap([0.0, 1.0], [0.0, 1.0], CurveSpecification(boundary=Boundary(start=np.zeros((4, 1)))))
+
+
+def test_a_specification_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="derivative is 0; allowed is 1 or more"):
+        CurveSpecification(derivative=0)
+    for node in (3, -4):
+        with pytest.raises(InvalidInput, match=f"the position of way point {node} is to be free; allowed are -3 to 2"):
+            min_snap([0.0, 1.0, 0.0], [0.0, 1.0, 2.0], CurveSpecification(free_positions=(node,)))

@@ -11,6 +11,7 @@ from uvms_ocp.trajectories.segment_times import (
     scale_to_limits,
     trapezoidal_times,
 )
+from uvms_ocp.trajectories.specification import MINIMUM_SNAP, CurveSpecification
 
 LIMITS = MotionLimits(velocity=0.8, acceleration=2.0)
 
@@ -51,6 +52,16 @@ def test_optimal_times_beat_the_guess_at_any_uniform_speed() -> None:
     for stretch in np.geomspace(0.2, 5.0, 20):
         other = min_snap(waypoints, guess * stretch)
         assert best.trajectory.duration + best.cost <= other.trajectory.duration + other.cost
+
+
+def test_times_and_a_free_way_point_are_best_together() -> None:
+    waypoints = random_waypoints(4)
+    guess = trapezoidal_times(waypoints, LIMITS)
+    free = CurveSpecification(free_positions=(2,))
+    through, past = (optimal_times(waypoints, guess, given, time_weight=1.0) for given in (MINIMUM_SNAP, free))
+    np.testing.assert_allclose(past.gradients().durations, -1.0, rtol=1e-4)
+    np.testing.assert_allclose(past.gradients().waypoints[2], 0.0, atol=1e-6)
+    assert past.trajectory.duration + past.cost < through.trajectory.duration + through.cost
 
 
 def test_bad_limits_are_refused_with_the_offending_axis() -> None:

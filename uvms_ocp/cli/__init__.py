@@ -28,7 +28,6 @@ app.command(name="run")(run.run)
 app.command(name="check")(check.check)
 app.command(name="mission")(check.mission)
 app.command(name="compare")(compare.compare_runs)
-app.command(name="plan")(plan.plan)
 app.command(name="list")(listing.list_all)
 app.command(name="check-robot")(robots.check_robot)
 app.command(name="schema")(robots.schema)
@@ -36,6 +35,7 @@ app.command(name="schema")(robots.schema)
 export_app = typer.Typer(help="Write what runs without Python.", no_args_is_help=True)
 export_app.command(name="tick")(export.export_tick)
 app.add_typer(export_app, name="export")
+app.add_typer(plan.app, name="plan")
 
 
 def _show_version(wanted: bool) -> None:

@@ -12,12 +12,10 @@ import casadi as ca
 import coal
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.robot import Robot
-
-Array = NDArray[np.float64]
 
 
 class Capsule(NamedTuple):

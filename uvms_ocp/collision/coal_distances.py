@@ -8,13 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from uvms_ocp.arrays import Array, Indices, Mask
 from uvms_ocp.collision.collision_scene import CollisionScene
 from uvms_ocp.model.axis_reach import largest_change
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -138,7 +135,7 @@ class CoalDistances:
                 found.append((sample, k, distance, *witness, centre))
 
 
-def _grouped(candidates: NDArray[np.bool_]) -> Iterator[tuple[int, list[int]]]:
+def _grouped(candidates: Mask) -> Iterator[tuple[int, list[int]]]:
     """Each sample that has candidates, with the pairs that are."""
     samples, pairs = np.nonzero(candidates)
     first = np.flatnonzero(np.diff(samples, prepend=-1))

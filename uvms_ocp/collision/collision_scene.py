@@ -7,15 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.collision.coordinates import Coordinates
+from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.axis_reach import shape_reach
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.collision_model import self_pairs, shapes_among
 from uvms_ocp.model.shapes.obstacles import Obstacle
-
-Array = NDArray[np.float64]
 
 _LINKS = "its own links"
 
@@ -85,6 +84,15 @@ class CollisionScene:
             name = self.geometry.geometryObjects[pair.first].name if self.is_obstacle(pair.first) else _LINKS
             groups.setdefault(name, []).append(index)
         return groups
+
+    def check_apart(self, distances: Array, place: str) -> None:
+        """Raise `InvalidInput` where two shapes touch, by the distances (n_pairs,) [m] at the place of that name."""
+        if distances.min(initial=np.inf) <= 0.0:
+            nearest = int(np.argmin(distances))
+            raise InvalidInput(
+                f"{place} is in collision: {self.pairs[nearest].name} overlap by {abs(distances[nearest]):.3g} m; "
+                "move it or the obstacle"
+            )
 
 
 def collision_scene(

@@ -13,13 +13,11 @@ from math import comb
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.collision.collision_scene import CollisionScene, Nearest
 from uvms_ocp.model.axis_reach import largest_change
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
-
-Array = NDArray[np.float64]
 
 
 class PairDistances(Protocol):

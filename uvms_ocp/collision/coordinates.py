@@ -13,12 +13,11 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from uvms_ocp.arrays import Array, Indices
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.robot import Robot
-
-Array = NDArray[np.float64]
 
 VEHICLE_AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 
@@ -30,7 +29,7 @@ class Coordinates:
     robot: Robot
     reference: Array
     """(n_v,) all axes."""
-    planned: NDArray[np.intp]
+    planned: Indices
     """(n_axes,) indices of the planned axes among all axes."""
 
     @property

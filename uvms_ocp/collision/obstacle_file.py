@@ -9,7 +9,7 @@ The entries are the fields of `ObstacleData`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -102,12 +102,13 @@ def describe_obstacle(item: Obstacle) -> ObstacleData | None:
     return ObstacleData(name=item.name, position=item.X_WO.translation.tolist(), rpy=rpy.tolist(), **form)
 
 
-def check_names(obstacles: tuple[ObstacleData, ...]) -> None:
-    """Raise ``InvalidInput`` where two obstacles share a name."""
+def build_obstacles(obstacles: Sequence[ObstacleData]) -> list[Obstacle]:
+    """The obstacles themselves. Raises ``InvalidInput`` where two share a name."""
     names = [item.name for item in obstacles]
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise InvalidInput(f"two obstacles are called {twice[0]!r}; give each a name of its own")
+    return [build_obstacle(item) for item in obstacles]
 
 
 def _form(shape: coal.CollisionGeometry) -> dict[str, Any] | None:

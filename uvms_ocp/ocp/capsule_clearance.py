@@ -41,7 +41,8 @@ class CapsuleClearance(Term):
     pairs: tuple[tuple[PlacedCapsule, PlacedCapsule], ...]
     names: tuple[str, ...]
     """Of the two shapes that each pair covers, as in `CollisionScene.pairs`."""
-    margin: float  # [m]
+    margin: float
+    """[m]"""
 
     @property
     def name(self) -> str:

@@ -60,7 +60,8 @@ class LevelReport:
     name: str
     status: str
     advice: str
-    residual: float  # norm of the distances of its rows to their range, weighted
+    residual: float
+    """Norm of the distances of its rows to their range, weighted"""
     iterations: int
 
 
@@ -71,10 +72,13 @@ class Plan:
     robot: Robot
     trajectory: Trajectory
     status: OcpStatus
-    reason: str  # with the level or constraint and the numbers behind the verdict
+    reason: str
+    """With the level or constraint and the numbers behind the verdict"""
     levels: tuple[LevelReport, ...]
-    solve_time: float  # [s]
-    result: LexicographicResult | None = None  # start of the next, warm solve
+    solve_time: float
+    """[s]"""
+    result: LexicographicResult | None = None
+    """Start of the next, warm solve"""
 
     @property
     def advice(self) -> str:

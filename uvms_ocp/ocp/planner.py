@@ -11,21 +11,14 @@ import numpy as np
 from uvms_ocp.ocp.first_step import impossible_start
 from uvms_ocp.ocp.plan import LevelReport, OcpStatus, Plan
 from uvms_ocp.ocp.problem import OcpPhase, OcpProblem
-from uvms_ocp.ocp.terms import Duration, Effort, Energy, Posture, Smoothness
 from uvms_ocp.ocp.trajectory import Trajectory, hold
 from uvms_ocp.ocp.transcription.transcription import Transcription
-from uvms_ocp.solvers.nlp.lexicographic_nlp import (
-    LexicographicNlp,
-    LexicographicResult,
-    NlpOptions,
-)
+from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicNlp, LexicographicResult, NlpOptions
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 
 _MISSED = 1e-3  # weighted residual of a goal level from which it counts as missed
 _LONGER = (2.0, 4.0)  # shares of the horizon that are tried to tell "too short" from "unreachable"
 _HELPS = 0.9  # share of the residual that more time must leave at most to count as a help
-_COSTS = (Effort, Energy, Smoothness, Duration, Posture)
-
 
 Verdict: TypeAlias = tuple[OcpStatus, str]
 """With the reason in words."""
@@ -159,8 +152,7 @@ class Planner:
     def _missed(self, result: LexicographicResult) -> int | None:
         """The first level of goals, not costs, that is not met."""
         for i, level in enumerate(self.problem.levels):
-            goals = [term for term in level.terms if not isinstance(term, _COSTS)]
-            if goals and result.level_residuals[i] > _MISSED:
+            if any(term.is_goal for term in level.terms) and result.level_residuals[i] > _MISSED:
                 return i
         return None
 

@@ -11,7 +11,7 @@ import numpy as np
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
-from uvms_ocp.ocp.terms import At, Duration, Term
+from uvms_ocp.ocp.terms import At, Term
 
 
 class Integrator(Enum):
@@ -43,11 +43,12 @@ class HessianKind(Enum):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class OcpPhase:
-    """A stretch of the horizon. duration [s]: fixed, or a range ``(shortest, longest)`` to choose from."""
+    """A stretch of the horizon."""
 
     name: str = "horizon"
     n_steps: int = 40
     duration: float | tuple[float, float]
+    """[s] fixed, or a range ``(shortest, longest)`` to choose from."""
 
     def __post_init__(self) -> None:
         shortest, longest = self.range
@@ -73,14 +74,12 @@ class OcpPhase:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class OcpLevel:
-    """Terms of one priority; their squared distances add up, path terms as a mean over the nominal time.
-
-    relax: see `uvms_ocp.solvers.nlp.program.NlpLevel`.
-    """
+    """Terms of one priority; their squared distances add up, path terms as a mean over the nominal time."""
 
     name: str
     terms: tuple[Term, ...]
     relax: float | None = None
+    """See `uvms_ocp.solvers.nlp.program.NlpLevel`."""
 
     def __post_init__(self) -> None:
         if not self.terms:
@@ -99,13 +98,16 @@ class OcpProblem:
     phases: tuple[OcpPhase, ...]
     levels: tuple[OcpLevel, ...]
     constraints: tuple[Term, ...] = ()
-    current: np.ndarray = field(default_factory=lambda: np.zeros(3))  # (3,) [m/s] water velocity in W, uniform
-    floor: float = -np.inf  # [m] height of the seafloor, for altitude terms
+    current: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """(3,) [m/s] water velocity in W, uniform"""
+    floor: float = -np.inf
+    """[m] height of the seafloor, for altitude terms"""
     integrator: Integrator = Integrator.MIDPOINT
     actuation: Actuation = Actuation.THRUSTERS
     hessian: HessianKind = HessianKind.EXACT
     water: bool = True
-    limited: bool = True  # False leaves out all limits of the robot, for comparisons
+    limited: bool = True
+    """False leaves out all limits of the robot, for comparisons"""
     altimeter_frame: str = "altimeter"
 
     def __post_init__(self) -> None:
@@ -151,7 +153,7 @@ class OcpProblem:
 
     def _check_relaxed_levels(self) -> None:
         for level in self.levels[:-1]:
-            if level.relax is None and any(isinstance(term, Duration) for term in level.terms):
+            if level.relax is None and any(term.minimises_time for term in level.terms):
                 raise InvalidInput(
                     f"level {level.name!r} minimises time: give it `relax`, such as 0.01, or put it last"
                 )

@@ -7,14 +7,12 @@ from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import CollisionScene, Nearest, collision_scene
 from uvms_ocp.collision.coordinates import coordinates
-from uvms_ocp.collision.obstacle_file import build_obstacle, check_names
-from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.kinematics import Kinematics
+from uvms_ocp.collision.obstacle_file import build_obstacles
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
 from uvms_ocp.obstacle_data import ObstacleData
@@ -23,14 +21,8 @@ from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Effort, Posture, Smoothness, TaskTerm
-from uvms_ocp.planning.request import PostureGoal, ToolGoal
+from uvms_ocp.planning.goals import Goal, Triple
 from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
-from uvms_ocp.tasks.joints import JointTracking
-from uvms_ocp.tasks.pose import ToolPose, ToolPosition, VehiclePose
-from uvms_ocp.tasks.task import Task
-
-Array = NDArray[np.float64]
-Triple = tuple[float, float, float]
 
 _PERIOD = 0.02  # [s] between the samples whose clearance is looked at
 _MAX_SAMPLES = 5000
@@ -43,7 +35,7 @@ class OcpRequest:
     robot: Robot
     start: Array
     """(n_q,) configuration."""
-    goal: ToolGoal | PostureGoal
+    goal: Goal
     obstacles: tuple[ObstacleData, ...] = ()
     clearance: float = 0.06
     """[m] kept from obstacles by the capsules that cover the links."""
@@ -103,12 +95,11 @@ def solve_ocp(request: OcpRequest) -> OcpResult:
         InvalidInput: a goal outside limits, a start in collision, two obstacles of one name, obstacles of shapes that
             capsules do not cover, or numbers out of their range.
     """
-    check_names(request.obstacles)
-    obstacles = [build_obstacle(item) for item in request.obstacles]
-    scene = collision_scene(coordinates(request.robot, reference=request.start), obstacles)
+    planned = coordinates(request.robot, reference=request.start)
+    scene = collision_scene(planned, build_obstacles(request.obstacles))
     clearance = capsule_clearance(scene, margin=request.clearance)
     problem = _problem(request, clearance)
-    _check_start(scene, request.start)
+    scene.check_apart(CoalDistances(scene).distances(planned.x(request.start)[None])[0], "the start")
     plan = Planner(problem, NlpOptions(plugin=request.plugin, time_limit=request.time_limit)).plan()
     if plan.status is OcpStatus.OBSTRUCTED and clearance.pairs:
         plan = replace(plan, reason=_too_near(request, clearance) or plan.reason)
@@ -116,14 +107,14 @@ def solve_ocp(request: OcpRequest) -> OcpResult:
 
 
 def _problem(request: OcpRequest, clearance: CapsuleClearance) -> OcpProblem:
-    robot = request.robot
+    robot, tasks = request.robot, request.goal.as_tasks(request.robot, request.start)
     return single_phase(
         robot=robot,
         start=State(q=request.start, v=np.zeros(robot.n_v)),
         duration=request.duration,
         n_steps=request.n_steps,
         levels=[
-            OcpLevel(name="goal", terms=tuple(TaskTerm(task=task) for task in _tasks(request))),
+            OcpLevel(name="goal", terms=tuple(TaskTerm(task=task) for task in tasks)),
             # Links seldom meet near the posture of the start, and no constraint keeps them apart.
             OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.3), Posture(q=request.start, weight=2.0))),
         ],
@@ -131,39 +122,6 @@ def _problem(request: OcpRequest, clearance: CapsuleClearance) -> OcpProblem:
         current=np.asarray(request.current, dtype=float),
         water=bool(robot.hydrodynamics),
     )
-
-
-def _tasks(request: OcpRequest) -> list[Task]:
-    goal = request.goal
-    if isinstance(goal, ToolGoal):
-        request.robot.frame_id(goal.frame)
-        if isinstance(goal.target, pin.SE3):
-            return [ToolPose(frame=goal.frame, goal=goal.target)]
-        return [ToolPosition(frame=goal.frame, goal=pin.SE3(np.eye(3), goal.target))]
-    return _posture_tasks(request, goal)
-
-
-def _posture_tasks(request: OcpRequest, goal: PostureGoal) -> list[Task]:
-    robot = request.robot
-    # Refuses unknown joints, values outside the limits, and a vehicle's goal where there is no vehicle.
-    q = robot.configuration(position=goal.position, rpy=goal.rpy, joints=dict(goal.joints))
-    tasks: list[Task] = []
-    if goal.position is not None or goal.rpy is not None:
-        here = Kinematics(robot, request.start).pose("base_link")
-        there = Kinematics(robot, q).pose("base_link")
-        position = here.translation if goal.position is None else there.translation
-        tasks.append(VehiclePose(goal=pin.SE3((here if goal.rpy is None else there).rotation, position)))
-    if goal.joints:
-        values = np.array(list(goal.joints.values()))
-        tasks.append(JointTracking(joints=tuple(goal.joints), goal=values))
-    return tasks
-
-
-def _check_start(scene: CollisionScene, q: Array) -> None:
-    d = CoalDistances(scene).distances(scene.coordinates.x(q)[None])[0]
-    if d.size and d.min() <= 0.0:
-        pair = scene.pairs[int(np.argmin(d))].name
-        raise InvalidInput(f"the start is in collision: {pair}, {d.min():.3g} m; move the start or the obstacle")
 
 
 def _too_near(request: OcpRequest, clearance: CapsuleClearance) -> str | None:

@@ -33,21 +33,31 @@ class StageSymbols:
     """State and input of one step. Inputs are shares of their limits; see `uvms_ocp.ocp.transcription.stage`."""
 
     tick: TickSymbols
-    acceleration: ca.SX  # (n_v,) [m/s2, rad/s2]
-    thrust: ca.SX  # (n_thrusters,) [N]
-    thrust_share: ca.SX  # (n_thrusters,)
-    torque: ca.SX  # (n_joints,) [N m or N]
-    torque_share: ca.SX  # (n_joints,)
+    acceleration: ca.SX
+    """(n_v,) [m/s2, rad/s2]"""
+    thrust: ca.SX
+    """(n_thrusters,) [N]"""
+    thrust_share: ca.SX
+    """(n_thrusters,) [-]"""
+    torque: ca.SX
+    """(n_joints,) [N m or N]"""
+    torque_share: ca.SX
+    """(n_joints,) [-]"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Term(ABC):
-    """Rows over a horizon. `phase` names the phase in which it counts: by default all along, or at the very end."""
+    """Rows over a horizon."""
 
     state_only: ClassVar[bool] = True
+    """No row depends on inputs."""
+    is_goal: ClassVar[bool] = True
+    """Something to be reached: a plan that leaves it away from its range has missed it. False for costs."""
+    minimises_time: ClassVar[bool] = False
     at: At = At.END
     weight: float = 1.0
     phase: str | None = None
+    """Name of the phase in which it counts; by default all along, or at the very end."""
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.weight) and self.weight > 0):
@@ -76,7 +86,8 @@ class TaskTerm(Term):
     """A task of the velocity hierarchy over the horizon, by its `Task.residual`."""
 
     task: Task
-    tolerance: float = 0.0  # by which the range of every row is widened, in the unit of the row
+    tolerance: float = 0.0
+    """By which the range of every row is widened, in the unit of the row"""
 
     @property
     def name(self) -> str:
@@ -111,6 +122,7 @@ class Effort(Term):
     """Thrust and torque, in shares of their limits: the integral of their squares."""
 
     state_only: ClassVar[bool] = False
+    is_goal: ClassVar[bool] = False
     at: At = At.PATH
 
     @property
@@ -129,6 +141,7 @@ class Energy(Term):
     """
 
     state_only: ClassVar[bool] = False
+    is_goal: ClassVar[bool] = False
     at: At = At.PATH
 
     @property
@@ -154,6 +167,7 @@ class Smoothness(Term):
     """Accelerations, in shares of their limits: the integral of their squares."""
 
     state_only: ClassVar[bool] = False
+    is_goal: ClassVar[bool] = False
     at: At = At.PATH
 
     @property
@@ -169,6 +183,8 @@ class Duration(Term):
     """Time: a row of ones, whose integral is the duration. Of use where durations are free."""
 
     state_only: ClassVar[bool] = False
+    is_goal: ClassVar[bool] = False
+    minimises_time: ClassVar[bool] = True
     at: At = At.PATH
 
     @property
@@ -183,8 +199,10 @@ class Duration(Term):
 class Posture(Term):
     """Joints away from a preferred posture, in shares of their range: the integral of the squares."""
 
+    is_goal: ClassVar[bool] = False
     at: At = At.PATH
-    q: np.ndarray  # (n_q,) configuration, of which joints with two limits are used
+    q: np.ndarray
+    """(n_q,) configuration, of which joints with two limits are used"""
 
     @property
     def name(self) -> str:
@@ -204,8 +222,10 @@ class Posture(Term):
 class Ball:
     """A ball fixed to a frame of the robot or, without a frame, to the world."""
 
-    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m] in the frame
-    radius: float  # [m]
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """[m] in the frame"""
+    radius: float
+    """[m]"""
     frame: str | None = None
 
     def __post_init__(self) -> None:
@@ -227,7 +247,8 @@ class BallClearance(Term):
     at: At = At.PATH
     robot_balls: tuple[Ball, ...]
     obstacles: tuple[Ball, ...]
-    margin: float = 0.05  # [m]
+    margin: float = 0.05
+    """[m]"""
 
     @property
     def name(self) -> str:

@@ -19,12 +19,18 @@ from uvms_ocp.ocp.problem import Actuation, OcpProblem
 class Trajectory:
     """States at nodes and inputs of steps."""
 
-    t: np.ndarray  # (N + 1,) [s]
-    q: np.ndarray  # (N + 1, n_q)
-    v: np.ndarray  # (N + 1, n_v) [m/s, rad/s]
-    a: np.ndarray  # (N, n_v) [m/s2, rad/s2] constant over each step
-    thrust: np.ndarray  # (N, n_thrusters) [N] at the middle of each step
-    torque: np.ndarray  # (N, n_joints) [N m or N]
+    t: np.ndarray
+    """(N + 1,) [s]"""
+    q: np.ndarray
+    """(N + 1, n_q)"""
+    v: np.ndarray
+    """(N + 1, n_v) [m/s, rad/s]"""
+    a: np.ndarray
+    """(N, n_v) [m/s2, rad/s2] constant over each step"""
+    thrust: np.ndarray
+    """(N, n_thrusters) [N] at the middle of each step"""
+    torque: np.ndarray
+    """(N, n_joints) [N m or N]"""
 
     def state_at(self, model: pin.Model, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """q, v and a at time t [s]; the end is held."""

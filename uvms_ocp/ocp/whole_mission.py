@@ -25,17 +25,27 @@ from uvms_ocp.tasks.velocity import NullVelocity
 class WholeMission:
     """Goals of the four phases, and how long each may take."""
 
-    way_point: pin.SE3  # X_WB
-    target: np.ndarray  # (3,) [m] in W
-    tool_goal: pin.SE3  # X_WT
-    durations: tuple[tuple[float, float], ...]  # [s] shortest and longest of A, B, C, D
+    way_point: pin.SE3
+    """X_WB"""
+    target: np.ndarray
+    """(3,) [m] in W"""
+    tool_goal: pin.SE3
+    """X_WT"""
+    durations: tuple[tuple[float, float], ...]
+    """[s] shortest and longest of A, B, C, D"""
     n_steps: tuple[int, int, int, int] = (24, 8, 16, 16)
-    arrival: float = 0.1  # [m] distance to the way point that ends A
-    misalignment: float = 0.07  # [rad] that ends B, and holds through C
-    altitude: float = 0.19  # [m] on the altimeter that ends C; the hull touches at 0.17
-    minimum_altitude: float = 1.0  # [m] in A and B
-    tilt: float = 0.1  # [rad] at most
-    current: np.ndarray | None = None  # (3,) [m/s]
+    arrival: float = 0.1
+    """[m] distance to the way point that ends A"""
+    misalignment: float = 0.07
+    """[rad] that ends B, and holds through C"""
+    altitude: float = 0.19
+    """[m] on the altimeter that ends C; the hull touches at 0.17"""
+    minimum_altitude: float = 1.0
+    """[m] in A and B"""
+    tilt: float = 0.1
+    """[rad] at most"""
+    current: np.ndarray | None = None
+    """(3,) [m/s]"""
 
 
 def whole_mission(robot: Robot, start: State, mission: WholeMission, *, floor: float) -> OcpProblem:

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from uvms_ocp.arrays import Array, Mask
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -4,28 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from uvms_ocp.arrays import Array, Mask
 from uvms_ocp.planning.block_tridiagonal import BlockTridiagonal
 from uvms_ocp.planning.path_cost import LocalModel
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+
+def _never(model: LocalModel) -> bool:
+    return False
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class DescentOptions:
-    """When to stop, and the damping to start with."""
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class DescentProblem:
+    """A cost over the free variables (n_nodes, b), and where to start."""
 
-    max_iterations: int = 40
-    tolerance: float = 1e-3
-    """Relative decrease of the cost below which an accepted step is the last."""
-    damping: float = 1e-3
-    """First weight of the metric that holds steps back."""
-    longest_step: float = 0.3
-    """[m or rad] a node's position moves at most this far in one step."""
+    model: Callable[[Array], LocalModel]
+    start: Array
+    free: Mask
+    metric: BlockTridiagonal
+    """What long steps are measured by."""
+    lower: Array
+    """Bounds on the variables, for solvers that can keep any."""
+    upper: Array
+    enough: Callable[[LocalModel], bool] = _never
+    """A model that is good enough, for solvers that can stop early."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -38,39 +43,47 @@ class Descent:
     converged: bool
 
 
-def descend(
-    model: Callable[[Array], LocalModel],
-    start: Array,
-    free: Mask,
-    metric: BlockTridiagonal,
-    options: DescentOptions,
-    enough: Callable[[LocalModel], bool] = lambda _: False,
-) -> Descent:
-    """Minimise over the free variables (n_nodes, b).
+class DescentSolver(Protocol):
+    """What minimises the cost of a path."""
 
-    Steps solve ``(H + mu metric) step = -gradient``; mu falls when the model predicts well and grows when a step is
-    refused, so a step is never accepted that raises the cost.
+    def minimise(self, problem: DescentProblem) -> Descent: ...
 
-    Args:
-        enough: Stops early on a model that is good enough.
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TrustRegion:
+    """Steps solve ``(H + mu metric) step = -gradient``.
+
+    mu falls when the model predicts well and grows when a step is refused, so a step is never accepted that raises the
+    cost. Bounds are not kept.
     """
-    x, here, mu = start, model(start), options.damping
-    for iteration in range(options.max_iterations):
-        if enough(here):
-            return Descent(variables=x, model=here, iterations=iteration, converged=True)
-        step, predicted, mu = _step(here, free, metric, mu, options.longest_step)
-        there = model(x + step)
-        actual = here.parts.total - there.parts.total
-        if actual <= 0.0:
-            if predicted <= options.tolerance * here.parts.total:
+
+    max_iterations: int = 40
+    tolerance: float = 1e-3
+    """Relative decrease of the cost below which an accepted step is the last [-]."""
+    damping: float = 1e-3
+    """First weight of the metric that holds steps back."""
+    longest_step: float = 0.3
+    """[m or rad] a node's position moves at most this far in one step."""
+
+    def minimise(self, problem: DescentProblem) -> Descent:
+        model, x, mu = problem.model, problem.start, self.damping
+        here = model(x)
+        for iteration in range(self.max_iterations):
+            if problem.enough(here):
+                return Descent(variables=x, model=here, iterations=iteration, converged=True)
+            step, predicted, mu = _step(here, problem.free, problem.metric, mu, self.longest_step)
+            there = model(x + step)
+            actual = here.parts.total - there.parts.total
+            if actual <= 0.0:
+                if predicted <= self.tolerance * here.parts.total:
+                    return Descent(variables=x, model=here, iterations=iteration + 1, converged=True)
+                mu *= 8.0
+                continue
+            done = actual <= self.tolerance * here.parts.total
+            x, here, mu = x + step, there, mu * _damping_change(actual / predicted)
+            if done:
                 return Descent(variables=x, model=here, iterations=iteration + 1, converged=True)
-            mu *= 8.0
-            continue
-        done = actual <= options.tolerance * here.parts.total
-        x, here, mu = x + step, there, mu * _damping_change(actual / predicted)
-        if done:
-            return Descent(variables=x, model=here, iterations=iteration + 1, converged=True)
-    return Descent(variables=x, model=here, iterations=options.max_iterations, converged=False)
+        return Descent(variables=x, model=here, iterations=self.max_iterations, converged=False)
 
 
 def _step(

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.collision.conservative_advancement import PairDistances
 from uvms_ocp.collision.coordinates import Coordinates
 from uvms_ocp.exceptions import InvalidInput
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

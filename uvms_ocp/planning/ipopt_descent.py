@@ -7,59 +7,50 @@ from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from uvms_ocp.arrays import Array, Indices, Mask
 from uvms_ocp.planning.block_tridiagonal import BlockTridiagonal
-from uvms_ocp.planning.descent import Descent
+from uvms_ocp.planning.descent import Descent, DescentProblem
 from uvms_ocp.planning.path_cost import LocalModel
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class IpoptOptions:
-    """When to stop."""
+class Ipopt:
+    """IPOPT with the model's gradient and positive semi-definite Hessian; keeps the bounds, and does not stop early."""
 
     max_iterations: int = 100
     tolerance: float = 1e-4
+    """[-]"""
 
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Bounds:
-    """Limits on the variables (n_nodes, b)."""
-
-    lower: Array
-    upper: Array
-
-
-def descend_ipopt(
-    model: Callable[[Array], LocalModel], start: Array, free: Mask, bounds: Bounds, options: IpoptOptions
-) -> Descent:
-    """Minimise over the free variables with the model's gradient and positive semi-definite Hessian."""
-    oracle = _Oracle(model, start, free)
-    y = ca.MX.sym("y", oracle.size)
-    value, gradient, hessian = _value_function(oracle), _gradient_function(oracle), _hessian_function(oracle)
-    settings = {
-        "grad_f": gradient,
-        "hess_lag": hessian,
-        "no_nlp_grad": True,
-        "calc_lam_p": False,
-        "print_time": False,
-        "ipopt": {
-            "print_level": 0,
-            "sb": "yes",
-            "max_iter": options.max_iterations,
-            "tol": options.tolerance,
-            "acceptable_tol": 100.0 * options.tolerance,
-            "hessian_constant": "no",
-        },
-    }
-    solver = ca.nlpsol("soft_collision", "ipopt", {"x": y, "f": value(y)}, settings)
-    found = solver(x0=start[free], lbx=bounds.lower[free], ubx=bounds.upper[free])
-    x = oracle.full(np.asarray(found["x"]).ravel())
-    stats = solver.stats()
-    return Descent(variables=x, model=model(x), iterations=int(stats["iter_count"]), converged=bool(stats["success"]))
+    def minimise(self, problem: DescentProblem) -> Descent:
+        free, oracle = problem.free, _Oracle(problem.model, problem.start, problem.free)
+        y = ca.MX.sym("y", oracle.size)
+        value, gradient, hessian = _value_function(oracle), _gradient_function(oracle), _hessian_function(oracle)
+        settings = {
+            "grad_f": gradient,
+            "hess_lag": hessian,
+            "no_nlp_grad": True,
+            "calc_lam_p": False,
+            "print_time": False,
+            "ipopt": {
+                "print_level": 0,
+                "sb": "yes",
+                "max_iter": self.max_iterations,
+                "tol": self.tolerance,
+                "acceptable_tol": 100.0 * self.tolerance,
+                "hessian_constant": "no",
+            },
+        }
+        solver = ca.nlpsol("soft_collision", "ipopt", {"x": y, "f": value(y)}, settings)
+        found = solver(x0=problem.start[free], lbx=problem.lower[free], ubx=problem.upper[free])
+        x = oracle.full(np.asarray(found["x"]).ravel())
+        stats = solver.stats()
+        return Descent(
+            variables=x,
+            model=problem.model(x),
+            iterations=int(stats["iter_count"]),
+            converged=bool(stats["success"]),
+        )
 
 
 @dataclass(slots=True, eq=False)
@@ -72,7 +63,7 @@ class _Oracle:
     _at: Array | None = None
     _here: LocalModel | None = None
     pattern: ca.Sparsity = field(init=False)
-    entries: NDArray[np.intp] = field(init=False)
+    entries: Indices = field(init=False)
 
     def __post_init__(self) -> None:
         n, b = self.free.shape

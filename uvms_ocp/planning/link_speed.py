@@ -10,12 +10,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.collision.coal_distances import NearPairs
 from uvms_ocp.collision.collision_scene import CollisionScene
-
-Array = NDArray[np.float64]
 
 
 class LinkSpeeds(NamedTuple):

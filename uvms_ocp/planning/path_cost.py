@@ -10,8 +10,8 @@ from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from uvms_ocp.arrays import Array, Indices
 from uvms_ocp.collision.coal_distances import NearPairs
 from uvms_ocp.collision.collision_scene import CollisionScene
 from uvms_ocp.exceptions import InvalidInput
@@ -21,8 +21,6 @@ from uvms_ocp.planning.penalty import Penalty, outside, penalty, two_sided
 from uvms_ocp.trajectories.free_derivatives import Pieces
 from uvms_ocp.trajectories.hermite import basis, hermite_cost
 from uvms_ocp.trajectories.segment_times import MotionLimits
-
-Array = NDArray[np.float64]
 
 
 class Distances(Protocol):
@@ -259,7 +257,7 @@ def _weighted(p: Penalty, weight: Array) -> Penalty:
     return Penalty(value=p.value * weight, slope=p.slope * weight, curvature=p.curvature * weight)
 
 
-def _summed(sample: NDArray[np.intp], rows: Array, shape: tuple[int, ...]) -> Array:
+def _summed(sample: Indices, rows: Array, shape: tuple[int, ...]) -> Array:
     """Rows added up by sample (which come in ascending order), laid out as (samples, pieces, ...)."""
     result = np.zeros((shape[0] * shape[1], *rows.shape[1:]))
     if sample.size:

@@ -10,9 +10,8 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from uvms_ocp.arrays import Array
 
 
 class Penalty(NamedTuple):

@@ -8,13 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.collision.conservative_advancement import PairDistances
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.axis_reach import largest_change
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from uvms_ocp.arrays import Array, Indices, Mask
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import CollisionScene
 from uvms_ocp.collision.conservative_advancement import (
@@ -18,8 +19,7 @@ from uvms_ocp.collision.conservative_advancement import (
     check_clearance,
 )
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.planning.descent import Descent, DescentOptions, descend
-from uvms_ocp.planning.ipopt_descent import Bounds, IpoptOptions, descend_ipopt
+from uvms_ocp.planning.descent import Descent, DescentProblem, DescentSolver, TrustRegion
 from uvms_ocp.planning.path_cost import CostParts, CostWeights, Distances, LocalModel, PathCost
 from uvms_ocp.planning.sampling import SamplingOptions, sampled_waypoints
 from uvms_ocp.status import AdvisedStatus
@@ -27,9 +27,6 @@ from uvms_ocp.trajectories.free_derivatives import pieces_of
 from uvms_ocp.trajectories.min_snap import min_snap, solution_of
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.trajectories.segment_times import MotionLimits, scale_to_limits, trapezoidal_times
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 class PlanStatus(AdvisedStatus):
@@ -52,8 +49,8 @@ class SoftCollisionOptions:
 
     pieces: int = 10
     weights: CostWeights = field(default_factory=CostWeights)
-    descent: DescentOptions | IpoptOptions = field(default_factory=DescentOptions)
-    """The solver: trust region on the banded structure, or IPOPT with joint limits as hard bounds on the nodes."""
+    solver: DescentSolver = field(default_factory=TrustRegion)
+    """On the banded structure; or `Ipopt`, with joint limits as hard bounds on the nodes."""
     restarts: int = 2
     """Further attempts, from randomly bent starts, while the result collides."""
     sampling: SamplingOptions | None = field(default_factory=SamplingOptions)
@@ -201,28 +198,26 @@ class _Problem:
 
     def solve(self, start: Array, options: SoftCollisionOptions) -> Descent:
         """Out of collision first, then the whole cost."""
-        first = self._descent(lambda y: self.cost.model(y, collision_only=True), start, options, _touches_nothing)
-        second = self._descent(self.cost.model, first.variables, options)
+        lower, upper = self._bounds()
+        whole = DescentProblem(
+            model=self.cost.model,
+            start=start,
+            free=self.free,
+            metric=self.cost.smoothness_hessian.scaled(1.0 / max(options.weights.smoothness, 1e-12)),
+            lower=lower,
+            upper=upper,
+        )
+        out = replace(whole, model=lambda y: self.cost.model(y, collision_only=True), enough=_touches_nothing)
+        first = options.solver.minimise(out)
+        second = options.solver.minimise(replace(whole, start=first.variables))
         return replace(second, iterations=first.iterations + second.iterations)
 
-    def _descent(
-        self,
-        model: Callable[[Array], LocalModel],
-        start: Array,
-        options: SoftCollisionOptions,
-        enough: Callable[[LocalModel], bool] = lambda _: False,
-    ) -> Descent:
-        if isinstance(options.descent, IpoptOptions):
-            return descend_ipopt(model, start, self.free, self._bounds(), options.descent)
-        metric = self.cost.smoothness_hessian.scaled(1.0 / max(options.weights.smoothness, 1e-12))
-        return descend(model, start, self.free, metric, options.descent, enough)
-
-    def _bounds(self) -> Bounds:
+    def _bounds(self) -> tuple[Array, Array]:
         """Position limits on the nodes."""
         lower, upper = self.cost.distances.scene.coordinates.limits()
         low, high = np.full(self.start.shape, -np.inf), np.full(self.start.shape, np.inf)
         low[:, : lower.size], high[:, : upper.size] = lower, upper
-        return Bounds(lower=low, upper=high)
+        return low, high
 
     def trajectory(self, variables: Array) -> PiecewisePolynomial:
         """At the given times unless they break the limits; as fast as the limits allow where none were given."""
@@ -241,7 +236,7 @@ def _touches_nothing(model: LocalModel) -> bool:
     return model.parts.collision <= 1e-3
 
 
-def _refined(breaks: Array, pieces: int) -> tuple[Array, NDArray[np.intp]]:
+def _refined(breaks: Array, pieces: int) -> tuple[Array, Indices]:
     """Breaks split evenly into at least ``pieces`` pieces, and which of them were breaks before."""
     each = max(1, -(-pieces // (breaks.size - 1)))
     parts = [np.linspace(a, b, each, endpoint=False) for a, b in itertools.pairwise(breaks)]
@@ -263,12 +258,7 @@ def _check_ends(scene: CollisionScene, distances: PairDistances, waypoints: Arra
                 f"allowed is {lower[axis]:.6g} to {upper[axis]:.6g}."
             )
         d = distances.distances(waypoints[index : index + 1])[0]
-        if d.size and d.min() <= 0.0:
-            pair = scene.pairs[int(np.argmin(d))].name
-            raise InvalidInput(
-                f"way point {index} (the {name}) is in collision: {pair} overlap by {-d.min():.3g} m; "
-                "move it or the obstacle."
-            )
+        scene.check_apart(d, f"way point {index} (the {name})")
 
 
 def _verified(problem: _Problem, descent: Descent, exact: CoalDistances) -> CollisionPlan:

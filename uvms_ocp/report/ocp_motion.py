@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.meta_values import AxisLimitsMeta
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.request import OcpResult
@@ -14,9 +14,7 @@ from uvms_ocp.record import Record
 from uvms_ocp.report.meta import packages, plan_meta, versions
 from uvms_ocp.report.motion import Motion, nearest_entries
 
-Array = NDArray[np.float64]
-
-_TOUCHING = "two shapes touch: add way for them, move the goal, or plan with another --method"
+_TOUCHING = "two shapes touch: add way for them, move the goal, or plan a curve"
 _ADVICE = {  # where a request has other means than a problem
     OcpStatus.UNFINISHED: "the solver stopped early: give a longer duration, a nearer goal or fewer steps, or raise time_limit",
 }

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import Nearest
@@ -17,8 +16,6 @@ from uvms_ocp.record import Record
 from uvms_ocp.report.meta import packages, plan_meta, versions
 from uvms_ocp.report.motion import Motion, nearest_entries
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
-
-Array = NDArray[np.float64]
 
 _PERIOD = 0.02  # [s] of the record, longer where it would have more rows than this:
 _MAX_ROWS = 5000

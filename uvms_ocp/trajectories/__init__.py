@@ -1,7 +1,5 @@
 """Way points and times in, functions of time out."""
 
-from uvms_ocp.trajectories.min_snap import Boundary as Boundary
-from uvms_ocp.trajectories.min_snap import Constraint as Constraint
 from uvms_ocp.trajectories.min_snap import MinSnap as MinSnap
 from uvms_ocp.trajectories.min_snap import min_snap as min_snap
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial as PiecewisePolynomial
@@ -11,3 +9,6 @@ from uvms_ocp.trajectories.segment_times import MotionLimits as MotionLimits
 from uvms_ocp.trajectories.segment_times import optimal_times as optimal_times
 from uvms_ocp.trajectories.segment_times import scale_to_limits as scale_to_limits
 from uvms_ocp.trajectories.segment_times import trapezoidal_times as trapezoidal_times
+from uvms_ocp.trajectories.specification import Boundary as Boundary
+from uvms_ocp.trajectories.specification import Constraint as Constraint
+from uvms_ocp.trajectories.specification import CurveSpecification as CurveSpecification

@@ -11,14 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import lapack
 
+from uvms_ocp.arrays import Array, Indices, Mask
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.trajectories.hermite import hermite_cost, hermite_matrix
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -151,7 +148,7 @@ def _gradient(pieces: Pieces, scaled: Array) -> Array:
     return _onto_nodes(slope, pieces.k)
 
 
-def _band(pieces: Pieces, rows: NDArray[np.intp], free: Mask) -> Array:
+def _band(pieces: Pieces, rows: Indices, free: Mask) -> Array:
     """(n + 1, b, 2b) lower band of half the Hessian: entry [i, c, r] is A[ib + c + r, ib + c]; b = rows.size."""
     k, b, cost = pieces.k, rows.size, hermite_cost(pieces.k)
     left = pieces.scale[rows, :, 0] * free[:, :-1]

@@ -12,9 +12,9 @@ from functools import lru_cache
 from math import factorial
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from uvms_ocp.arrays import Array
+
 _Rational = list[list[Fraction]]
 
 

@@ -13,11 +13,10 @@ from math import factorial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput, OutputError
-
-Array = NDArray[np.float64]
 
 _EXTREMUM_GRID = np.linspace(0.0, 1.0, 65)
 

@@ -10,22 +10,14 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from uvms_ocp.arrays import Array, Mask
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.trajectories.free_derivatives import pieces_of
 from uvms_ocp.trajectories.hermite import monomial_cost, monomial_row
-from uvms_ocp.trajectories.min_snap import (
-    _REST,
-    Boundary,
-    Constraint,
-    MinSnap,
-    NodeProblem,
-    node_problem,
-    solution_of,
-)
-
-Array = NDArray[np.float64]
+from uvms_ocp.trajectories.min_snap import MinSnap, solution_of
+from uvms_ocp.trajectories.specification import MINIMUM_SNAP, CurveSpecification, NodeProblem, node_problem
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -41,13 +33,9 @@ class Bound:
 def min_snap_qp(
     waypoints: ArrayLike,
     times: ArrayLike,
+    specification: CurveSpecification = MINIMUM_SNAP,
     *,
-    derivative: int = 4,
-    boundary: Boundary = _REST,
-    constraints: Sequence[Constraint] = (),
-    free_positions: Sequence[int] = (),
     bounds: Sequence[Bound] = (),
-    dwell: bool = False,
     plugin: str = "qrqp",
     options: Mapping[str, object] | None = None,
 ) -> MinSnap:
@@ -56,18 +44,10 @@ def min_snap_qp(
     Raises:
         InvalidInput: as ``min_snap``; or the solver finds no solution (contradictory bounds).
     """
-    problem = node_problem(
-        waypoints,
-        times,
-        derivative=derivative,
-        boundary=boundary,
-        constraints=constraints,
-        free_positions=free_positions,
-        dwell=dwell,
-    )
+    problem = node_problem(waypoints, times, specification)
     qp = _Qp(problem.k, np.diff(problem.times), tuple(bounds), plugin, dict(options or _QUIET.get(plugin, {})))
     values = np.stack([qp.solve(problem, axis) for axis in range(problem.values.shape[2])], axis=2)
-    return solution_of(problem.times, pieces_of(np.diff(problem.times), derivative), values)
+    return solution_of(problem.times, pieces_of(np.diff(problem.times), problem.k), values)
 
 
 _QUIET: dict[str, dict[str, object]] = {
@@ -116,7 +96,7 @@ class _Qp:
     def _per_time(self, rows: ca.DM, tau: float) -> ca.DM:
         return ca.sparsify(ca.diag(tau ** -np.arange(self.k)) @ rows)
 
-    def _limits(self, values: Array, fixed: NDArray[np.bool_]) -> tuple[Array, Array]:
+    def _limits(self, values: Array, fixed: Mask) -> tuple[Array, Array]:
         scale = self.unit ** np.arange(self.k)[:, None]
         lower, upper = np.where(fixed, values, -np.inf), np.where(fixed, values, np.inf)
         for index, bound in enumerate(self.bounds):
@@ -136,7 +116,7 @@ class _Qp:
             np.concatenate([(upper * scale).T.ravel(), continuous]),
         )
 
-    def _node_values(self, coefficients: Array, values: Array, fixed: NDArray[np.bool_]) -> Array:
+    def _node_values(self, coefficients: Array, values: Array, fixed: Mask) -> Array:
         ends = np.asarray(self.A[: self.k * (self.n + 1), :] @ ca.DM(coefficients.ravel()))
         nodes = ends.reshape(self.n + 1, self.k).T / self.unit ** np.arange(self.k)[:, None]
         return np.where(fixed, values, nodes)

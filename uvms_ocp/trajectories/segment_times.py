@@ -5,20 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.trajectories.min_snap import (
-    Boundary,
-    Constraint,
-    MinSnap,
-    checked_waypoints,
-    min_snap,
-)
+from uvms_ocp.trajectories.min_snap import MinSnap, min_snap
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
-
-Array = NDArray[np.float64]
+from uvms_ocp.trajectories.specification import MINIMUM_SNAP, CurveSpecification, checked_waypoints
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -94,11 +88,9 @@ def scale_to_limits(trajectory: PiecewisePolynomial, limits: MotionLimits) -> Pi
 def optimal_times(
     waypoints: ArrayLike,
     times: ArrayLike,
+    specification: CurveSpecification = MINIMUM_SNAP,
     *,
     time_weight: float,
-    derivative: int = 4,
-    boundary: Boundary | None = None,
-    constraints: tuple[Constraint, ...] = (),
     tolerance: float = 1e-9,
     max_iterations: int = 500,
 ) -> MinSnap:
@@ -117,19 +109,18 @@ def optimal_times(
     if not 0.0 < time_weight < np.inf:
         raise InvalidInput(f"time_weight is {time_weight}; it must be positive and finite.")
     start = float(np.asarray(times, dtype=float).flat[0])
-    ends = boundary or Boundary()
 
     def solution(log_durations: Array) -> MinSnap:
         knots = start + np.concatenate([[0.0], np.cumsum(np.exp(log_durations))])
-        return min_snap(waypoints, knots, derivative=derivative, boundary=ends, constraints=constraints)
+        return min_snap(waypoints, knots, specification)
 
     def objective(log_durations: Array) -> tuple[float, Array]:
         found, h = solution(log_durations), np.exp(log_durations)
         value = time_weight * h.sum() + found.cost
         return float(value), (time_weight + found.gradients().durations) * h
 
-    guess = min_snap(waypoints, times, derivative=derivative, boundary=ends, constraints=constraints)
-    stretch = _best_stretch(guess, time_weight, derivative)
+    guess = min_snap(waypoints, times, specification)
+    stretch = _best_stretch(guess, time_weight, specification.derivative)
     x = np.log(guess.trajectory.durations * stretch)
     scale = objective(x)[0]
     result = minimize(

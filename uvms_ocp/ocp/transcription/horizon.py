@@ -2,103 +2,91 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.ocp.transcription.parameter_layout import ParameterLayout
+from uvms_ocp.ocp.transcription.row_layout import RowLayout
 from uvms_ocp.ocp.transcription.sparse_blocks import Entries, assemble, scatter
 from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel
-from uvms_ocp.ocp.transcription.term_rows import TermRows
+from uvms_ocp.ocp.transcription.variable_layout import NodeVariables, VariableLayout
 
 _GRADIENTS = ["f", "g", "grad_gamma_x", "grad_gamma_p"]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Block:
-    """Terms at some nodes: their functions mapped, and where their rows begin among the raw rows."""
+    """Terms at their nodes: functions of one node, what they are called with at all of them, and where their rows are."""
 
-    rows: TermRows
-    nodes: np.ndarray  # (n,)
-    Z: ca.MX  # (n_z, n)
-    S: ca.MX  # (n_parameters, n)
-    first: int  # raw row
-    last_node: bool  # only the state of the node is a variable
-
-    @property
-    def n_rows(self) -> int:
-        return len(self.rows.level)
-
-    @property
-    def functions(self) -> Derivatives:
-        return self.rows.functions
-
-    @property
-    def stop(self) -> int:
-        return self.first + self.n_rows * len(self.nodes)
+    functions: Derivatives
+    Z: ca.MX
+    """(n_z, n)"""
+    S: ca.MX
+    """(n_parameters, n)"""
+    columns: np.ndarray
+    """(n, n_z) see `VariableLayout.columns`"""
+    numbers: np.ndarray
+    """(n, m) raw rows of each node"""
 
     def mapped(self, function: ca.Function, *more: ca.MX) -> ca.MX:
         """Outputs (m, n) of a function at all nodes."""
-        n = len(self.nodes)
+        n = len(self.columns)
         wide = [item if item.shape[1] == n else ca.repmat(item, 1, n) for item in more]
         return function.map(n)(self.Z, self.S, *wide)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Horizon:
-    """Raw rows: dynamics of all steps, the start, equal steps where durations are free, terms, costs of the levels."""
+    """Values and derivatives of all raw rows; see `uvms_ocp.ocp.transcription.row_layout`."""
 
     model: StageModel
-    x: ca.MX  # (n_x,)
-    p: ca.MX  # (n_p,)
-    Z: ca.MX  # (n_z, N) variables of the steps
-    following: ca.MX  # (n_state, N) state at the end of each step
-    water: ca.MX  # (3,) [m/s]
+    layout: RowLayout
+    x: ca.MX
+    """(n_x,)"""
+    p: ca.MX
+    """(n_p,)"""
+    nodes: NodeVariables
+    columns: np.ndarray
+    """(N + 1, n_z) see `VariableLayout.columns`"""
+    water: ca.MX
+    """(3,) [m/s]"""
+    start: ca.MX
+    """(n_state,) q and v that are given"""
     blocks: tuple[Block, ...]
-    columns: Callable[[int], np.ndarray]  # index in x of every entry of z at a node; -1 where it is no variable
-    n_dynamics: int  # rows of dynamics per step
-    free: bool  # durations are variables
-    n_levels: int
 
     @property
     def N(self) -> int:
-        return int(self.Z.shape[1])
+        return len(self.layout.dynamics)
 
     @property
     def n_x(self) -> int:
         return int(self.x.numel())
 
     @property
-    def first_init(self) -> int:
-        """First raw row of the start."""
-        return self.N * self.n_dynamics
-
-    @property
-    def first_steps(self) -> int:
-        """First raw row of the equal steps."""
-        return self.first_init + self.model.robot.n_q + self.model.robot.n_v
-
-    @property
-    def first_cost(self) -> int:
-        """First raw row of the costs."""
-        return self.blocks[-1].stop
+    def n_levels(self) -> int:
+        return len(self.layout.costs)
 
     @cached_property
     def rows(self) -> ca.MX:
-        """All rows: dynamics, start, equal steps, terms, costs of the levels."""
-        n_q_v = self.model.robot.n_q + self.model.robot.n_v
-        values = self.model.dynamics.value.map(self.N)(self.Z, ca.repmat(self.water, 1, self.N))
+        """All raw rows."""
+        n = self.layout.n_state
+        values = self._mapped(self.model.dynamics.value)
         parts = [
-            ca.vec(ca.vertcat(self.following[:n_q_v, :] - values[:n_q_v, :], values[n_q_v:, :])),
-            self.Z[:n_q_v, 0] - self.p[:n_q_v],
+            ca.vec(ca.vertcat(self.nodes.following[:n, :] - values[:n, :], values[n:, :])),
+            self.nodes.steps[:n, 0] - self.start,
         ]
-        if self.free:
-            h = self.Z[self.model.layout.h, :]
+        if len(self.layout.equal_steps):
+            h = self.nodes.steps[self.model.layout.h, :]
             parts.append((h[1:] - h[:-1]).T)
         parts += [ca.vec(block.mapped(block.functions.value)) for block in self.blocks]
         return ca.vertcat(*parts, self.costs)
+
+    def _mapped(self, function: ca.Function, *more: ca.MX) -> ca.MX:
+        """Outputs (m, N) of a function of the dynamics at all steps."""
+        return function.map(self.N)(self.nodes.steps, ca.repmat(self.water, 1, self.N), *more)
 
     @cached_property
     def costs(self) -> ca.MX:
@@ -110,89 +98,65 @@ class Horizon:
         total = ca.MX.zeros(self.n_x)
         for block in self.blocks:
             values = ca.vec(block.mapped(block.functions.gradient, sigma))
-            columns = np.concatenate([self.columns(int(k)) for k in block.nodes])
-            total += scatter(values, columns, self.n_x)
+            total += scatter(values, block.columns.ravel(), self.n_x)
         return total
 
     @cached_property
     def _jacobian_entries(self) -> list[Entries]:
         """Nonzeros of the raw rows, apart from those of the cost rows."""
-        n_q_v = self.model.robot.n_q + self.model.robot.n_v
-        J = self.model.dynamics
-        rows, columns = (np.array(i) for i in J.jacobian_sparsity.get_triplet())
-        sign = ca.DM(np.where(rows < n_q_v, -1.0, 1.0))
-        nonzeros = J.jacobian.map(self.N)(self.Z, ca.repmat(self.water, 1, self.N)) * ca.repmat(sign, 1, self.N)
+        dynamics, layout = self.model.dynamics, self.layout
+        rows = np.array(dynamics.jacobian_sparsity.get_triplet()[0])
+        sign = ca.DM(np.where(rows < layout.n_state, -1.0, 1.0))
+        nonzeros = self._mapped(dynamics.jacobian) * ca.repmat(sign, 1, self.N)
         entries = [
-            self._placed(nonzeros, rows, columns, np.arange(self.N), 0, self.n_dynamics),
-            *self._linear_entries(),
+            _placed(nonzeros, dynamics.jacobian_sparsity, layout.dynamics, self.columns[:-1]),
+            self._linear_entries(),
         ]
         for block in self.blocks:
-            rows, columns = (np.array(i, dtype=int) for i in block.functions.jacobian_sparsity.get_triplet())
-            if len(rows):
+            sparsity = block.functions.jacobian_sparsity
+            if sparsity.nnz():
                 nonzeros = block.mapped(block.functions.jacobian)
-                entries.append(self._placed(nonzeros, rows, columns, block.nodes, block.first, block.n_rows))
+                entries.append(_placed(nonzeros, sparsity, block.numbers, block.columns))
         return entries
 
-    def _linear_entries(self) -> list[Entries]:
+    def _linear_entries(self) -> Entries:
         """Ones and minus ones: the next state, the start, equal steps."""
-        n_q_v, k = self.model.robot.n_q + self.model.robot.n_v, np.arange(self.N)
-        next_rows = (k[:, None] * self.n_dynamics + np.arange(n_q_v)).ravel()
-        next_columns = np.concatenate([self.columns(int(i) + 1)[:n_q_v] for i in k])
-        rows = [next_rows, self.first_init + np.arange(n_q_v)]
-        columns = [next_columns, self.columns(0)[:n_q_v]]
-        values = [np.ones(len(next_rows) + n_q_v)]
-        if self.free:
-            h = np.array([self.columns(int(i))[self.model.layout.h] for i in k])
-            rows += [self.first_steps + k[:-1]] * 2
-            columns += [h[1:], h[:-1]]
-            values += [np.ones(self.N - 1), -np.ones(self.N - 1)]
-        return [
-            Entries(
-                values=ca.MX(ca.DM(np.concatenate(values))), rows=np.concatenate(rows), columns=np.concatenate(columns)
-            )
+        n, layout = self.layout.n_state, self.layout
+        h = self.columns[:-1, self.model.layout.h]
+        groups = [
+            (layout.dynamics[:, :n].ravel(), self.columns[1:, :n].ravel(), 1.0),
+            (layout.start, self.columns[0, :n], 1.0),
         ]
-
-    def _placed(
-        self, nonzeros: ca.MX, rows: np.ndarray, columns: np.ndarray, nodes: np.ndarray, first: int, m: int
-    ) -> Entries:
-        places = [self.columns(int(k))[columns] for k in nodes]
-        numbers = [first + j * m + rows for j in range(len(nodes))]
-        return Entries(values=ca.vec(nonzeros), rows=np.concatenate(numbers), columns=np.concatenate(places))
+        if len(layout.equal_steps):
+            groups += [(layout.equal_steps, h[1:], 1.0), (layout.equal_steps, h[:-1], -1.0)]
+        rows, columns, _ = zip(*groups, strict=True)
+        values = np.concatenate([np.full(len(numbers), value) for numbers, _, value in groups])
+        return Entries(values=ca.MX(ca.DM(values)), rows=np.concatenate(rows), columns=np.concatenate(columns))
 
     def _hessian(self, sigma: ca.MX, lam: ca.MX) -> list[Entries]:
         """Groups of entries of the second derivative of ``sigma' costs + lam' raw``; groups overlap."""
-        n_q_v = self.model.robot.n_q + self.model.robot.n_v
-        lam_dynamics = ca.reshape(lam[: self.first_init], self.n_dynamics, self.N)
-        signed = ca.vertcat(-lam_dynamics[:n_q_v, :], lam_dynamics[n_q_v:, :])
-        H, none = self.model.dynamics, ca.MX(0, self.N)
-        values = H.hessian.map(self.N)(self.Z, ca.repmat(self.water, 1, self.N), none, signed)
-        entries = [self._square(values, H.hessian_sparsity, np.arange(self.N))] if H.hessian_sparsity.nnz() else []
+        n, dynamics, entries = self.layout.n_state, self.model.dynamics, []
+        if dynamics.hessian_sparsity.nnz():
+            own = _multipliers(lam, self.layout.dynamics)
+            signed = ca.vertcat(-own[:n, :], own[n:, :])
+            values = self._mapped(dynamics.hessian, ca.MX(0, self.N), signed)
+            entries.append(_placed(values, dynamics.hessian_sparsity, self.columns[:-1], self.columns[:-1]))
         for block in self.blocks:
             sparsity = block.functions.hessian_sparsity
             if sparsity.nnz():
-                own = ca.reshape(lam[block.first : block.stop], block.n_rows, len(block.nodes))
-                values = block.mapped(block.functions.hessian, sigma, own)
-                entries.append(self._square(values, sparsity, block.nodes))
+                values = block.mapped(block.functions.hessian, sigma, _multipliers(lam, block.numbers))
+                entries.append(_placed(values, sparsity, block.columns, block.columns))
         return entries
-
-    def _square(self, nonzeros: ca.MX, sparsity: ca.Sparsity, nodes: np.ndarray) -> Entries:
-        rows, columns = (np.array(i, dtype=int) for i in sparsity.get_triplet())
-        places = [self.columns(int(k)) for k in nodes]
-        return Entries(
-            values=ca.vec(nonzeros),
-            rows=np.concatenate([place[rows] for place in places]),
-            columns=np.concatenate([place[columns] for place in places]),
-        )
 
     def derivative_functions(self, index: int, raw_rows: np.ndarray, *, plugin: str) -> dict[str, ca.Function]:
         """What NLP solvers ask for, of the cost of one level and of the chosen rows."""
         x, p, n = self.x, self.p, self.n_levels
         f, g = self.costs[index], self.rows[raw_rows.tolist()]
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", len(raw_rows))
-        position = np.full(self.first_cost + n, len(raw_rows))
+        position = np.full(self.layout.n_rows, len(raw_rows))
         position[raw_rows] = np.arange(len(raw_rows))
         lam = ca.vertcat(lam_g, 0)[position.tolist()]
-        sigma = lam[self.first_cost :] + lam_f * ca.DM(np.eye(n)[index])
+        sigma = lam[self.layout.costs.tolist()] + lam_f * ca.DM(np.eye(n)[index])
         J = assemble(self._rows_of(raw_rows, position), (len(raw_rows), self.n_x))
         H = ca.MX(self.n_x, self.n_x)
         for entries in self._hessian(sigma, lam):
@@ -218,9 +182,49 @@ class Horizon:
     def _rows_of(self, raw_rows: np.ndarray, position: np.ndarray) -> list[Entries]:
         """Entries of the chosen rows, renumbered; frozen costs add one dense row each."""
         chosen = [entries.selected(position, len(raw_rows)) for entries in self._jacobian_entries]
-        for raw in raw_rows[raw_rows >= self.first_cost]:
-            one = ca.MX(ca.DM(np.eye(self.n_levels)[raw - self.first_cost]))
-            columns = np.arange(self.n_x)
-            row = np.full(self.n_x, position[raw])
-            chosen.append(Entries(values=self._gradient(one), rows=row, columns=columns))
+        for level, raw in enumerate(self.layout.costs):
+            if position[raw] < len(raw_rows):
+                one = ca.MX(ca.DM(np.eye(self.n_levels)[level]))
+                row = np.full(self.n_x, position[raw])
+                chosen.append(Entries(values=self._gradient(one), rows=row, columns=np.arange(self.n_x)))
         return chosen
+
+
+def horizon(variables: VariableLayout, parameters: ParameterLayout, layout: RowLayout) -> Horizon:
+    """Symbols of the variables and parameters of a problem, and its rows in them."""
+    x, p = ca.MX.sym("x", variables.n_x), ca.MX.sym("p", parameters.n)
+    nodes = variables.nodes(x, p[parameters.steps])
+    columns = np.array([variables.columns(k) for k in range(variables.N + 1)])
+    every = ca.horzcat(nodes.steps, nodes.last)
+    blocks = tuple(
+        Block(
+            functions=block.rows.functions,
+            Z=every[:, int(block.nodes[0]) : int(block.nodes[-1]) + 1],
+            S=ca.reshape(p[goals], block.rows.n_parameters, len(block.nodes)),
+            columns=columns[block.nodes],
+            numbers=numbers,
+        )
+        for block, goals, numbers in zip(parameters.blocks, parameters.goals, layout.terms, strict=True)
+    )
+    return Horizon(
+        model=variables.model,
+        layout=layout,
+        x=x,
+        p=p,
+        nodes=nodes,
+        columns=columns,
+        water=p[parameters.water],
+        start=p[parameters.start],
+        blocks=blocks,
+    )
+
+
+def _placed(nonzeros: ca.MX, sparsity: ca.Sparsity, numbers: np.ndarray, columns: np.ndarray) -> Entries:
+    """Nonzeros (nnz, n) of the same small matrix at n nodes, whose rows and columns are numbered (n, ...) in the whole."""
+    rows, places = (np.array(i, dtype=int) for i in sparsity.get_triplet())
+    return Entries(values=ca.vec(nonzeros), rows=numbers[:, rows].ravel(), columns=columns[:, places].ravel())
+
+
+def _multipliers(lam: ca.MX, numbers: np.ndarray) -> ca.MX:
+    """(m, n) of the raw rows `numbers` (n, m)."""
+    return ca.reshape(lam[numbers.ravel().tolist()], *numbers.T.shape)

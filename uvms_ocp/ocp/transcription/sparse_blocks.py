@@ -13,9 +13,12 @@ import numpy as np
 class Entries:
     """Nonzeros with their places. Entries in a negative row or column count for nothing."""
 
-    values: ca.MX  # (n,)
-    rows: np.ndarray  # (n,)
-    columns: np.ndarray  # (n,)
+    values: ca.MX
+    """(n,)"""
+    rows: np.ndarray
+    """(n,)"""
+    columns: np.ndarray
+    """(n,)"""
 
     def selected(self, position: np.ndarray, none: int) -> Entries:
         """The same with row i moved to ``position[i]``; those moved to `none` count for nothing."""

@@ -34,7 +34,7 @@ _VEHICLE_FORCE = 100.0  # [N, N m] unit of the wrench on a vehicle without thrus
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Layout:
+class StepLayout:
     """Where the parts of z are."""
 
     n_q: int
@@ -163,9 +163,14 @@ class StageModel:
         direct = not robot.n_vehicle or problem.actuation is Actuation.WRENCH
         self.decides_forces = problem.water or problem.limited or not direct
         n_thrust, n_torque = (self.actuators.matrix.shape[1], robot.n_joints) if self.decides_forces else (0, 0)
-        self.layout = Layout(n_q=robot.n_q, n_v=robot.n_v, n_thrust=n_thrust, n_torque=n_torque)
+        self.layout = StepLayout(n_q=robot.n_q, n_v=robot.n_v, n_thrust=n_thrust, n_torque=n_torque)
         self.z = ca.SX.sym("z", self.layout.n_z)
         self._dynamics = robot_dynamics(robot).symbolic if problem.water else SymbolicDynamics(model=robot.model)
+
+    @property
+    def n_forces(self) -> int:
+        """Rows of forces in the dynamics."""
+        return self.robot.n_v if self.decides_forces else 0
 
     @cached_property
     def dynamics(self) -> Derivatives:

@@ -29,29 +29,57 @@ class TermRows:
 
     functions: Derivatives
     terms: tuple[Term, ...]
-    sizes: tuple[int, ...]  # parameters of each term
-    level: np.ndarray  # (m,) level of each row, or CONSTRAINT
-    lower: np.ndarray  # (m,)
-    upper: np.ndarray  # (m,)
-    state_only: np.ndarray  # (m,) bool
-    names: tuple[str, ...]  # (m,) term of each row
+    sizes: tuple[int, ...]
+    """Parameters of each term"""
+    level: np.ndarray
+    """(m,) level of each row, or CONSTRAINT"""
+    lower: np.ndarray
+    """(m,)"""
+    upper: np.ndarray
+    """(m,)"""
+    state_only: np.ndarray
+    """(m,) bool"""
+    names: tuple[str, ...]
+    """(m,) term of each row"""
 
     def parameters(self, t: float, *, active: bool) -> np.ndarray:
         """Parameters at time t [s]."""
         return np.concatenate([[float(active)], *(term.reference(t) for term in self.terms)])
 
     @property
+    def n_rows(self) -> int:
+        return len(self.names)
+
+    @property
     def n_parameters(self) -> int:
         return 1 + sum(self.sizes)
 
 
-def path_rows(model: StageModel, phase: OcpPhase) -> TermRows:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class TermBlock:
+    """`TermRows` at the nodes where they count, which follow each other."""
+
+    rows: TermRows
+    nodes: np.ndarray
+    """(n,)"""
+
+
+def term_blocks(model: StageModel) -> tuple[TermBlock, ...]:
+    """All terms of a problem: the steps of every phase, then the end of every phase."""
+    nodes, phases = model.problem.starts_of_phases(), model.problem.phases
+    spans = [np.arange(first, end) for first, end in pairwise(nodes)]
+    paths = [TermBlock(rows=_path_rows(model, phase), nodes=span) for phase, span in zip(phases, spans, strict=True)]
+    ends = [TermBlock(rows=_end_rows(model, phase), nodes=nodes[i : i + 1]) for i, phase in enumerate(phases, 1)]
+    return (*paths, *ends)
+
+
+def _path_rows(model: StageModel, phase: OcpPhase) -> TermRows:
     """Rows at the steps of a phase; costs are integrals, as shares of the nominal time of the horizon."""
     h = model.z[model.layout.h]
     return _term_rows(model, phase, counts_on_path, h / model.problem.nominal_times()[-1], f"path_{phase.name}")
 
 
-def end_rows(model: StageModel, phase: OcpPhase) -> TermRows:
+def _end_rows(model: StageModel, phase: OcpPhase) -> TermRows:
     """Rows at the node that ends a phase."""
     return _term_rows(model, phase, counts_at_end, ca.SX(1), f"end_{phase.name}")
 

@@ -1,0 +1,172 @@
+"""Laws of verdicts: what cannot be planned is told with its reason, and nothing is claimed without proof."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+import pytest
+from reaches import CHEAP, PATIENCE, patient, reach, tool_goal
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.state import State
+from uvms_ocp.ocp.first_step import impossible_start
+from uvms_ocp.ocp.plan import OcpStatus
+from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.ocp.problem import OcpLevel, single_phase
+from uvms_ocp.ocp.terms import (
+    AtRest,
+    Ball,
+    BallClearance,
+    Duration,
+    Effort,
+    Energy,
+    Posture,
+    Smoothness,
+    StageSymbols,
+    TaskTerm,
+    Term,
+)
+from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
+from uvms_ocp.tasks.task import Residual, zero_residual
+
+
+def test_a_horizon_that_is_too_short_says_how_long_it_should_be(planner: Planner, robot: Robot) -> None:
+    plan = planner.plan(reach(robot, duration=1.2))
+    assert plan.status is OcpStatus.TOO_SHORT
+    assert "level 'tool' is missed by" in plan.reason
+    assert "would do" in plan.reason
+
+
+def test_a_goal_out_of_reach_of_a_fixed_arm_is_unreachable() -> None:
+    robot = load_robot("planar5")
+    q = robot.configuration()
+    goal = TaskTerm(task=tool_goal(robot, q, (0.0, 0.0, 2.0)))
+    problem = single_phase(
+        robot=robot,
+        start=State(q=q, v=np.zeros(robot.n_v)),
+        duration=4.0,
+        n_steps=10,
+        levels=[OcpLevel(name="tool", terms=(goal,)), OcpLevel(name="effort", terms=(Effort(),))],
+        water=False,
+    )
+    plan = patient(problem).plan()
+    assert plan.status is OcpStatus.UNREACHABLE
+    assert "more time does not help" in plan.reason
+    assert np.isfinite(plan.trajectory.q).all()
+
+
+def test_a_start_inside_an_obstacle_is_reported_at_once(robot: Robot) -> None:
+    ball = Ball(frame="base_link", radius=0.9)
+    clearance = BallClearance(robot_balls=(ball,), obstacles=(Ball(centre=(0.5, 0.0, -5.0), radius=0.3),))
+    plan = patient(reach(robot, constraints=(AtRest(), clearance))).plan()
+    assert plan.status is OcpStatus.OBSTRUCTED
+    assert "clearance is broken by" in plan.reason
+
+
+def test_a_start_that_is_too_fast_for_the_limits_is_proven_impossible(planner: Planner, robot: Robot) -> None:
+    tumbling = np.zeros(robot.n_v)
+    tumbling[4] = 5.0
+    plan = planner.plan(replace(planner.problem, start=State(q=planner.problem.start.q, v=tumbling)))
+    assert plan.status is OcpStatus.INFEASIBLE
+    assert "pitch rate starts at 5" in plan.reason
+    assert plan.iterations == 0
+    assert np.isfinite(plan.trajectory.q).all()
+
+
+def test_a_joint_that_runs_into_its_stop_is_proven_impossible(planner: Planner, robot: Robot) -> None:
+    q, v, joint = planner.problem.start.q.copy(), np.zeros(robot.n_v), 3
+    q[7 + joint] = robot.limits.position_upper[joint] - 1e-3
+    v[6 + joint] = robot.limits.velocity[6 + joint]
+    plan = planner.plan(replace(planner.problem, start=State(q=q, v=v)))
+    assert plan.status is OcpStatus.INFEASIBLE
+    assert "'joint4'" in plan.reason
+    assert "first step" in plan.reason
+
+
+def test_the_limits_of_the_first_step_condemn_no_start_that_has_a_plan(planner: Planner, robot: Robot) -> None:
+    moving = np.zeros(robot.n_v)
+    moving[0], moving[9] = 0.3, 0.2
+    problem = replace(planner.problem, start=State(q=planner.problem.start.q, v=moving))
+    assert planner.plan(problem).status is OcpStatus.SOLVED
+    assert impossible_start(problem) is None
+
+
+def test_a_current_that_thrusters_cannot_hold_against_names_level_and_constraint(robot: Robot) -> None:
+    problem = reach(robot, current=np.array([3.0, 0.0, 0.0]), n_steps=10)
+    plan = Planner(problem, NlpOptions(time_limit=10.0)).plan()
+    assert plan.status in (OcpStatus.INFEASIBLE, OcpStatus.UNFINISHED)
+    assert "level 'tool'" in plan.reason
+    assert "broken by" in plan.reason
+    assert "loosen" in plan.advice
+    assert np.isfinite(plan.trajectory.q).all()
+
+
+@pytest.mark.parametrize("limit", [0.02, 0.6])
+def test_the_time_limit_holds_for_the_whole_plan_without_a_nan(robot: Robot, planner: Planner, limit: float) -> None:
+    far = TaskTerm(task=tool_goal(robot, planner.problem.start.q, (100.0, 0.0, 0.0)))
+    problem = reach(robot, levels=[OcpLevel(name="tool", terms=(far,)), CHEAP])
+    plan = Planner(problem, NlpOptions(time_limit=limit, max_iterations=3000)).plan()
+    assert plan.status in (OcpStatus.UNFINISHED, OcpStatus.MISSED, OcpStatus.TOO_SHORT)
+    assert plan.solve_time < limit + 2.0
+    assert np.isfinite(plan.trajectory.q).all()
+
+
+def test_a_limit_of_iterations_is_no_proof_of_infeasibility(robot: Robot) -> None:
+    plan = Planner(reach(robot), NlpOptions(time_limit=PATIENCE, max_iterations=3)).plan()
+    assert plan.status is OcpStatus.UNFINISHED
+    assert "iteration limit" in plan.reason
+
+
+def test_a_missed_goal_is_not_called_unreachable_before_more_time_was_tried(planner: Planner, robot: Robot) -> None:
+    assert planner.plan(reach(robot, duration=1.2), diagnose=False).status is OcpStatus.MISSED
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Far(Term):
+    """A row that nothing can bring to zero."""
+
+    @property
+    def name(self) -> str:
+        return "far"
+
+    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
+        return zero_residual(stage.tick.q[0] ** 2 + 1.0)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Fee(Far):
+    """The same as a cost."""
+
+    is_goal: ClassVar[bool] = False
+
+
+@pytest.mark.parametrize(("term", "status"), [(Far(), OcpStatus.MISSED), (Fee(), OcpStatus.SOLVED)])
+def test_a_goal_can_be_missed_and_a_cost_cannot(term: Term, status: OcpStatus) -> None:
+    robot = load_robot("planar5")
+    problem = single_phase(
+        robot=robot,
+        start=State(q=robot.configuration(), v=np.zeros(robot.n_v)),
+        duration=2.0,
+        n_steps=4,
+        levels=[OcpLevel(name="it", terms=(term, Effort(weight=0.1)))],
+        water=False,
+    )
+    assert patient(problem).plan(diagnose=False).status is status
+
+
+def test_costs_of_the_package_are_no_goals(robot: Robot) -> None:
+    costs = (Effort(), Energy(), Smoothness(), Duration(), Posture(q=robot.configuration()))
+    assert not any(term.is_goal for term in costs)
+    assert [term.name for term in costs if term.minimises_time] == ["duration"]
+
+
+def test_a_level_that_minimises_time_must_leave_the_lower_ones_some(robot: Robot) -> None:
+    fast, slow = OcpLevel(name="fast", terms=(Duration(),)), OcpLevel(name="cheap", terms=(Effort(),))
+    with pytest.raises(InvalidInput, match="level 'fast' minimises time: give it `relax`"):
+        reach(robot, levels=[fast, slow])
+    assert reach(robot, levels=[replace(fast, relax=0.01), slow]).levels[0].relax == 0.01

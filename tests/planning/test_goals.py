@@ -1,0 +1,89 @@
+"""Laws of goals: what they mean for a path in planned axes and for tasks is the same place."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from uvms_ocp.collision.coal_distances import CoalDistances
+from uvms_ocp.collision.collision_scene import CollisionScene, collision_scene
+from uvms_ocp.collision.coordinates import coordinates
+from uvms_ocp.exceptions import FrameNotFound, InvalidInput, NameNotFound
+from uvms_ocp.model.kinematics import Kinematics
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.planning.goals import PostureGoal, ToolGoal
+
+
+@pytest.fixture(scope="module")
+def start(robot: Robot) -> np.ndarray:
+    return robot.configuration(position=(0.5, 0.0, -1.0), rpy=(0.0, 0.0, 0.3))
+
+
+@pytest.fixture(scope="module")
+def empty(robot: Robot, start: np.ndarray) -> CollisionScene:
+    return collision_scene(coordinates(robot, reference=start), [])
+
+
+@pytest.mark.parametrize(
+    "goal",
+    [
+        PostureGoal(position=(1.0, 2.0, -3.0)),
+        PostureGoal(rpy=(0.1, -0.2, 1.0)),
+        PostureGoal(position=(1.0, 2.0, -3.0), rpy=(0.1, -0.2, 1.0), joints={"joint1": 0.4, "joint3": 0.1}),
+    ],
+)
+def test_a_posture_is_the_same_in_axes_and_in_tasks(
+    robot: Robot, start: np.ndarray, empty: CollisionScene, goal: PostureGoal
+) -> None:
+    x = goal.as_coordinates(CoalDistances(empty), seed=0)
+    q = empty.coordinates.configurations(x[None])[0]
+    vehicle, *joints = goal.as_tasks(robot, start)
+    X_WB = Kinematics(robot, q).pose("base_link")
+    np.testing.assert_allclose(vehicle.goal.homogeneous, X_WB.homogeneous, atol=1e-12)
+    assert [task.joints for task in joints] == ([tuple(goal.joints)] if goal.joints else [])
+    for name, value in zip(robot.joint_names, q[7:], strict=True):
+        assert value == pytest.approx(goal.joints.get(name, start[7 + robot.joint_names.index(name)]))
+
+
+@pytest.mark.parametrize("rpy", [None, (np.pi, 0.0, 0.3)])
+def test_a_tool_goal_is_the_same_in_axes_and_in_tasks(
+    robot: Robot, start: np.ndarray, empty: CollisionScene, rpy: tuple[float, float, float] | None
+) -> None:
+    goal = ToolGoal(position=(2.0, 1.0, -1.5), rpy=rpy)
+    x = goal.as_coordinates(CoalDistances(empty), seed=0)
+    assert x is not None
+    X_WT = Kinematics(robot, empty.coordinates.configurations(x[None])[0]).pose("tool")
+    (task,) = goal.as_tasks(robot, start)
+    np.testing.assert_allclose(X_WT.translation, task.goal.translation, atol=1e-5)
+    if rpy is not None:
+        np.testing.assert_allclose(pin.log3(X_WT.rotation.T @ task.goal.rotation), 0.0, atol=1e-5)
+
+
+def test_goals_that_the_robot_does_not_have_are_refused(robot: Robot, start: np.ndarray, empty: CollisionScene) -> None:
+    distances, elsewhere = CoalDistances(empty), PostureGoal(joints={"joint9": 0.1})
+    with pytest.raises(NameNotFound, match="joint9"):
+        elsewhere.as_coordinates(distances, seed=0)
+    with pytest.raises(NameNotFound, match="joint9"):
+        elsewhere.as_tasks(robot, start)
+    unknown = ToolGoal(position=(0.0, 0.0, 0.0), frame="tol")
+    with pytest.raises(FrameNotFound, match="tol"):
+        unknown.as_coordinates(distances, seed=0)
+    with pytest.raises(FrameNotFound, match="tol"):
+        unknown.as_tasks(robot, start)
+
+
+def test_a_goal_on_an_axis_that_is_not_planned_is_refused_by_name(robot: Robot, start: np.ndarray) -> None:
+    arm = collision_scene(coordinates(robot, reference=start, axes=robot.joint_names), [])
+    with pytest.raises(InvalidInput, match=r"the goal moves yaw from 0\.3 to 1, but the planned axes are joint1, "):
+        PostureGoal(rpy=(0.0, 0.0, 1.0)).as_coordinates(CoalDistances(arm), seed=0)
+    stays = PostureGoal(rpy=(0.0, 0.0, 0.3), joints={"joint1": 0.2}).as_coordinates(CoalDistances(arm), seed=0)
+    np.testing.assert_allclose(stays, [0.2, *start[8:]], atol=1e-12)
+
+
+def test_shapes_that_touch_are_told_with_their_place(empty: CollisionScene) -> None:
+    apart = np.full(empty.n_pairs, 0.1)
+    empty.check_apart(apart, "the start")
+    apart[1] = -0.02
+    with pytest.raises(InvalidInput, match=f"the start is in collision: {empty.pairs[1].name} overlap by 0.02 m"):
+        empty.check_apart(apart, "the start")

@@ -1,0 +1,79 @@
+"""What a plan of any method writes and prints."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import typer
+from rich.console import Console
+
+from uvms_ocp.cli.options import NOT_COMPLETED
+from uvms_ocp.cli.printing import print_json, print_paths
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.output import staged_folder
+from uvms_ocp.record import Record
+
+_FIGURES = ("vehicle_motion", "joint_motion", "clearance", "efforts")
+_FILES = (  # of any plan; which of them there are depends on the method and on what came of it
+    *("report.json", "plan.npz", "plan.csv", "plan.json", "record.npz", "scene.html"),
+    *(f"figures/{name}.png" for name in _FIGURES),
+)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class MadePlan:
+    """A plan of any method, ready to be written."""
+
+    robot: Robot
+    report: dict[str, Any]
+    record: Record | None
+    """The motion; None where there is none."""
+    good: bool
+    """The goal is reached and nothing touches."""
+    save: Callable[[Path], object]
+    """Writes what only this method has into a folder; called where there is a motion."""
+
+    def write(self, folder: Path) -> None:
+        """The report always, the rest where there is a motion; a colliding one is worth looking at."""
+        from uvms_ocp.viz.plan_figures import write_plan_figures
+        from uvms_ocp.viz.scene.show import write_scene
+
+        (folder / "report.json").write_text(json.dumps(self.report, indent=2) + "\n")
+        if self.record is None:
+            return
+        self.save(folder)
+        self.record.save(folder / "record.npz")
+        write_plan_figures(self.record, folder / "figures")
+        write_scene(self.record, self.robot, folder / "scene.html")
+
+
+def put_out(make: Callable[[], MadePlan], out: Path, as_json: bool) -> None:
+    """Make the plan, write it to the folder `out` and print what came of it; exit where it is not good."""
+    console = Console(stderr=as_json)
+    with staged_folder(out, earlier=_FILES) as staging:
+        with console.status("planning"):
+            made = make()
+        made.write(staging)
+        written = sorted(path.relative_to(staging) for path in staging.rglob("*") if path.is_file())
+    _print_plan(console, made.report, [out / path for path in written])
+    if as_json:
+        print_json(made.report)
+    if not made.good:
+        raise typer.Exit(NOT_COMPLETED)
+
+
+def _print_plan(console: Console, report: dict[str, Any], paths: list[Path]) -> None:
+    status = report["status"] + (f" ({report['reason']})" if "reason" in report else "")
+    console.print(f"plan: {status}; advice: {report['advice']}", markup=False)
+    if "duration_s" in report:
+        least = report["min_clearance_m"]
+        near = "" if least is None else f", {least:.3g} m between {report['min_clearance_between']} "
+        near += "" if least is None else f"at {report['min_clearance_at_s']:.2f} s"
+        console.print(f"{report['duration_s']:.1f} s long{near}; found in {report['solve_time_s']:.2f} s", markup=False)
+    if report.get("energy_j") is not None:
+        console.print(f"{report['energy_j']:.0f} J, thrust up to {report['peak_thrust_n']:.0f} N", markup=False)
+    print_paths(console, paths)

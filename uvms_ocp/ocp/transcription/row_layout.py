@@ -1,0 +1,144 @@
+"""The raw rows of a horizon, all numbered here: where each group of them is, and what every single row is.
+
+    dynamics      step by step: the next state, then the forces where they are variables
+    start         the first state
+    equal_steps   where durations are free: every step is as long as the one before
+    terms         block by block, node by node
+    costs         one row for each level
+
+`uvms_ocp.ocp.transcription.horizon` gives their values in this order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from uvms_ocp.ocp.problem import OcpProblem
+from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermBlock
+
+_DROPPED = -2  # level of rows that say nothing
+_START = 0.75  # stage of the first state: after the dynamics and the terms of the first node
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class RowLayout:
+    """Numbers of the raw rows of each group, and what every row is."""
+
+    dynamics: np.ndarray
+    """(N, n_dynamics)"""
+    start: np.ndarray
+    """(n_state,)"""
+    equal_steps: np.ndarray
+    """(N - 1,), or none where durations are fixed"""
+    terms: tuple[np.ndarray, ...]
+    """(n_nodes, n_rows) of each block"""
+    costs: np.ndarray
+    """(n_levels,)"""
+    stage: np.ndarray
+    """(n_rows,) node or step of each row, by which they are sorted"""
+    lower: np.ndarray
+    """(n_rows,)"""
+    upper: np.ndarray
+    """(n_rows,)"""
+    names: tuple[str, ...]
+    """(n_rows,) of what each row stands for, in reports"""
+    constraints: np.ndarray
+    """Rows that are constraints, in ascending order"""
+    levels: tuple[np.ndarray, ...]
+    """Rows of each level, in ascending order"""
+    held: tuple[np.ndarray, ...]
+    """Rows that keep what each level has reached: its own, or its cost where the level may be relaxed"""
+
+    @property
+    def n_rows(self) -> int:
+        return len(self.names)
+
+    @property
+    def n_state(self) -> int:
+        return len(self.start)
+
+
+def row_layout(problem: OcpProblem, blocks: Sequence[TermBlock], *, n_forces: int) -> RowLayout:
+    """Number the rows of a problem whose terms are `blocks`; n_forces: rows of forces in the dynamics of each step."""
+    N, n_state = problem.n_steps, problem.robot.n_q + problem.robot.n_v
+    groups = [
+        _dynamics(N, n_state, n_forces),
+        _start(n_state),
+        _equal_steps(problem),
+        *(_terms(block) for block in blocks),
+        _costs(problem),
+    ]
+    ends = np.cumsum([0, *(len(group.names) for group in groups)])
+    dynamics, start, equal_steps, *terms, costs = (np.arange(first, stop) for first, stop in pairwise(ends))
+    level = np.concatenate([group.level for group in groups])
+    of_levels = tuple(np.flatnonzero(level == i) for i in range(len(problem.levels)))
+    held = [costs[i : i + 1] if item.relax is not None else of_levels[i] for i, item in enumerate(problem.levels)]
+    return RowLayout(
+        dynamics=dynamics.reshape(N, -1),
+        start=start,
+        equal_steps=equal_steps,
+        terms=tuple(rows.reshape(len(block.nodes), -1) for rows, block in zip(terms, blocks, strict=True)),
+        costs=costs,
+        stage=np.concatenate([group.stage for group in groups]),
+        lower=np.concatenate([group.lower for group in groups]),
+        upper=np.concatenate([group.upper for group in groups]),
+        names=tuple(name for group in groups for name in group.names),
+        constraints=np.flatnonzero(level == CONSTRAINT),
+        levels=of_levels,
+        held=tuple(held),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Group:
+    """What the rows of one group are; each field has one entry for every row."""
+
+    level: np.ndarray
+    """level, `CONSTRAINT` or `_DROPPED`"""
+    stage: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    names: tuple[str, ...]
+
+
+def _equalities(level: np.ndarray, stage: np.ndarray, names: tuple[str, ...]) -> _Group:
+    zero = np.zeros(len(names))
+    return _Group(level=level, stage=stage, lower=zero, upper=zero, names=names)
+
+
+def _dynamics(N: int, n_state: int, n_forces: int) -> _Group:
+    names = N * (*(["motion"] * n_state), *(["forces"] * n_forces))
+    return _equalities(np.full(len(names), CONSTRAINT), np.repeat(np.arange(N), n_state + n_forces), names)
+
+
+def _start(n_state: int) -> _Group:
+    return _equalities(np.full(n_state, CONSTRAINT), np.full(n_state, _START), ("start",) * n_state)
+
+
+def _equal_steps(problem: OcpProblem) -> _Group:
+    """The first step of a phase may be longer or shorter than the last one of the phase before."""
+    n = problem.n_steps - 1 if problem.free_time else 0
+    first = np.isin(np.arange(1, n + 1), problem.starts_of_phases())
+    return _equalities(np.where(first, _DROPPED, CONSTRAINT), np.arange(n), ("equal steps",) * n)
+
+
+def _terms(block: TermBlock) -> _Group:
+    rows, n = block.rows, len(block.nodes)
+    level = np.tile(rows.level, (n, 1))
+    level[(block.nodes == 0)[:, None] & rows.state_only] = _DROPPED
+    return _Group(
+        level=level.ravel(),
+        stage=np.repeat(block.nodes + 0.5, rows.n_rows),
+        lower=np.tile(rows.lower, n),
+        upper=np.tile(rows.upper, n),
+        names=n * rows.names,
+    )
+
+
+def _costs(problem: OcpProblem) -> _Group:
+    names = tuple(f"cost of {level.name}" for level in problem.levels)
+    return _equalities(np.full(len(names), _DROPPED), np.full(len(names), problem.n_steps + 1), names)

@@ -1,0 +1,152 @@
+"""The variables of the NLP: those of step after step, then the state of the last node."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.ocp.trajectory import Trajectory
+from uvms_ocp.ocp.transcription.stage import StageModel
+
+
+class NodeVariables(NamedTuple):
+    """The variables as columns, node by node."""
+
+    steps: ca.MX
+    """(n_z, N) z of all steps"""
+    last: ca.MX
+    """(n_z,) z of the last node, zero but for its state"""
+    following: ca.MX
+    """(n_state, N) state at the end of each step"""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class VariableLayout:
+    """Where the entries of z of every node are among the variables x (n_x,), and how trajectories become variables."""
+
+    model: StageModel
+
+    @property
+    def N(self) -> int:
+        return self.model.problem.n_steps
+
+    @property
+    def free(self) -> bool:
+        """Durations are variables."""
+        return self.model.problem.free_time
+
+    @cached_property
+    def _column(self) -> np.ndarray:
+        """(n_z,) place of every entry of z among the variables of its step; -1 where it is none."""
+        kept = np.ones(self.model.layout.n_z, dtype=bool)
+        kept[self.model.layout.h] = self.free
+        return np.where(kept, np.cumsum(kept) - 1, -1)
+
+    @property
+    def n_step(self) -> int:
+        """Variables of a step."""
+        return self.model.layout.n_z - (not self.free)
+
+    @property
+    def n_state(self) -> int:
+        """Variables of the last node."""
+        return self.model.layout.h + self.free
+
+    @property
+    def n_x(self) -> int:
+        return self.N * self.n_step + self.n_state
+
+    def columns(self, node: int) -> np.ndarray:
+        """Index in x of every entry of z at a node (n_z,); -1 where it is no variable."""
+        columns = np.where(self._column >= 0, self._column + node * self.n_step, -1)
+        if node == self.N:
+            columns[self.model.layout.h + 1 :] = -1
+        return columns
+
+    def nodes(self, x: ca.MX, h: ca.MX) -> NodeVariables:
+        """Columns of the variables x (n_x,); h (N,) [s]: lengths of the steps where they are no variables."""
+        layout, n = self.model.layout, self.N * self.n_step
+        W, end = ca.reshape(x[:n], self.n_step, self.N), x[n:]
+        return NodeVariables(
+            steps=W if self.free else ca.vertcat(W[: layout.h, :], h.T, W[layout.h :, :]),
+            last=ca.vertcat(end, ca.MX.zeros(layout.n_z - self.n_state)),
+            following=ca.horzcat(W[: self.n_state, 1:], end),
+        )
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds (n_x,) of the variables: limits of the robot, durations."""
+        lower, upper = self._step_bounds()
+        low, up = np.full(self.n_x, -np.inf), np.full(self.n_x, np.inf)
+        for k in range(self.N + 1):
+            columns = self.columns(k)
+            used = columns >= 0
+            low[columns[used]], up[columns[used]] = lower[used], upper[used]
+        if self.free:
+            self._bound_durations(low, up)
+        # The first state is given by rows; bounds on it could only contradict them.
+        first = self.columns(0)[: self.model.layout.h]
+        low[first], up[first] = -np.inf, np.inf
+        return low, up
+
+    def _bound_durations(self, low: np.ndarray, up: np.ndarray) -> None:
+        problem = self.model.problem
+        phases = [phase for phase in problem.phases for _ in range(phase.n_steps)]
+        for k, phase in enumerate([*phases, phases[-1]]):
+            shortest, longest = phase.range
+            # A range of no width would leave interior points no inside.
+            slack = 0.0 if phase.free else 1e-6
+            h = self.columns(k)[self.model.layout.h]
+            low[h], up[h] = (shortest - slack) / phase.n_steps, (longest + slack) / phase.n_steps
+
+    def _step_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        robot, layout, actuators = self.model.robot, self.model.layout, self.model.actuators
+        lower, upper = np.full(layout.n_z, -np.inf), np.full(layout.n_z, np.inf)
+        if not self.model.problem.limited:
+            return lower, upper
+        first = robot.n_vehicle
+        for joint in robot.joints:
+            if joint.n_q == joint.n_v:
+                own = slice(joint.idx_v - first, joint.idx_v - first + joint.n_v)
+                lower[joint.q], upper[joint.q] = robot.limits.position_lower[own], robot.limits.position_upper[own]
+        for part, limit in ((layout.v, robot.limits.velocity), (layout.a, robot.limits.acceleration)):
+            lower[part], upper[part] = -limit, limit
+        lower[layout.thrust], upper[layout.thrust] = actuators.thrust_lower, actuators.thrust_upper
+        lower[layout.torque], upper[layout.torque] = -actuators.torque_limit, actuators.torque_limit
+        return lower, upper
+
+    def pack(self, trajectory: Trajectory) -> np.ndarray:
+        """Variables (n_x,) of a trajectory; times are taken as they are where durations are free."""
+        actuators = self.model.actuators
+        x = np.zeros(self.n_x)
+        h = np.diff(trajectory.t)
+        for k in range(self.N + 1):
+            j = min(k, self.N - 1)
+            shares = (trajectory.thrust[j] / actuators.thrust_unit, trajectory.torque[j] / actuators.torque_unit)
+            inputs = shares if self.model.decides_forces else ()
+            z = np.concatenate([trajectory.q[k], trajectory.v[k], [h[j]], trajectory.a[j], *inputs])
+            columns = self.columns(k)
+            x[columns[columns >= 0]] = z[columns >= 0]
+        return x
+
+    def unpack(self, x: np.ndarray) -> Trajectory:
+        """The trajectory of variables (n_x,)."""
+        layout, actuators = self.model.layout, self.model.actuators
+        Z = np.zeros((self.N + 1, layout.n_z))
+        for k in range(self.N + 1):
+            columns = self.columns(k)
+            Z[k, columns >= 0] = x[columns[columns >= 0]]
+        steps = Z[:-1, layout.h] if self.free else np.diff(self.model.problem.nominal_times())
+        Z[:-1, layout.h] = steps
+        thrust, torque = (np.array(part).T for part in self.model.inputs_function.map(self.N)(Z[:-1].T))
+        return Trajectory(
+            t=np.concatenate([[0.0], np.cumsum(steps)]),
+            q=Z[:, layout.q],
+            v=Z[:, layout.v],
+            a=Z[:-1, layout.a],
+            thrust=thrust * actuators.thrust_unit,
+            torque=torque * actuators.torque_unit,
+        )
