@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from time import perf_counter
@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.collision.obstacle_file import ObstacleData
 from uvms_ocp.control.force.dynamic import DynamicController, VelocityGains
-from uvms_ocp.control.navigation.estimator import Estimator as NavigationEstimator
-from uvms_ocp.control.navigation.estimator import PassThrough
+from uvms_ocp.control.navigation.estimator import Estimator, PassThrough
 from uvms_ocp.control.velocity.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.mission.conditions import Below
@@ -24,14 +23,14 @@ from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
-from uvms_ocp.model.state import Command, Measurement, State
+from uvms_ocp.model.state import Measurement, State
 from uvms_ocp.preflight.checks import check_mission
 from uvms_ocp.preflight.findings import PreflightReport
 from uvms_ocp.preflight.setup import Setup
 from uvms_ocp.record import Record
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.loop import Controller, Estimator, Plant, simulate
+from uvms_ocp.sim.loop import Controller, Plant, Progress, StateEstimator, simulate
 from uvms_ocp.sim.plant import KinematicPlant
 from uvms_ocp.sim.seafloor import floor_relief
 from uvms_ocp.sim.sensors import SensorSuite
@@ -41,7 +40,6 @@ from uvms_ocp.tasks.pose import ToolPose, ToolPosition
 from uvms_ocp.tasks.reference import evaluate_pose
 from uvms_ocp.version import __version__
 
-Progress = Callable[[float, Command, KinematicController], None]
 PLANTS = ("dynamic", "kinematic")
 _FLOOR_AROUND = 12.0  # [m] of a floor with protuberances that a record keeps around the mission
 _DEPENDENCIES = ("pin", "casadi", "coal", "numpy")
@@ -112,9 +110,12 @@ class Scenario:
             duration=self.duration,
         )
 
-    def run(self, progress: Progress | None = None) -> Record:
-        """Simulate until the mission is complete or `duration` is over."""
-        kinematic = self.controller()
+    def run(self, progress: Progress | None = None, kinematic: KinematicController | None = None) -> Record:
+        """Simulate until the mission is complete or `duration` is over.
+
+        kinematic: a fresh `controller()`, for who wants to look into it meanwhile.
+        """
+        kinematic = kinematic or self.controller()
         plant, controller = self._plant_and_controller(kinematic)
         begin = perf_counter()
         recorder = simulate(
@@ -124,7 +125,7 @@ class Scenario:
             controller=controller,
             dt=self.dt,
             duration=self.duration,
-            progress=None if progress is None else lambda t, command: progress(t, command, kinematic),
+            progress=progress,
         )
         wall = perf_counter() - begin
         truth = kinematic.evaluate(self._true_measurement(plant.state), recorder.last("t"))
@@ -144,10 +145,10 @@ class Scenario:
             self.robot, self.environment.seafloor, specs or self.sensors, self.seed, self.altimeter_frame
         )
 
-    def _estimator(self) -> Estimator:
+    def _estimator(self) -> StateEstimator:
         if self.sensors == IDEAL_SENSORS:
             return PassThrough(self.robot, self.sensors)
-        return NavigationEstimator(self.robot, self.sensors, altimeter_frame=self.altimeter_frame)
+        return Estimator(self.robot, self.sensors, altimeter_frame=self.altimeter_frame)
 
     def _true_measurement(self, state: State) -> Measurement:
         readings = self._sensor_suite(IDEAL_SENSORS).read(state, 0.0)
