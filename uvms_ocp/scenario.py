@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from time import perf_counter
 
@@ -11,15 +11,14 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from uvms_ocp.control.force.dynamic import DynamicController, VelocityGains
-from uvms_ocp.control.navigation.estimator import Estimator as NavigationEstimator
-from uvms_ocp.control.navigation.estimator import PassThrough
+from uvms_ocp.control.navigation.estimator import Estimator, PassThrough
 from uvms_ocp.control.velocity.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
-from uvms_ocp.model.state import Command, Measurement, State
+from uvms_ocp.model.state import Measurement, State
 from uvms_ocp.preflight.checks import check_mission
 from uvms_ocp.preflight.findings import PreflightReport
 from uvms_ocp.preflight.setup import Setup
@@ -28,12 +27,11 @@ from uvms_ocp.report.meta import Ending, run_meta
 from uvms_ocp.run_meta import RunMeta
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.loop import Controller, Estimator, Plant, simulate
+from uvms_ocp.sim.loop import Controller, Plant, Progress, StateEstimator, simulate
 from uvms_ocp.sim.plant import KinematicPlant
 from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 
-Progress = Callable[[float, Command, KinematicController], None]
 PLANTS = ("dynamic", "kinematic")
 
 
@@ -102,9 +100,12 @@ class Scenario:
             duration=self.duration,
         )
 
-    def run(self, progress: Progress | None = None) -> Record:
-        """Simulate until the mission is complete or `duration` is over."""
-        kinematic = self.controller()
+    def run(self, progress: Progress | None = None, kinematic: KinematicController | None = None) -> Record:
+        """Simulate until the mission is complete or `duration` is over.
+
+        kinematic: a fresh `controller()`, for who wants to look into it meanwhile.
+        """
+        kinematic = kinematic or self.controller()
         plant, controller = self._plant_and_controller(kinematic)
         begin = perf_counter()
         recorder = simulate(
@@ -114,7 +115,7 @@ class Scenario:
             controller=controller,
             dt=self.dt,
             duration=self.duration,
-            progress=None if progress is None else lambda t, command: progress(t, command, kinematic),
+            progress=progress,
         )
         wall = perf_counter() - begin
         truth = kinematic.evaluate(self._true_measurement(plant.state), recorder.last("t"))
@@ -147,10 +148,10 @@ class Scenario:
             self.robot, self.environment.seafloor, specs or self.sensors, self.seed, self.altimeter_frame
         )
 
-    def _estimator(self) -> Estimator:
+    def _estimator(self) -> StateEstimator:
         if self.sensors == IDEAL_SENSORS:
             return PassThrough(self.robot, self.sensors)
-        return NavigationEstimator(self.robot, self.sensors, altimeter_frame=self.altimeter_frame)
+        return Estimator(self.robot, self.sensors, altimeter_frame=self.altimeter_frame)
 
     def _true_measurement(self, state: State) -> Measurement:
         readings = self._sensor_suite(IDEAL_SENSORS).read(state, 0.0)

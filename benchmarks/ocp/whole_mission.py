@@ -17,9 +17,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.control.navigation.estimator import PassThrough
 from uvms_ocp.control.receding.plan_tracking import PlanTracker
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.sensing import IDEAL_SENSORS
 from uvms_ocp.model.state import State
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.ocp.planner import Planner
@@ -28,6 +30,8 @@ from uvms_ocp.report.resources import resources
 from uvms_ocp.scenario import Scenario, pose_at
 from uvms_ocp.scenarios.case1 import case1
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
+from uvms_ocp.sim.loop import simulate
+from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 
 HERE = Path(__file__).parent
@@ -56,29 +60,31 @@ def one_problem(scenario: Scenario) -> tuple[Plan, float, list[int]]:
     return plan, process_time() - begin, [*problem.starts_of_phases()]
 
 
-def carried_out(scenario: Scenario, plan: Plan) -> tuple[Row, list[np.ndarray]]:
-    """What the plan costs, and how it ends, on the physical plant; and q (n_q,) after every tick."""
+def carried_out(scenario: Scenario, plan: Plan) -> tuple[Row, np.ndarray]:
+    """What the plan costs, and how it ends, on the physical plant; and q (n, n_q) after every tick."""
     robot, dynamics = scenario.robot, robot_dynamics(scenario.robot)
-    plant = DynamicPlant(robot, scenario.start, dynamics=dynamics, environment=scenario.environment)
-    tracker, peak, way = PlanTracker(robot, dynamics, dt=DT), 0.0, []
-    for i in range(round(plan.duration / DT)):
-        plant.step(tracker.command(plan.trajectory, i * DT, plant.state), DT)
-        peak = max(peak, float(np.abs(plant.telemetry()["thrust"]).max()))
-        way.append(np.array(plant.state.q))
-    found = plant.telemetry()
+    record = simulate(
+        plant=DynamicPlant(robot, scenario.start, dynamics=dynamics, environment=scenario.environment),
+        sensors=SensorSuite(robot, scenario.environment.seafloor, IDEAL_SENSORS).read,
+        estimator=PassThrough(robot),
+        controller=PlanTracker(plan.trajectory, robot, dynamics, dt=DT),
+        dt=DT,
+        duration=plan.duration,
+    ).freeze({})
+    way = record["q"][1:]
     row = {
         "mission": "one problem",
         "duration [s]": plan.duration,
-        "energy of thrusters [J]": float(found["thruster_energy"].sum()),
-        "energy of joints [J]": float(np.sum(found["joint_energy"])),
-        "peak thrust [N]": peak,
+        "energy of thrusters [J]": float(record["thruster_energy"][-1].sum()),
+        "energy of joints [J]": float(record["joint_energy"][-1]),
+        "peak thrust [N]": float(np.abs(record["thrust"]).max()),
         "largest tilt [rad]": max(tilt_of(q) for q in way),
-        "tool off at the end [mm]": 1e3 * tool_error(robot, plant.state.q),
+        "tool off at the end [mm]": 1e3 * tool_error(robot, way[-1]),
     }
     return row, way
 
 
-def thresholds(robot: Robot, plan: Plan, way: list[np.ndarray], starts: list[int]) -> str:
+def thresholds(robot: Robot, plan: Plan, way: np.ndarray, starts: list[int]) -> str:
     """How the phases of the plan end on the physical plant, beside what Case 1 asks for."""
     data, ends = robot.model.createData(), [min(round(plan.trajectory.t[node] / DT), len(way)) for node in starts[1:]]
 

@@ -8,18 +8,22 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from uvms_ocp.control.navigation.estimator import PassThrough
 from uvms_ocp.control.receding.nmpc import Nmpc
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.state import Measurement, State
+from uvms_ocp.model.sensing import IDEAL_SENSORS
+from uvms_ocp.model.state import State
 from uvms_ocp.ocp.problem import OcpLevel, OcpPhase, OcpProblem
 from uvms_ocp.ocp.terms import At, Effort, Smoothness, TaskTerm
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.loop import simulate
 from uvms_ocp.sim.seafloor import FlatSeafloor
+from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.solvers.nlp.real_time_sqp import SqpOptions
 from uvms_ocp.tasks.pose import ToolPose
 from uvms_ocp.tasks.reference import PoseGoal, PoseReference, evaluate_pose
@@ -85,15 +89,18 @@ def largest_error(robot: Robot, nmpc: Nmpc, goal: PoseGoal, seconds: float) -> f
     """Largest distance [m] of the tool from its goal, in a current of 0.3 m/s with gusts."""
     current = GustyCurrent(base=UniformCurrent(CURRENT), sigma=0.05, seed=1)
     environment = Environment(seafloor=FlatSeafloor(z=-40), current=current)
-    plant = DynamicPlant(robot, start_of(robot), dynamics=robot_dynamics(robot), environment=environment)
-    dt, worst = 1 / 200, 0.0
-    for i in range(round(seconds / dt)):
-        measurement = Measurement(q=plant.state.q, v=plant.state.v, altimeter_range=10.0)
-        plant.step(nmpc(measurement, i * dt), dt)
-        wanted = evaluate_pose("goal", goal, (i + 1) * dt)[0]
-        error = tool_pose(robot, plant.state.q).translation - wanted.translation
-        worst = max(worst, float(np.linalg.norm(error)))
-    return worst
+    dt = 1 / 200
+    record = simulate(
+        plant=DynamicPlant(robot, start_of(robot), dynamics=robot_dynamics(robot), environment=environment),
+        sensors=SensorSuite(robot, environment.seafloor, IDEAL_SENSORS).read,
+        estimator=PassThrough(robot),
+        controller=nmpc,
+        dt=dt,
+        duration=seconds - dt,
+    ).freeze({})
+    places = [tool_pose(robot, q).translation for q in record["q"]]
+    wanted = [evaluate_pose("goal", goal, float(t))[0].translation for t in record["t"]]
+    return float(np.linalg.norm(np.subtract(places, wanted), axis=1).max())
 
 
 def test_the_tool_keeps_its_station_in_a_gusty_current(robot: Robot) -> None:

@@ -11,7 +11,9 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.campaign.random_limits import limit_violations, random_limits
-from uvms_ocp.control.velocity.viability import Stop, Viability
+from uvms_ocp.control.velocity.stop import Stop
+from uvms_ocp.control.velocity.viability import Viability
+from uvms_ocp.model.limits import PositionLimit
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.collision_model import CollisionModel
@@ -21,7 +23,6 @@ from uvms_ocp.scenarios.case1 import case1
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.clearance import Clearance
 from uvms_ocp.tasks.hierarchy import Hierarchy
-from uvms_ocp.tasks.task import PositionLimit
 
 DT = 0.02
 

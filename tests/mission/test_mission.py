@@ -124,9 +124,18 @@ def test_a_phase_goal_replaces_the_goal_of_its_task() -> None:
         ),
     )
     state = m.start()
-    np.testing.assert_array_equal(m.reference(state, 0.0), np.zeros(6))
+    np.testing.assert_array_equal(np.concatenate(m.references(state, 0.0)), np.zeros(6))
     state, _ = m.step(state, 1.0, {"HA.tilt": 0.0})
-    np.testing.assert_array_equal(m.reference(state, 1.0), [1, 1, 1, 0, 0, 0])
+    np.testing.assert_array_equal(np.concatenate(m.references(state, 1.0)), [1, 1, 1, 0, 0, 0])
+
+
+def test_a_task_is_idle_once_it_is_off_for_good_in_its_phase() -> None:
+    m = mission()
+    state = m.start()
+    np.testing.assert_array_equal(m.idle(state, m.gates(state, 0.0)), [True, False])
+    state, _ = m.step(state, 3.0, {"HA.tilt": 0.05})
+    np.testing.assert_array_equal(m.idle(state, m.gates(state, 3.1)), [False, False])
+    np.testing.assert_array_equal(m.idle(state, m.gates(state, 3.3)), [False, True])
 
 
 @pytest.mark.parametrize(

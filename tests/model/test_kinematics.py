@@ -8,7 +8,7 @@ import pytest
 
 from uvms_ocp.exceptions import FrameNotFound, InvalidInput
 from uvms_ocp.model.files.library import list_robots
-from uvms_ocp.model.kinematics import Kinematics
+from uvms_ocp.model.kinematics import AltimeterBeam, Kinematics
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.symbolic.tree import SymbolicModel
@@ -86,3 +86,31 @@ def test_unknown_frames_are_refused(uvms: Kinematics) -> None:
         uvms.pose("hand")
     with pytest.raises(FrameNotFound, match="unknown frame 'hand'"):
         uvms.jacobian("tool", expressed_in="hand")
+
+
+@pytest.mark.parametrize("name", ["girona_maris7_full", "bluerov2_alpha5"])
+def test_the_beam_of_the_altimeter_looks_along_minus_z_of_its_frame_and_moves_with_it(name: str) -> None:
+    robot, rng = load_robot(name), np.random.default_rng(5)
+    beam = AltimeterBeam(robot, "altimeter")
+    for _ in range(20):
+        q = robot.configuration(position=rng.uniform(-5, 5, 3), rpy=rng.uniform(-0.5, 0.5, 3))
+        v, step = rng.normal(size=robot.n_v), 1e-6
+        found, velocity = beam.moving(q, v)
+        pose = Kinematics(robot, q).pose("altimeter")
+        np.testing.assert_allclose(found.origin, pose.translation, atol=1e-12)
+        np.testing.assert_allclose(found.direction, pose.act(np.array([0, 0, -1.0])) - pose.translation, atol=1e-12)
+        assert found.cosine == pytest.approx(-found.direction[2])
+        moved = beam.at(pin.integrate(robot.model, q, step * v))
+        np.testing.assert_allclose((moved.origin - found.origin) / step, velocity, atol=1e-4)
+
+
+def test_a_beam_stays_as_it_was_when_the_next_one_is_asked_for() -> None:
+    robot = load_robot("girona_maris7_full")
+    beam = AltimeterBeam(robot, "altimeter")
+    first = beam.at(robot.configuration(position=(1, 2, -3)))
+    kept = first.origin.copy(), first.direction.copy()
+    beam.at(robot.configuration(position=(4, 5, -6), rpy=(0.3, 0.2, 0.1)))
+    np.testing.assert_array_equal(first.origin, kept[0])
+    np.testing.assert_array_equal(first.direction, kept[1])
+    with pytest.raises(FrameNotFound):
+        AltimeterBeam(robot, "sonar")

@@ -11,10 +11,12 @@ import pinocchio as pin
 import pytest
 from reaches import CHEAP, PATIENCE, patient, reach, tool_goal
 
-from uvms_ocp.control.receding.plan_tracking import PlanTracker, carry_out
+from uvms_ocp.control.navigation.estimator import PassThrough
+from uvms_ocp.control.receding.plan_tracking import PlanTracker, mismatch
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.sensing import IDEAL_SENSORS
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import (
@@ -25,7 +27,9 @@ from uvms_ocp.ocp.trajectory import through
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.loop import simulate
 from uvms_ocp.sim.seafloor import FlatSeafloor
+from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 from uvms_ocp.tasks.pose import VehiclePose
 from uvms_ocp.tasks.velocity import NullVelocity, UnderActuation
@@ -62,14 +66,19 @@ def test_a_guess_through_configurations_leads_to_the_same_plan(robot: Robot, pla
 
 def test_a_plan_is_carried_out_to_millimetres(robot: Robot) -> None:
     plan = patient(reach(robot, n_steps=40)).plan()
-    dynamics = robot_dynamics(robot)
-    plant = DynamicPlant(
-        robot, plan.trajectory.q[0], dynamics=dynamics, environment=Environment(seafloor=FlatSeafloor(z=-40))
-    )
-    tracker = PlanTracker(robot, dynamics, dt=1 / 200)
-    mismatch = carry_out(plan.trajectory, plant, tracker, robot=robot, frame="tool")
-    assert mismatch.end_position < 5e-3
-    assert mismatch.end_orientation < 1e-2
+    dynamics, environment, dt = robot_dynamics(robot), Environment(seafloor=FlatSeafloor(z=-40)), 1 / 200
+    record = simulate(
+        plant=DynamicPlant(robot, plan.trajectory.q[0], dynamics=dynamics, environment=environment),
+        sensors=SensorSuite(robot, environment.seafloor, IDEAL_SENSORS).read,
+        estimator=PassThrough(robot),
+        controller=PlanTracker(plan.trajectory, robot, dynamics, dt=dt),
+        dt=dt,
+        duration=2 * plan.duration,
+    ).freeze({})
+    assert record["t"][-1] == pytest.approx(plan.duration)
+    found = mismatch(plan.trajectory, record["t"], record["q"], robot=robot, frame="tool")
+    assert found.end_position < 5e-3
+    assert found.end_orientation < 1e-2
 
 
 def test_the_higher_level_wins_where_two_goals_exclude_each_other(robot: Robot) -> None:

@@ -8,14 +8,14 @@ import pinocchio as pin
 import pytest
 from test_tasks import evaluate, random_configuration
 
-from uvms_ocp.control.velocity.viability import Stop
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.kinematics import Kinematics
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.collision_model import CollisionModel, self_pairs
 from uvms_ocp.model.shapes.obstacles import Obstacle, mesh_shape
-from uvms_ocp.sim.seafloor import FlatSeafloor, HeightField, floor_obstacle
+from uvms_ocp.sim.height_field import HeightField
+from uvms_ocp.sim.seafloor import FlatSeafloor, floor_obstacle
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.clearance import Clearance
 
@@ -51,35 +51,6 @@ def test_links_that_touch_by_design_are_left_out(robot: Robot) -> None:
     values = CollisionModel(robot).values(robot.configuration())
     assert len(self_pairs(robot)) > 10
     assert (values > 0).all()
-
-
-def test_the_nearest_pairs_come_first(robot: Robot) -> None:
-    model, q = CollisionModel(robot, [ball(2.0, 0.5, 0.0)]), robot.configuration()
-    smallest, *rest = Clearance(model=model, n_nearest=5).parameters(0.0, q)
-    nearest = np.sort(model.values(q))[:5]
-    assert smallest == pytest.approx(nearest[0])
-    np.testing.assert_allclose(rest[:5], nearest)
-
-
-def test_a_row_counts_the_smallest_distance_on_the_way_to_rest(robot: Robot) -> None:
-    """A corner of the hull swings towards a ball on a curve."""
-    model = CollisionModel(robot, [ball(0.9, 0.9, 0.0)], self_collision=False, links=["base_link_0"])
-    task, q, v = Clearance(model=model, threshold=0.05), robot.configuration(), np.zeros(robot.n_v)
-    v[5] = 0.5
-    stop = Stop(robot, 0.005).ahead(q, v)
-    assert stop is not None
-    swept = [model.values(pin.integrate(robot.model, q, v * t))[0] for t in np.linspace(0.0, 0.25, 51)]
-    smallest, nearest, fastest, *gradient = task.parameters(0.0, q, stop)
-    assert smallest == pytest.approx(swept[0])
-    assert nearest == pytest.approx(min(swept), abs=1e-3)
-    assert nearest < smallest - 0.01
-    # The stop from a slightly faster turn ends nearer by what the row's gradient and speed say.
-    faster = 1.02 * v
-    ahead = Stop(robot, 0.005).ahead(q, faster)
-    assert ahead is not None
-    change = task.parameters(0.0, q, ahead)[1] - nearest
-    assert change == pytest.approx(2.0 * stop.durations[-1] * np.array(gradient) @ (faster - v), rel=0.05)
-    assert fastest == pytest.approx((nearest - 0.05) / (2.0 * stop.durations[-1]) - np.array(gradient) @ v, rel=1e-6)
 
 
 def test_a_flat_floor_and_its_mesh_are_equally_far(robot: Robot) -> None:

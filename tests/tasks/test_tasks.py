@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 from task_registry import GOAL, REGISTRY
 
+from uvms_ocp.control.velocity.parameters import parameters_of
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
@@ -57,7 +58,7 @@ def evaluate(
 ) -> dict[str, np.ndarray]:
     function = task_function(robot, task)
     velocity = np.zeros(robot.n_v) if v is None else v
-    values = function.call([q, velocity, altimeter_range, task.parameters(0.0, q)])
+    values = function.call([q, velocity, altimeter_range, parameters_of(task, task.reference(0.0), q)])
     return {name: np.array(value) for name, value in zip(function.name_out(), values, strict=True)}
 
 

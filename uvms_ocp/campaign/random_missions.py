@@ -19,7 +19,8 @@ from uvms_ocp.report.cause import cause_of_end
 from uvms_ocp.scenario import Scenario, pose_at
 from uvms_ocp.scenarios.case1 import case1
 from uvms_ocp.sim.closest_approach import closest_approach
-from uvms_ocp.sim.seafloor import FlatSeafloor, HeightField, Seafloor
+from uvms_ocp.sim.height_field import HeightField
+from uvms_ocp.sim.seafloor import FlatSeafloor, Seafloor
 from uvms_ocp.tasks.clearance import Clearance
 from uvms_ocp.tasks.hierarchy import Hierarchy
 

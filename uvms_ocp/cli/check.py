@@ -14,7 +14,7 @@ from uvms_ocp.cli.options import (
     CurrentVelocity,
     Json,
     Name,
-    Plant,
+    PlantName,
     RobotName,
     Seabed,
     build_scenario,
@@ -26,7 +26,7 @@ from uvms_ocp.cli.printing import print_findings, print_json
 def check(
     name: Name = "case1",
     robot: RobotName = None,
-    plant: Plant = None,
+    plant: PlantName = None,
     current: CurrentVelocity = None,
     seabed: Seabed = None,
     as_json: Json = False,

@@ -38,7 +38,7 @@ def folder(words: str | Path) -> Path:
 
 Name = Annotated[str, typer.Argument(metavar="SCENARIO", help="Scenario, see `uvms-ocp list`.")]
 RobotName = Annotated[str | None, typer.Option(help="Robot, see `uvms-ocp list`; default: the scenario's.")]
-Plant = Annotated[str | None, typer.Option(help=f"Plant: {', '.join(PLANTS)}; default: the scenario's.")]
+PlantName = Annotated[str | None, typer.Option(help=f"Plant: {', '.join(PLANTS)}; default: the scenario's.")]
 SolverName = Annotated[str, typer.Option(help=f"Hierarchy solver: {', '.join(SOLVERS)}.")]
 CurrentVelocity = Annotated[
     tuple[float, float, float] | None,

@@ -10,7 +10,8 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as ProgressBar
 from rich.table import Table
 from rich.text import Text
 
@@ -24,7 +25,7 @@ from uvms_ocp.cli.options import (
     Name,
     Noise,
     Out,
-    Plant,
+    PlantName,
     RobotName,
     Seabed,
     Seed,
@@ -34,7 +35,6 @@ from uvms_ocp.cli.options import (
     require_taken,
 )
 from uvms_ocp.cli.printing import cell, print_findings, print_json, print_paths, table_of
-from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.state import Command
 from uvms_ocp.output import staged_folder
@@ -48,7 +48,7 @@ _PROGRESS_EVERY = 40  # ticks between two updates of the progress bar
 def run(
     name: Name = "case1",
     robot: RobotName = None,
-    plant: Plant = None,
+    plant: PlantName = None,
     solver: SolverName = DEFAULT_SOLVER,
     current: CurrentVelocity = None,
     seabed: Seabed = None,
@@ -111,29 +111,30 @@ def _run_study(name: str, options: dict[str, Any], out: Path | None, console: Co
 
 def _simulate(scenario: Scenario, console: Console) -> Record:
     """Run with a progress bar that names the phase and what it waits for."""
-    with _progress(console) as progress:
-        task = progress.add_task("", total=scenario.duration, waiting="")
+    controller = scenario.controller()
+    with _bar(console) as bar:
+        task = bar.add_task("", total=scenario.duration, waiting="")
 
-        def show(t: float, command: Command, controller: KinematicController) -> None:
+        def show(t: float, command: Command) -> None:
             if round(t / scenario.dt) % _PROGRESS_EVERY == 0 or command.finished:
                 phase = scenario.mission.phases[controller.state.phase]
                 waiting = "complete" if command.finished else controller.pending()
                 done = scenario.duration if command.finished else t
-                progress.update(task, completed=done, description=f"{phase.name} {phase.title}", waiting=waiting)
+                bar.update(task, completed=done, description=f"{phase.name} {phase.title}", waiting=waiting)
 
-        return scenario.run(show)
+        return scenario.run(show, controller)
 
 
 @contextmanager
-def _progress(console: Console) -> Iterator[Progress]:
+def _bar(console: Console) -> Iterator[ProgressBar]:
     columns = (
         TextColumn("[bold]{task.description:<14}"),
         BarColumn(bar_width=24),
         TimeElapsedColumn(),
         TextColumn("{task.fields[waiting]}", markup=False),
     )
-    with Progress(*columns, console=console) as progress:
-        yield progress
+    with ProgressBar(*columns, console=console) as bar:
+        yield bar
 
 
 def _write(scenario: Scenario, record: Record, report: dict[str, Any], folder: Path) -> None:

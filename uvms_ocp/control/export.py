@@ -26,8 +26,11 @@ class RecordedTick:
     """One tick of a run."""
 
     inputs: tuple[np.ndarray, ...]
+    """Of the levels function, in its order."""
     v: np.ndarray
-    start: bool  # the first of consecutive ticks
+    """(n_v,) [m/s, rad/s] that the solver found."""
+    start: bool
+    """The first of consecutive ticks."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -35,7 +38,9 @@ class RecordingSolver:
     """A solver that keeps the first ticks of every phase of a run."""
 
     solver: HierarchySolver
+    """Which does the work."""
     ticks: list[RecordedTick] = field(default_factory=list)
+    """Kept so far."""
 
     def bind(self, levels_function: ca.Function, sizes: tuple[int, ...]) -> Tick:
         return _RecordingTick(self.solver.bind(levels_function, sizes), self.ticks)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import ClassVar, TypeAlias
 
 from uvms_ocp.exceptions import InvalidInput
 
@@ -20,9 +20,14 @@ class Below:
     Without `release` there is no hysteresis: both are the same.
     """
 
+    sign: ClassVar[str] = "<"
+    """Between quantity and limit."""
     quantity: str
+    """``task.quantity``"""
     limit: float
+    """In the quantity's unit, more than 0."""
     release: float | None = None
+    """At least the limit."""
 
     def __post_init__(self) -> None:
         _check_threshold(self.quantity, self.limit)
@@ -36,17 +41,21 @@ class Below:
 
     def describe(self, quantities: Mapping[str, float]) -> str:
         """One clause with the measured value, true or not."""
-        sign = "<" if self.holds(quantities) else "not <"
-        return f"{self.quantity} = {quantities[self.quantity]:.4g} {sign} {self.limit:g}"
+        return _described(self, quantities)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Above:
     """True once a measured quantity exceeds `limit`, and until it falls to `release`; mirror of `Below`."""
 
+    sign: ClassVar[str] = ">"
+    """Between quantity and limit."""
     quantity: str
+    """``task.quantity``"""
     limit: float
+    """In the quantity's unit, more than 0."""
     release: float | None = None
+    """At most the limit."""
 
     def __post_init__(self) -> None:
         _check_threshold(self.quantity, self.limit)
@@ -60,8 +69,7 @@ class Above:
 
     def describe(self, quantities: Mapping[str, float]) -> str:
         """One clause with the measured value, true or not."""
-        sign = ">" if self.holds(quantities) else "not >"
-        return f"{self.quantity} = {quantities[self.quantity]:.4g} {sign} {self.limit:g}"
+        return _described(self, quantities)
 
 
 Condition: TypeAlias = Below | Above
@@ -76,9 +84,13 @@ class Transition:
     """
 
     to: str
+    """Name of a phase, `DONE` or `ABORT`."""
     when: tuple[Condition, ...]
-    hold: float = 0.0  # [s]
-    retries: int | None = None  # None: as often as it likes
+    """All of them, at once."""
+    hold: float = 0.0
+    """[s]"""
+    retries: int | None = None
+    """[-] None: as often as it likes."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.when, tuple):
@@ -95,6 +107,11 @@ class Transition:
 
     def describe(self, quantities: Mapping[str, float]) -> str:
         return ", ".join(condition.describe(quantities) for condition in self.when)
+
+
+def _described(condition: Condition, quantities: Mapping[str, float]) -> str:
+    sign = condition.sign if condition.holds(quantities) else f"not {condition.sign}"
+    return f"{condition.quantity} = {quantities[condition.quantity]:.4g} {sign} {condition.limit:g}"
 
 
 def _check_threshold(quantity: str, limit: float) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from uvms_ocp.mission.conditions import ABORT, DONE, Below, Transition
+from uvms_ocp.mission.conditions import ABORT, DONE, Transition
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.tasks.hierarchy import Hierarchy
 
@@ -47,7 +47,7 @@ def closure(names: set[str], edges: Mapping[str, set[str]]) -> set[str]:
 
 
 def _arrow(transition: Transition) -> str:
-    conditions = ", ".join(f"{c.quantity} {'<' if isinstance(c, Below) else '>'} {c.limit:g}" for c in transition.when)
+    conditions = ", ".join(f"{c.quantity} {c.sign} {c.limit:g}" for c in transition.when)
     held = f" for {transition.hold:g} s" if transition.hold else ""
     retries = "" if transition.retries is None else f" (at most {transition.retries} times)"
     target = "[*]" if transition.to in (DONE, ABORT) else transition.to

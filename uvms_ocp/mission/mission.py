@@ -15,7 +15,7 @@ from uvms_ocp.mission.diagram import closure, mermaid, successors, text_table
 from uvms_ocp.mission.phase import Event, MissionState, Phase
 from uvms_ocp.tasks.activation import Bell
 from uvms_ocp.tasks.hierarchy import Hierarchy
-from uvms_ocp.tasks.task import StopAhead, Task
+from uvms_ocp.tasks.task import Task
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -26,10 +26,15 @@ class Mission:
     """
 
     hierarchy: Hierarchy
+    """Of all tasks that any phase uses."""
     phases: tuple[Phase, ...]
-    ramp: float = 0.2  # [s] duration of the bell on external activations
-    _targets: np.ndarray = field(init=False, repr=False)  # (n_phases, n_tasks)
-    _tasks: tuple[tuple[Task, ...], ...] = field(init=False, repr=False)  # per phase, with its goals
+    """The first is where it begins."""
+    ramp: float = 0.2
+    """[s] duration of the bell on external activations."""
+    _targets: np.ndarray = field(init=False, repr=False)
+    """(n_phases, n_tasks) [-] external activations."""
+    _tasks: tuple[tuple[Task, ...], ...] = field(init=False, repr=False)
+    """Those of each phase, with the goals that they have in it."""
 
     def __post_init__(self) -> None:
         if not self.phases:
@@ -67,23 +72,13 @@ class Mission:
         blend = float(Bell(0.0, self.ramp).increasing(t - state.since))
         return (1 - blend) * state.gates_before + blend * self._targets[state.phase]
 
-    def reference(self, state: MissionState, t: float) -> np.ndarray:
-        """Goals of all tasks at time t [s], one after the other, as `Task.reference` gives them."""
-        return np.concatenate([task.reference(self._clock(state, task, t)) for task in self._tasks[state.phase]])
+    def idle(self, state: MissionState, gates: np.ndarray) -> np.ndarray:
+        """Which tasks (n_tasks,) are off, by the `gates` (n_tasks,) of now, and stay off in this phase."""
+        return np.asarray((self._targets[state.phase] == 0) & (gates == 0))
 
-    def parameters(self, state: MissionState, t: float, q: np.ndarray, stop: StopAhead | None = None) -> np.ndarray:
-        """Parameters of all tasks at time t [s] and measured configuration q (n_q,), as `Task.parameters` gives them.
-
-        Tasks that are off, and stay off, are not asked for what they would have to measure.
-        """
-        off = (self._targets[state.phase] == 0) & (self.gates(state, t) == 0)
-        return np.concatenate(
-            [
-                task.reference(time) if idle else task.parameters(time, q, stop)
-                for task, idle in zip(self._tasks[state.phase], off, strict=True)
-                for time in [self._clock(state, task, t)]
-            ]
-        )
+    def references(self, state: MissionState, t: float) -> list[np.ndarray]:
+        """Goal of each task at time t [s], highest priority first, as `Task.reference` gives it."""
+        return [task.reference(self._clock(state, task, t)) for task in self._tasks[state.phase]]
 
     def step(self, state: MissionState, t: float, quantities: Mapping[str, float]) -> tuple[MissionState, Event | None]:
         """The state after the quantities measured at t, and the event if a transition fired."""

@@ -14,17 +14,18 @@ from uvms_ocp.mission.conditions import Transition
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Phase:
-    """One action: the external activation of each task, and what ends it.
-
-    `gates` maps task names to values in [0, 1]; tasks that are not named are off. `goals` maps task names to goals that
-    replace the task's own during this phase; those that move count their time from the start of the phase.
-    """
+    """One action: the external activation of each task, and what ends it."""
 
     name: str
+    """Unique in a mission."""
     title: str = ""
+    """A few words, to print beside the name."""
     gates: Mapping[str, float]
+    """External activation [-] in [0, 1] by the name of a task; tasks that are not named are off."""
     transitions: tuple[Transition, ...]
+    """The first that fires is taken."""
     goals: Mapping[str, Any] = field(default_factory=dict)
+    """By the name of a task, the goal that replaces its own in this phase; one that moves starts with the phase."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.transitions, tuple):
@@ -39,12 +40,19 @@ class MissionState:
     """Where a mission is."""
 
     phase: int
-    since: float  # [s] start of the phase
-    gates_before: np.ndarray  # (n_tasks,) gates when the phase began; the bell leads on from them
-    held_since: tuple[float | None, ...]  # [s] since when each transition of the phase holds
+    """Index of the phase."""
+    since: float
+    """[s] start of the phase."""
+    gates_before: np.ndarray
+    """(n_tasks,) [-] gates when the phase began; the bell leads on from them."""
+    held_since: tuple[float | None, ...]
+    """[s] since when each transition of the phase holds."""
     completed: bool = False
-    aborted: str = ""  # why the mission was given up
-    fired: Mapping[tuple[int, int], int] = field(default_factory=dict)  # how often, by phase and transition
+    """The mission has ended as wanted."""
+    aborted: str = ""
+    """Why the mission was given up."""
+    fired: Mapping[tuple[int, int], int] = field(default_factory=dict)
+    """How often each transition was taken, by the indices of phase and transition."""
 
     @property
     def over(self) -> bool:
@@ -56,7 +64,11 @@ class MissionState:
 class Event:
     """Why a phase ended."""
 
-    t: float  # [s]
+    t: float
+    """[s]"""
     source: str
+    """Name of the phase."""
     target: str
+    """Name of the next phase, `DONE` or `ABORT`."""
     reason: str
+    """The conditions, as measured."""

@@ -1,4 +1,4 @@
-"""Where the frames of a robot are, and how they move, at one configuration."""
+"""Where the frames of a robot are, and how they move, at one configuration; and where its altimeter looks."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ import pinocchio as pin
 
 from uvms_ocp.model.robot import Robot
 
+STEEP = 0.1
+"""[-] cosine of a beam's tilt below which its range says nothing about the height."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Kinematics:
@@ -18,8 +21,11 @@ class Kinematics:
     """
 
     robot: Robot
+    """Whose frames they are."""
     q: np.ndarray
+    """(n_q,)"""
     _data: pin.Data = field(init=False, repr=False)
+    """With poses of all frames and Jacobians of all joints."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "q", self.robot.check_configuration(self.q))
@@ -51,3 +57,41 @@ class Kinematics:
         if name != "B":
             return np.asarray(self._data.oMf[self.robot.frame_id(name)].rotation)
         return self._data.oMi[1].rotation if self.robot.n_vehicle else np.eye(3)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Beam:
+    """Where a range sensor S looks: along -z of its frame."""
+
+    origin: np.ndarray
+    """p_WS (3,) [m]."""
+    direction: np.ndarray
+    """(3,) unit vector in W [-]."""
+    cosine: float
+    """[-] of the angle between the beam and straight down."""
+
+
+class AltimeterBeam:
+    """The beam of a robot's range sensor at one configuration after another. Holds working memory: not for two threads."""
+
+    __slots__ = ("_data", "_frame", "_model")
+
+    def __init__(self, robot: Robot, frame: str) -> None:
+        """frame: that of the sensor. Raises FrameNotFound."""
+        self._model, self._data, self._frame = robot.model, robot.model.createData(), robot.frame_id(frame)
+
+    def at(self, q: np.ndarray) -> Beam:
+        """The beam at q (n_q,)."""
+        pin.forwardKinematics(self._model, self._data, q)
+        return self._beam()
+
+    def moving(self, q: np.ndarray, v: np.ndarray) -> tuple[Beam, np.ndarray]:
+        """The beam at q (n_q,), and the velocity (3,) [m/s] of the sensor in W while the robot moves with v (n_v,)."""
+        pin.forwardKinematics(self._model, self._data, q, v)
+        beam = self._beam()
+        return beam, pin.getFrameVelocity(self._model, self._data, self._frame, pin.LOCAL_WORLD_ALIGNED).linear
+
+    def _beam(self) -> Beam:
+        X_WS = pin.updateFramePlacement(self._model, self._data, self._frame)
+        R_WS = X_WS.rotation
+        return Beam(origin=X_WS.translation.copy(), direction=-R_WS[:, 2], cosine=float(R_WS[2, 2]))

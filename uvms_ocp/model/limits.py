@@ -1,8 +1,8 @@
-"""Joints of a robot, where they live in q and v, their limits and their stowed posture."""
+"""Joints of a robot, where they live in q and v, limits of joints and of positions, and the stowed posture."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,10 +19,15 @@ class Joint:
     """Where one joint lives in q and v."""
 
     name: str
+    """As in the URDF."""
     idx_q: int
+    """First entry in q."""
     idx_v: int
+    """First entry in v."""
     n_q: int
+    """Entries in q."""
     n_v: int
+    """Entries in v."""
 
     @property
     def q(self) -> slice:
@@ -39,11 +44,32 @@ class Joint:
 class Limits:
     """Actuator and position limits, infinite where there is none; read-only arrays."""
 
-    position_lower: np.ndarray  # (n_joints,) [rad or m]
-    position_upper: np.ndarray  # (n_joints,) [rad or m]
-    velocity: np.ndarray  # (n_v,) [m/s, rad/s]
-    acceleration: np.ndarray  # (n_v,) [m/s2, rad/s2]
-    effort: np.ndarray  # (n_joints,) [N m or N]
+    position_lower: np.ndarray
+    """(n_joints,) [rad or m]"""
+    position_upper: np.ndarray
+    """(n_joints,) [rad or m]"""
+    velocity: np.ndarray
+    """(n_v,) [m/s, rad/s]"""
+    acceleration: np.ndarray
+    """(n_v,) [m/s2, rad/s2]"""
+    effort: np.ndarray
+    """(n_joints,) [N m or N]"""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class PositionLimit:
+    """Positions that stay at or above a bound, and that a robot must therefore be able to stop before."""
+
+    quantity: str
+    """Name of the smallest of the positions, as measured."""
+    lower: float
+    """[m] the bound."""
+    values: Callable[[np.ndarray, np.ndarray | None], np.ndarray]
+    """Function of q (n_q,) and of which positions, None for all: the positions (m,) [m]."""
+    relative: bool = False
+    """The measured quantity is the truth at the present q; `values` tell how it changes from there."""
+    reach: np.ndarray
+    """(n_v,) upper bound on the rate of any of the positions per unit of each velocity [m, or 1]."""
 
 
 def joints_of(model: pin.Model, *, free_flyer: bool) -> tuple[Joint, ...]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
+from uvms_ocp.control.velocity.parameters import parameters_of
 from uvms_ocp.preflight.altitude import check_altitude, check_goals
 from uvms_ocp.preflight.findings import Finding, PreflightReport, Severity
 from uvms_ocp.preflight.forces import check_forces
@@ -75,7 +76,7 @@ def _rank(rows: np.ndarray) -> int:
 def _jacobians(setup: Setup, problem: LevelsProblem, q: np.ndarray) -> dict[str, np.ndarray]:
     """Jacobian of each level at q."""
     n_v, n_tasks = setup.robot.n_v, len(setup.mission.hierarchy.tasks)
-    parameters = np.concatenate([task.parameters(0.0, q) for task in setup.mission.hierarchy.tasks])
+    parameters = np.concatenate([parameters_of(task, task.reference(0.0), q) for task in setup.mission.hierarchy.tasks])
     zeros = np.zeros(n_v)
     outputs = problem.function(q, zeros, zeros, 10.0, parameters, np.ones(n_tasks))
     J = np.array(outputs[problem.function.index_out("J")])

@@ -7,14 +7,13 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.collision.collision_scene import CollisionScene, Nearest
 from uvms_ocp.model.kinematics import Kinematics
 from uvms_ocp.ocp.request import OcpRequest
-from uvms_ocp.planning.request import PlanRequest, ToolGoal
-
-Array = NDArray[np.float64]
+from uvms_ocp.planning.goals import ToolGoal
+from uvms_ocp.planning.request import PlanRequest
 
 _TOOL = "tool"
 

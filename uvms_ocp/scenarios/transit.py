@@ -17,7 +17,7 @@ from uvms_ocp.model.sensing import IDEAL_SENSORS, sensors_of
 from uvms_ocp.scenario import Scenario, pose_at
 from uvms_ocp.scenarios.parts import always_underactuated, current_field, on, underactuation
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.seafloor import HeightField
+from uvms_ocp.sim.height_field import HeightField
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.attitude import HorizontalAttitude
@@ -45,7 +45,7 @@ def transit(
 ) -> Scenario:
     """A transit of `length` [m] towards a way point near the floor, held up by the minimum altitude alone.
 
-    relief: a name in `uvms_ocp.sim.seafloor.RELIEFS`. threshold [m]: h_min. seed: of floor and noise. The altimeter
+    relief: a name in `uvms_ocp.sim.height_field.RELIEFS`. threshold [m]: h_min. seed: of floor and noise. The altimeter
     looks straight down and sees a slope only when above it: over steep protuberances a low threshold is not safe.
     """
     machine = load_robot(robot) if isinstance(robot, str) else robot

@@ -10,10 +10,10 @@ from uvms_ocp.sim.currents import StillWater as StillWater
 from uvms_ocp.sim.currents import UniformCurrent as UniformCurrent
 from uvms_ocp.sim.dynamic_plant import DynamicPlant as DynamicPlant
 from uvms_ocp.sim.environment import Environment as Environment
+from uvms_ocp.sim.height_field import HeightField as HeightField
 from uvms_ocp.sim.loop import simulate as simulate
 from uvms_ocp.sim.plant import KinematicPlant as KinematicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor as FlatSeafloor
-from uvms_ocp.sim.seafloor import HeightField as HeightField
 from uvms_ocp.sim.seafloor import Seafloor as Seafloor
 from uvms_ocp.sim.seafloor import floor_mesh as floor_mesh
 from uvms_ocp.sim.seafloor import floor_obstacle as floor_obstacle

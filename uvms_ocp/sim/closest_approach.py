@@ -19,9 +19,12 @@ _AROUND = 4.0  # [m] of floor beyond the vehicle's track
 class ClosestApproach:
     """The smallest distance over a run; 0 or less is contact."""
 
-    distance: float  # [m]
-    row: int  # of the configurations given
-    pair: str  # names of the two shapes
+    distance: float
+    """[m]"""
+    row: int
+    """Of the configurations given."""
+    pair: str
+    """Names of the two shapes."""
 
 
 def closest_approach(

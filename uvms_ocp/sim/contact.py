@@ -19,10 +19,14 @@ from uvms_ocp.model.robot import Robot
 class ContactModel:
     """Stiffness and damping per corner. The values are assumed: no public measurement of a skid on sediment."""
 
-    stiffness: float = 2e4  # [N/m]
-    damping: float = 2e3  # [N s/m]
-    friction: float = 0.5  # [-]
-    creep: float = 0.01  # [m/s] speed below which friction is viscous
+    stiffness: float = 2e4
+    """[N/m]"""
+    damping: float = 2e3
+    """[N s/m]"""
+    friction: float = 0.5
+    """[-]"""
+    creep: float = 0.01
+    """[m/s] speed below which friction is viscous."""
 
     def __post_init__(self) -> None:
         for name in ("stiffness", "damping", "friction", "creep"):

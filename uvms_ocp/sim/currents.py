@@ -41,6 +41,7 @@ class UniformCurrent:
     """The same velocity (3,) [m/s] everywhere and always."""
 
     value: np.ndarray
+    """(3,) [m/s] in W."""
 
     def __init__(self, velocity: ArrayLike) -> None:
         object.__setattr__(self, "value", _flow("velocity of the current", velocity, (3,)))
@@ -56,8 +57,10 @@ class UniformCurrent:
 class ShearedCurrent:
     """A steady current that varies with depth: linear between the given heights, constant beyond them."""
 
-    z: np.ndarray  # (k,) [m] heights in W, increasing
-    velocities: np.ndarray  # (k, 3) [m/s] in W at these heights
+    z: np.ndarray
+    """(k,) [m] heights in W, increasing."""
+    velocities: np.ndarray
+    """(k, 3) [m/s] in W at these heights."""
 
     def __post_init__(self) -> None:
         n_heights = max(np.size(self.z), 1)
@@ -90,9 +93,12 @@ class ShearedCurrent:
 class OnsetCurrent:
     """A uniform current that sets in: from rest to its velocity by a cosine step, as when the tide turns."""
 
-    value: np.ndarray  # (3,) [m/s] in W
-    start: float  # [s]
-    rise: float  # [s]
+    value: np.ndarray
+    """(3,) [m/s] in W."""
+    start: float
+    """[s] until which the water rests."""
+    rise: float
+    """[s] that the step takes."""
 
     def __init__(self, velocity: ArrayLike, *, start: float, rise: float) -> None:
         object.__setattr__(self, "value", _flow("velocity of the current", velocity, (3,)))
@@ -121,11 +127,17 @@ class GustyCurrent:
     """
 
     base: Current = field(default_factory=StillWater)
-    sigma: float | tuple[float, float, float] = 0.05  # [m/s] standard deviation, per axis of W if three are given
-    correlation_time: float = 10.0  # [s]
-    step: float = 0.5  # [s]
+    """What it comes on top of."""
+    sigma: float | tuple[float, float, float] = 0.05
+    """[m/s] standard deviation, per axis of W if three are given."""
+    correlation_time: float = 10.0
+    """[s]"""
+    step: float = 0.5
+    """[s] between nodes."""
     seed: int = 0
+    """Of the random numbers."""
     _path: _Path = field(init=False, repr=False)
+    """The nodes."""
 
     def __post_init__(self) -> None:
         sigma = np.array(self.sigma, dtype=float)

@@ -53,7 +53,8 @@ class DynamicPlant:
         self._bank = ThrusterBank(robot)
         self._efficiency = robot.description.joint_efficiency
         self._t = 0.0
-        self._positions: np.ndarray | None = None  # of the links one tick ago
+        self._positions: np.ndarray | None = None
+        """(n_links, 3) [m] of the links one tick ago."""
         self._contact = np.zeros(len(self._points))
         self._torque = np.zeros(robot.n_joints)
         self._joint_energy = 0.0

@@ -27,8 +27,10 @@ from uvms_ocp.sim.contact import ContactModel
 class JointStops:
     """Spring and damper behind every joint limit (assumed)."""
 
-    stiffness: float = 1e4  # [N m/rad]
-    damping: float = 1e2  # [N m s/rad]
+    stiffness: float = 1e4
+    """[N m/rad]"""
+    damping: float = 1e2
+    """[N m s/rad]"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -36,10 +38,15 @@ class StepModel:
     """What the step function is built from."""
 
     robot: Robot
+    """What moves."""
     dynamics: SymbolicDynamics
-    points: np.ndarray  # (n_points, 3) [m] contact points in B
+    """Its own, in water."""
+    points: np.ndarray
+    """(n_points, 3) [m] contact points in B."""
     contact: ContactModel
+    """Of every point."""
     stops: JointStops
+    """Of every joint."""
 
 
 def step_function(model: StepModel) -> ca.Function:

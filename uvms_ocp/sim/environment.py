@@ -15,8 +15,11 @@ class Environment:
     """Everything that is not the robot. Raises `InvalidInput` for two obstacles of the same name."""
 
     seafloor: Seafloor
+    """Everywhere below."""
     current: Current = field(default_factory=StillWater)
+    """Of the water."""
     obstacles: tuple[Obstacle, ...] = ()
+    """With names of their own."""
 
     def __post_init__(self) -> None:
         names = [obstacle.name for obstacle in self.obstacles]

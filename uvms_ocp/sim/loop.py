@@ -1,4 +1,7 @@
-"""The closed loop: plant, sensors and any callable ``(Measurement, t) -> Command``."""
+"""The closed loop: plant, sensors, state estimator and any controller, and what each of them is.
+
+The parts know nothing of each other: what they exchange is `uvms_ocp.model.state`.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +14,20 @@ from uvms_ocp.model.state import Command, Measurement, Readings, State
 from uvms_ocp.record import Recorder
 
 Sensors = Callable[[State, float], Readings]
-Estimator = Callable[[Readings, float, Command | None], Measurement]
+"""True state and time [s] to readings."""
+StateEstimator = Callable[[Readings, float, Command | None], Measurement]
+"""Readings, time [s] and the command that has been acting since the last call to a measurement."""
 Controller = Callable[[Measurement, float], Command]
+"""Measurement and time [s] to a command."""
 Progress = Callable[[float, Command], None]
+"""Told the time [s] and the command of a tick."""
 
 
 class Plant(Protocol):
     """Something with a true state that a command advances."""
 
     state: State
+    """The true one."""
 
     def step(self, command: Command, dt: float) -> None:
         """Advance by dt [s]."""
@@ -32,7 +40,7 @@ def simulate(
     *,
     plant: Plant,
     sensors: Sensors,
-    estimator: Estimator,
+    estimator: StateEstimator,
     controller: Controller,
     dt: float,
     duration: float,

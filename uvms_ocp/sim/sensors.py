@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.kinematics import AltimeterBeam
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import CHANNELS, SensorSpec, SensorSpecs
 from uvms_ocp.model.state import Reading, Readings, State
@@ -25,15 +26,12 @@ class Altimeter:
     """Range along -z of a frame of the robot to the seafloor, without noise."""
 
     def __init__(self, robot: Robot, seafloor: Seafloor, frame: str = "altimeter") -> None:
-        self._model, self._data = robot.model, robot.model.createData()
-        self._frame = robot.frame_id(frame)
-        self._seafloor = seafloor
+        self._beam, self._seafloor = AltimeterBeam(robot, frame), seafloor
 
     def measure(self, q: np.ndarray) -> float:
         """Range [m] at configuration q (n_q,); nan without an echo."""
-        pin.forwardKinematics(self._model, self._data, q)
-        X_WS = pin.updateFramePlacement(self._model, self._data, self._frame)
-        return self._seafloor.range_along(X_WS.translation, -X_WS.rotation[:, 2])
+        beam = self._beam.at(q)
+        return self._seafloor.range_along(beam.origin, beam.direction)
 
 
 class SensorSuite:
@@ -129,7 +127,8 @@ class _Channel:
         # Two streams, so that drop-outs leave the noise of the other readings as it was.
         self._noise, self._losses = (np.random.default_rng(child) for child in stream.spawn(2))
         self._bias = np.broadcast_to(np.array(spec.biases), (n,))
-        self._due = -np.inf  # [s] time of the next reading
+        self._due = -np.inf
+        """[s] time of the next reading."""
         self._last: Reading[Any] | None = None
         self._under_way: deque[Reading[Any]] = deque()
 

@@ -21,9 +21,13 @@ class _Step:
     """What a step of one length needs; computed once."""
 
     dt: float
-    decay: np.ndarray  # (n,) of the distance to the command, over the step
-    decay_at_nodes: np.ndarray  # (4, n) the same, at the nodes of the energy integral
-    weights: np.ndarray  # (4,) [s]
+    """[s]"""
+    decay: np.ndarray
+    """(n,) [-] of the distance to the command, over the step."""
+    decay_at_nodes: np.ndarray
+    """(4, n) [-] the same, at the nodes of the energy integral."""
+    weights: np.ndarray
+    """(4,) [s]"""
 
 
 class ThrusterBank:

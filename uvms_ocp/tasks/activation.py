@@ -18,7 +18,9 @@ class Bell:
     """
 
     start: float
+    """In the unit of its argument."""
     end: float
+    """In the unit of its argument."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.start) and math.isfinite(self.end) and self.start < self.end):

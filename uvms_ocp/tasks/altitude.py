@@ -8,15 +8,15 @@ from typing import ClassVar
 
 import casadi as ca
 import numpy as np
-import pinocchio as pin
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.axis_reach import point_reach
+from uvms_ocp.model.kinematics import AltimeterBeam
+from uvms_ocp.model.limits import PositionLimit
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.tasks.activation import Bell
 from uvms_ocp.tasks.limits import approach_speed, row_acceleration, saturate
 from uvms_ocp.tasks.task import (
-    PositionLimit,
     Residual,
     Rows,
     Task,
@@ -52,11 +52,10 @@ def altimeter_of(task: str, symbols: TickSymbols, frame: str | None) -> str:
 
 def height_of(robot: Robot, frame: str) -> Callable[[np.ndarray, np.ndarray | None], np.ndarray]:
     """Values of a `PositionLimit`: z [m] of a frame's origin in W."""
-    model, data, index = robot.model, robot.model.createData(), robot.frame_id(frame)
+    beam = AltimeterBeam(robot, frame)
 
     def height(q: np.ndarray, rows: np.ndarray | None) -> np.ndarray:
-        pin.framesForwardKinematics(model, data, q)
-        value = np.array([data.oMf[index].translation[2]])
+        value = beam.at(q).origin[2:]
         return value if rows is None else value[rows]
 
     return height
@@ -70,11 +69,16 @@ class MinimumAltitude(Task):
     needs_altimeter: ClassVar[bool] = True
     name: str = "MAC"
     task_class: TaskClass = TaskClass.SAFETY
-    frame: str | None = None  # of the range sensor; by default the altimeter of the robot's file
-    threshold: float = 1.0  # [m] h_min
-    margin: float = 0.5  # [m] Delta
-    gain: float = 0.4  # [1/s]
-    saturation: float = 0.5  # [m/s]
+    frame: str | None = None
+    """Of the range sensor; by default the altimeter of the robot's file."""
+    threshold: float = 1.0
+    """[m] h_min"""
+    margin: float = 0.5
+    """[m] Delta"""
+    gain: float = 0.4
+    """[1/s]"""
+    saturation: float = 0.5
+    """[m/s]"""
 
     def __post_init__(self) -> None:
         require_positive(
@@ -130,11 +134,16 @@ class LandingAltitude(Task):
     needs_altimeter: ClassVar[bool] = True
     name: str = "LA"
     task_class: TaskClass = TaskClass.ACTION
-    frame: str | None = None  # of the range sensor; by default the altimeter of the robot's file
-    landing_distance: float = -0.02  # [m] d_landing; below 0 so that the safeguard's height is crossed
-    safeguard: float = 0.17  # [m] Delta_safeguard
-    gain: float = 0.4  # [1/s]
-    saturation: float = 0.2  # [m/s]
+    frame: str | None = None
+    """Of the range sensor; by default the altimeter of the robot's file."""
+    landing_distance: float = -0.02
+    """[m] d_landing; below 0 so that the safeguard's height is crossed."""
+    safeguard: float = 0.17
+    """[m] Delta_safeguard"""
+    gain: float = 0.4
+    """[1/s]"""
+    saturation: float = 0.2
+    """[m/s]"""
 
     def __post_init__(self) -> None:
         require_positive(self.name, safeguard=self.safeguard, gain=self.gain, saturation=self.saturation)

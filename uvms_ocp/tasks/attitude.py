@@ -47,10 +47,15 @@ class AngleTask(Task):
 
     equality: ClassVar[bool] = False
     frame: str = "base_link"
+    """Whose angle it is."""
     gain: float
-    saturation: float  # [rad/s]
-    bell: Bell  # [rad] activation rises over this range
-    aim: float  # [rad] angle at which the strict hierarchy's bound lets theta rest
+    """[1/s]"""
+    saturation: float
+    """[rad/s]"""
+    bell: Bell
+    """[rad] activation rises over this range."""
+    aim: float
+    """[rad] angle at which the strict hierarchy's bound lets theta rest."""
 
     def __post_init__(self) -> None:
         require_positive(self.name, gain=self.gain, saturation=self.saturation, aim=self.aim)
@@ -113,7 +118,8 @@ class Alignment(AngleTask):
 
     name: str = "AT"
     task_class: TaskClass = TaskClass.PREREQUISITE
-    goal: VectorGoal  # (3,) [m] target position in W
+    goal: VectorGoal
+    """(3,) [m] target position in W."""
     gain: float = 0.6
     saturation: float = 0.2
     bell: Bell = Bell(0.0, 0.07)
@@ -171,8 +177,10 @@ class FieldOfView(AngleTask):
 
     name: str = "FV"
     task_class: TaskClass = TaskClass.PREREQUISITE
-    goal: VectorGoal  # (3,) [m] point in W
-    axis: tuple[float, float, float] = (1.0, 0.0, 0.0)  # optical axis in `frame`
+    goal: VectorGoal
+    """(3,) [m] point in W."""
+    axis: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    """(3,) [-] optical axis in `frame`, of length 1."""
     gain: float = 0.6
     saturation: float = 0.3
     bell: Bell = Bell(0.3, 0.5)

@@ -39,9 +39,12 @@ class JointLimits(Task):
     equality: ClassVar[bool] = False
     name: str = "JL"
     task_class: TaskClass = TaskClass.SAFETY
-    margin: float = 0.1  # share of the range on each side
-    gain: float = 0.2  # [1/s]
-    saturation: float = 0.5  # [rad/s]
+    margin: float = 0.1
+    """[-] share of the range on each side."""
+    gain: float = 0.2
+    """[1/s]"""
+    saturation: float = 0.5
+    """[rad/s]"""
 
     def __post_init__(self) -> None:
         require_positive(self.name, margin=self.margin, gain=self.gain, saturation=self.saturation)
@@ -105,9 +108,13 @@ class JointTracking(Task):
     name: str = "MP"
     task_class: TaskClass = TaskClass.OPTIMIZATION
     joints: tuple[str, ...]
-    goal: VectorGoal  # (len(joints),) [rad or m]
-    gain: float = 0.5  # [1/s]
-    saturation: float = 0.5  # [rad/s]
+    """Names."""
+    goal: VectorGoal
+    """(len(joints),) [rad or m]"""
+    gain: float = 0.5
+    """[1/s]"""
+    saturation: float = 0.5
+    """[rad/s]"""
 
     def __post_init__(self) -> None:
         require_positive(self.name, gain=self.gain, saturation=self.saturation)
@@ -145,9 +152,13 @@ class Manipulability(Task):
     name: str = "MU"
     task_class: TaskClass = TaskClass.PREREQUISITE
     frame: str = "tool"
-    gain: float = 0.1  # [1/s]
+    """Whose Jacobian counts."""
+    gain: float = 0.1
+    """[1/s]"""
     target: float = 0.12
+    """Manipulability that the rate leads to, in units of the Jacobian's product."""
     bell: Bell = Bell(0.02, 0.05)
+    """In units of `target`: activation falls over this range."""
 
     def __post_init__(self) -> None:
         require_positive(self.name, gain=self.gain, target=self.target)

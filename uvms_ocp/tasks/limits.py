@@ -7,6 +7,9 @@ import functools
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.functions.elementwise import is_symbolic
+from uvms_ocp.model.spatial import Array
+
 _ABRUPT = 1e6  # [1/s^2] stands in for an acceleration without limit, where the formula would give inf * 0
 
 
@@ -23,10 +26,15 @@ def approach_speed(distance: ca.SX, *, gain: float, deceleration: float | ca.SX,
     return ca.fmin(damper, stopping_speed(distance, deceleration=deceleration, dt=dt))
 
 
-def stopping_speed(distance: ca.SX, *, deceleration: float | ca.SX, dt: float) -> ca.SX:
-    """Largest speed from which a full stop within `distance` is possible in sampled time; 0 beyond the limit."""
-    deceleration = ca.fmax(ca.fmin(deceleration, _ABRUPT), 1 / _ABRUPT)
-    return deceleration * (ca.sqrt(dt**2 + 2 * ca.fmax(distance, 0) / deceleration) - dt)
+def stopping_speed(distance: Array, *, deceleration: Array, dt: float) -> Array:
+    """Largest speed from which a full stop within `distance` is possible in sampled time; 0 beyond the limit.
+
+    Of expressions, or of arrays with one shape. distance [m or rad]; deceleration [1/s^2]; dt [s].
+    """
+    symbolic = is_symbolic(distance, deceleration)
+    sqrt, larger, smaller = (ca.sqrt, ca.fmax, ca.fmin) if symbolic else (np.sqrt, np.maximum, np.minimum)
+    deceleration = larger(smaller(deceleration, _ABRUPT), 1 / _ABRUPT)
+    return deceleration * (sqrt(dt**2 + 2 * larger(distance, 0) / deceleration) - dt)
 
 
 def saturate(x: ca.SX, limit: float) -> ca.SX:

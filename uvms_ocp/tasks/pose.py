@@ -35,11 +35,17 @@ class PoseTask(Task):
     """
 
     frame: str
-    goal: PoseGoal  # X_WF
-    gain_linear: float  # [1/s]
-    gain_angular: float  # [1/s]
-    saturation_linear: float = 0.5  # [m/s]
-    saturation_angular: float = 0.5  # [rad/s]
+    """F."""
+    goal: PoseGoal
+    """X_WF [m]."""
+    gain_linear: float
+    """[1/s]"""
+    gain_angular: float
+    """[1/s]"""
+    saturation_linear: float = 0.5
+    """[m/s]"""
+    saturation_angular: float = 0.5
+    """[rad/s]"""
 
     def __post_init__(self) -> None:
         require_positive(
@@ -107,9 +113,13 @@ class ToolPosition(Task):
     name: str = "TP"
     task_class: TaskClass = TaskClass.ACTION
     frame: str = "tool"
-    goal: PoseGoal  # X_WF, of which the translation is used
-    gain: float = 0.6  # [1/s]
-    saturation: float = 0.5  # [m/s]
+    """F."""
+    goal: PoseGoal
+    """X_WF [m], of which the translation is used."""
+    gain: float = 0.6
+    """[1/s]"""
+    saturation: float = 0.5
+    """[m/s]"""
 
     def __post_init__(self) -> None:
         require_positive(self.name, gain=self.gain, saturation=self.saturation)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import enum
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar
 
@@ -17,8 +17,10 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.limits import PositionLimit
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.symbolic.tree import SymbolicKinematics
+from uvms_ocp.tasks.nearest_pairs import NearestPairs
 
 
 class TaskClass(enum.IntEnum):
@@ -41,11 +43,17 @@ class TickSymbols:
     """The symbols that one tick knows, given to every task."""
 
     robot: Robot
-    kinematics: SymbolicKinematics  # forward kinematics at q
-    q: ca.SX  # (n_q,) configuration
-    velocity: ca.SX  # (n_v,) measured generalized velocity
-    altimeter_range: ca.SX  # () [m] range along -z of the altimeter frame
-    dt: float  # [s] control period
+    """Whose tick it is."""
+    kinematics: SymbolicKinematics
+    """Forward kinematics at q."""
+    q: ca.SX
+    """(n_q,) configuration."""
+    velocity: ca.SX
+    """(n_v,) [m/s, rad/s] measured generalized velocity."""
+    altimeter_range: ca.SX
+    """() [m] range along -z of the altimeter frame."""
+    dt: float
+    """[s] control period."""
 
     def velocity_rows(self, indices: list[int]) -> ca.SX:
         """Jacobian (m, n_v) that selects generalized velocities."""
@@ -54,17 +62,20 @@ class TickSymbols:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Rows:
-    """What a task asks of v: ``jacobian @ v`` at `rate`, or within ``[lower, upper]``.
+    """What a task asks of v: ``jacobian @ v`` at `rate`, or within ``[lower, upper]``, in units of the task per second."""
 
-    `quantities` are scalars for transitions, plots and reports, such as errors and distances.
-    """
-
-    jacobian: ca.SX  # (m, n_v)
-    rate: ca.SX  # (m,)
-    lower: ca.SX  # (m,)
-    upper: ca.SX  # (m,)
-    activation: ca.SX  # (m,) internal bell in [0, 1]
+    jacobian: ca.SX
+    """(m, n_v)"""
+    rate: ca.SX
+    """(m,)"""
+    lower: ca.SX
+    """(m,)"""
+    upper: ca.SX
+    """(m,)"""
+    activation: ca.SX
+    """(m,) [-] internal bell in [0, 1]."""
     quantities: Mapping[str, ca.SX] = field(default_factory=dict)
+    """Scalars for transitions, plots and reports, such as errors and distances."""
 
     @property
     def n_rows(self) -> int:
@@ -78,9 +89,12 @@ class Residual:
     Smooth in the state, so that it can be optimised over a horizon; `Rows` are its velocity-level counterpart.
     """
 
-    value: ca.SX  # (m,)
-    lower: np.ndarray  # (m,)
-    upper: np.ndarray  # (m,)
+    value: ca.SX
+    """(m,), in units of the task."""
+    lower: np.ndarray
+    """(m,)"""
+    upper: np.ndarray
+    """(m,)"""
 
     @property
     def n_rows(self) -> int:
@@ -88,40 +102,28 @@ class Residual:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class StopAhead:
-    """A few configurations on the way to rest along the present velocity, all axes slowing down in proportion."""
-
-    velocity: np.ndarray  # (n_v,) now
-    durations: np.ndarray  # (k,) [s] at the present velocity, as each of them is away
-    configurations: tuple[np.ndarray, ...]  # (n_q,) each
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class PositionLimit:
-    """Positions that stay at or above a limit, and that a robot must therefore be able to stop before."""
-
-    quantity: str  # of the task: the smallest of the positions, as measured
-    lower: float  # [m] the limit
-    values: Callable[[np.ndarray, np.ndarray | None], np.ndarray]  # q (n_q,), which of them -> (m,) positions [m]
-    relative: bool = (
-        False  # the measured quantity is the truth at the present q, `values` tell how it changes from there
-    )
-    reach: np.ndarray  # (n_v,) upper bound on the rate of any of the positions per unit of each velocity
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Task(ABC):
     """Base of all tasks. Fields of every task can be changed with `dataclasses.replace`."""
 
     name: str
+    """Unique in a hierarchy."""
     task_class: TaskClass
+    """Which decides its priority unless an order is given."""
     reactive: ClassVar[bool] = True
+    """Whether it follows what is measured."""
     equality: ClassVar[bool] = True
+    """Whether its rows ask for one value, and not for a range."""
     needs_altimeter: ClassVar[bool] = False
+    """Whether it reads the range of the altimeter."""
+
+    @property
+    def nearest_pairs(self) -> NearestPairs | None:
+        """The distances that this task asks to be measured at every tick, if any: the last of its parameters."""
+        return None
 
     @abstractmethod
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        """The rows of this task; `parameters` holds what `parameters()` returns at each tick."""
+        """The rows of this task; `parameters` (n_parameters,) are its reference, ending with the `nearest_pairs` it has."""
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """The error or quantity that this task keeps at a value or in a range, for planning over a horizon.
@@ -141,16 +143,8 @@ class Task(ABC):
         return 0
 
     def reference(self, t: float) -> np.ndarray:
-        """Goal at time t [s] as a parameter vector (n_parameters,)."""
+        """Goal at time t [s] as a parameter vector (n_parameters,); for `nearest_pairs`, that nothing is near."""
         return np.zeros(0)
-
-    def parameters(self, t: float, q: np.ndarray, stop: StopAhead | None = None) -> np.ndarray:
-        """Parameter vector (n_parameters,) at time t [s] and measured configuration q (n_q,).
-
-        The goal, for most tasks; tasks on distances, which have no symbolic form, put their values in. `stop` is the
-        stop from the present velocity, where it could come near a limit.
-        """
-        return self.reference(t)
 
     def with_goal(self, goal: Any) -> Task:
         """This task with another goal; raises `InvalidInput` where the task has none."""

@@ -26,6 +26,7 @@ class VehicleVelocity(Task):
     reactive: ClassVar[bool] = False
     task_class: TaskClass = TaskClass.CONSTRAINT
     axes: tuple[int, ...]
+    """Indices in the vehicle's part of v."""
 
     def __post_init__(self) -> None:
         if not self.axes or not set(self.axes) <= set(range(6)):

@@ -59,9 +59,13 @@ class Allocation:
     wrench_weight: np.ndarray = field(default_factory=lambda: np.ones(6))
     """(6,) [1/N, 1/(N m)]: what to give up first when not everything can be reached."""
     _power: PowerLaw = field(init=False, repr=False)
+    """That of all thrusters."""
     _unbounded: BufferedFunction = field(init=False, repr=False)
+    """Wrench (6,) to the thrust (n,) of least power, limits aside."""
     _is_redundant: bool = field(init=False, repr=False)
+    """Whether several thrusts give one wrench."""
     _has_dead_zone: bool = field(init=False, repr=False)
+    """Whether any thruster has one."""
 
     def __post_init__(self) -> None:
         self._check()

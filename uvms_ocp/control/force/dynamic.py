@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from uvms_ocp.control.force.allocation import AllocationResult, allocation_of
+from uvms_ocp.control.force.actuators import Actuators
+from uvms_ocp.control.force.allocation import allocation_of
 from uvms_ocp.control.force.observer import DisturbanceObserver
-from uvms_ocp.control.navigation.last_known import LastSound
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.dynamics import Dynamics
@@ -22,13 +22,20 @@ _ENCODER_SILENCE = 0.05  # [s] after which joints are no longer fed back; a join
 class VelocityGains:
     """Gains of the velocity loop, in units of the closed loop: the model takes care of mass and water."""
 
-    vehicle: float = 3.0  # [1/s] proportional
-    joints: float = 12.0  # [1/s]
-    vehicle_reset: float = 1.0  # [1/s] inverse integral time: how fast the integral takes over
-    joints_reset: float = 3.0  # [1/s]
-    observer_vehicle: float = 3.0  # [rad/s] bandwidth of the disturbance observer; 0 turns it off
-    observer_joints: float = 4.0  # [rad/s]
-    lead: float = 4.0  # thrusters are driven this many times faster than their lag
+    vehicle: float = 3.0
+    """[1/s] proportional."""
+    joints: float = 12.0
+    """[1/s]"""
+    vehicle_reset: float = 1.0
+    """[1/s] inverse integral time: how fast the integral takes over."""
+    joints_reset: float = 3.0
+    """[1/s]"""
+    observer_vehicle: float = 3.0
+    """[rad/s] bandwidth of the disturbance observer; 0 turns it off."""
+    observer_joints: float = 4.0
+    """[rad/s]"""
+    lead: float = 4.0
+    """[-] thrusters are driven this many times faster than their lag."""
 
     def __post_init__(self) -> None:
         values = {name: getattr(self, name) for name in self.__dataclass_fields__}
@@ -64,43 +71,43 @@ class DynamicController:
         self.kinematic = kinematic
         self._robot, self._dynamics, self._dt = robot, dynamics, kinematic.dt
         self._gains = gains or VelocityGains()
-        self._allocation = allocation_of(robot)
-        self._thrusters = ThrusterLag(robot, self._gains.lead, self._dt)
+        self._actuators = Actuators(robot, lead=self._gains.lead, dt=self._dt)
         self._observer = observer_of(robot, dynamics, self._gains, self._dt)
-        self._sound = LastSound(robot)
         self._K_p = _per_axis(robot, self._gains.vehicle, self._gains.joints)
         self._reset = _per_axis(robot, self._gains.vehicle_reset, self._gains.joints_reset)
         self._integral = np.zeros(robot.n_v)
         self._reference = np.zeros(robot.n_v)
-        self._torque = np.zeros(robot.n_joints)
 
     def __call__(self, measurement: Measurement, t: float) -> Command:
         """The command for the tick at time t [s]."""
-        measurement = self._sound(measurement, t)
-        command = self.kinematic(measurement, t)
+        tick = self.kinematic.observe(measurement, t)
+        sound, command = tick.measurement, self.kinematic.command(tick)
         if command.stop:
             self._integral[self._robot.vehicle_v] = 0.0
-        trusted = self._trusted(command, measurement)
-        disturbance = self._disturbance(measurement, command)
-        error = np.where(trusted, command.v - measurement.v, 0.0)
-        settled = self._reset * self._integral
-        a = (command.v - self._reference) / self._dt + self._K_p * (error + settled)
+        trusted = self._trusted(command, sound)
+        disturbance = self._disturbance(sound, command)
+        error = np.where(trusted, command.v - sound.v, 0.0)
+        tau = self._force(sound.q, command.v, error) - disturbance
+        tau += self._dynamics.damping_matrix(sound.q, command.v) @ (self._reset * self._integral)
         self._reference = command.v
-        tau = self._dynamics.inverse_dynamics(measurement.q, command.v, a) - disturbance
-        tau += self._dynamics.damping_matrix(measurement.q, command.v) @ settled
         if command.stop:
             tau[self._robot.vehicle_v] = 0.0
-        result, torque = self._realize(tau)
-        self._integrate(error, tau, np.concatenate([result.reached[: self._robot.n_vehicle], torque]))
+        realized = self._actuators.realize(tau)
+        self._integrate(error, tau, realized.force)
         telemetry = {
             **command.telemetry,
             "disturbance": disturbance.copy(),
             "wrench": tau[: self._robot.n_vehicle],
-            "unreachable": result.unreachable,
-            "saturated": result.saturated,
+            "unreachable": realized.allocation.unreachable,
+            "saturated": realized.allocation.saturated,
         }
-        thrust = self._thrusters.drive(result.thrust, hurry=not command.stop)
-        return replace(command, thrust=thrust, torque=torque, brakes=not trusted[-1], telemetry=telemetry)
+        thrust = self._actuators.drive(realized, hurry=not command.stop)
+        return replace(command, thrust=thrust, torque=realized.torque, brakes=not trusted[-1], telemetry=telemetry)
+
+    def _force(self, q: np.ndarray, v: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Generalized force (n_v,) of the reference v (n_v,), whose change since the last tick counts, corrected by PI."""
+        a = (v - self._reference) / self._dt + self._K_p * (error + self._reset * self._integral)
+        return self._dynamics.inverse_dynamics(q, v, a)
 
     def _trusted(self, command: Command, measurement: Measurement) -> np.ndarray:
         """Which axes (n_v,) are fed back. On the others feed-forward goes on alone: feedback from a frozen velocity
@@ -114,42 +121,13 @@ class DynamicController:
         if command.hold:
             self._observer.pause(forget=command.stop)
             return self._observer.estimate
-        wrench = (self._allocation.matrix @ self._thrusters.thrust)[: self._robot.n_vehicle]
-        return self._observer.update(measurement.q, measurement.v, np.concatenate([wrench, self._torque]))
-
-    def _realize(self, tau: np.ndarray) -> tuple[AllocationResult, np.ndarray]:
-        wrench = np.zeros(6)
-        wrench[: self._robot.n_vehicle] = tau[self._robot.vehicle_v]
-        effort = self._robot.limits.effort
-        self._torque = np.clip(tau[self._robot.joint_v], -effort, effort)
-        return self._allocation.allocate(wrench), self._torque
+        return self._observer.update(measurement.q, measurement.v, self._actuators.force)
 
     def _integrate(self, error: np.ndarray, wanted: np.ndarray, reached: np.ndarray) -> None:
         """Conditional integration: an axis whose force falls short does not wind up further in that direction."""
         short = wanted - reached
         winding = (np.abs(short) > 1e-6 * (1 + np.abs(wanted))) & (short * error > 0)
         self._integral += np.where(winding, 0.0, error * self._dt)
-
-
-class ThrusterLag:
-    """Model of first-order thrusters, and the thrust command that makes them `lead` times faster."""
-
-    def __init__(self, robot: Robot, lead: float, dt: float) -> None:
-        thrusters = robot.description.thrusters
-        time_constants = np.array([thruster.time_constant for thruster in thrusters])
-        self._decay = np.exp(-dt / np.maximum(time_constants, 1e-9))
-        self._lower = np.array([thruster.minimum for thruster in thrusters])
-        self._upper = np.array([thruster.maximum for thruster in thrusters])
-        # Faster than the control period would ring.
-        self._lead = np.clip(lead, 1.0, np.maximum(time_constants / (2 * dt), 1.0))
-        self.thrust = np.zeros(len(thrusters))  # [N] modelled thrust now
-
-    def drive(self, wanted: np.ndarray, *, hurry: bool) -> np.ndarray:
-        """Command (n_thrusters,) [N] for the wanted thrust; advances the model by one tick."""
-        lead = self._lead if hurry else 1.0
-        command = np.clip(self.thrust + lead * (wanted - self.thrust), self._lower, self._upper)
-        self.thrust = command + (self.thrust - command) * self._decay
-        return command
 
 
 def _per_axis(robot: Robot, vehicle: float, joints: float) -> np.ndarray:

@@ -23,9 +23,12 @@ _SMALL = 1e-3  # share of the largest thrust below which |T|^p is rounded off, s
 class PowerLaw:
     """Electrical power ``factor |T|^exponent`` of n thrusters."""
 
-    factor: np.ndarray  # (n,) [W/N^exponent], more than 0
-    exponent: np.ndarray  # (n,) [-], 1 to 3
-    largest: np.ndarray  # (n,) [N] largest thrust
+    factor: np.ndarray
+    """(n,) [W/N^exponent], more than 0."""
+    exponent: np.ndarray
+    """(n,) [-], 1 to 3."""
+    largest: np.ndarray
+    """(n,) [N] largest thrust."""
 
     def quadratic(self) -> np.ndarray:
         """Weights (n,) [W/N^2] of the parabolas that meet the power at the largest thrust."""

@@ -20,7 +20,8 @@ class DisturbanceObserver:
             raise InvalidInput(f"observer bandwidth {bandwidth} rad/s; give values between 0 and 1 / dt = {1 / dt:g}")
         self._dynamics, self._bandwidth, self._limit, self._dt = dynamics, bandwidth, limit, dt
         self._v_hat: np.ndarray | None = None
-        self.estimate = np.zeros(len(bandwidth))  # d (n_v,) [N, N m]
+        self.estimate = np.zeros(len(bandwidth))
+        """d (n_v,) [N, N m]"""
 
     def pause(self, *, forget: bool) -> None:
         """Keep the estimate, or set it to zero, until measurements can be trusted again."""

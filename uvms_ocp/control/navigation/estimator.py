@@ -25,14 +25,22 @@ class EstimatorTuning:
     Larger: less lag, more noise.
     """
 
-    jerk: float = 0.1  # [m/s3/sqrt(Hz)] of the vehicle
-    angular_jerk: float = 0.5  # [rad/s3/sqrt(Hz)] of the vehicle
-    gyro_drift: float = 1e-5  # [rad/s/sqrt(s)]
-    joint_acceleration: float = 0.02  # [rad/s2/sqrt(Hz)]
-    floor_roughness: float = 0.3  # [-] slope
-    altitude_drift: float = 0.005  # [m/sqrt(s)] at rest
-    echo_memory: float = 1.0  # [s] for which the altitude is known without an echo
-    response_time: float = 0.1  # [s] with which velocities are taken to follow commands
+    jerk: float = 0.1
+    """[m/s3/sqrt(Hz)] of the vehicle."""
+    angular_jerk: float = 0.5
+    """[rad/s3/sqrt(Hz)] of the vehicle."""
+    gyro_drift: float = 1e-5
+    """[rad/s/sqrt(s)]"""
+    joint_acceleration: float = 0.02
+    """[rad/s2/sqrt(Hz)]"""
+    floor_roughness: float = 0.3
+    """[-] slope."""
+    altitude_drift: float = 0.005
+    """[m/sqrt(s)] at rest."""
+    echo_memory: float = 1.0
+    """[s] for which the altitude is known without an echo."""
+    response_time: float = 0.1
+    """[s] with which velocities are taken to follow commands."""
 
     def __post_init__(self) -> None:
         for name in self.__slots__:

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.control.navigation.track import Track
+from uvms_ocp.model.kinematics import STEEP, AltimeterBeam
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import CHANNELS, SensorSpec, SensorSpecs
 from uvms_ocp.model.state import Reading, Readings
@@ -15,7 +16,6 @@ from uvms_ocp.model.state import Reading, Readings
 _SMALLEST_SIGMA = 1e-7  # stands in for the noise of an exact sensor, and keeps covariances regular
 _UNKNOWN = 1e3  # [m] uncertainty of a position before its first reading
 _FASTEST_GYRO = 200.0  # [Hz] taken for the rate of a gyro that reads once per tick
-_STEEP_BEAM = 0.1  # [-] cosine of the tilt below which a range says nothing about altitude
 _STEP = 5.0  # standard deviations beyond which an echo is taken for a step of the floor
 
 
@@ -189,8 +189,7 @@ class AltitudeFilter:
 
         memory [s] is how long the altitude is known without an echo.
         """
-        self._model, self._data = robot.model, robot.model.createData()
-        self._frame = robot.frame_id(frame)
+        self._beam = AltimeterBeam(robot, frame)
         self._sigma, self._roughness, self._settling, self._memory = sigma_of(spec), roughness, settling, memory
         self._altitude, self._variance = math.nan, math.inf
         self._last_echo = -math.inf
@@ -198,21 +197,14 @@ class AltitudeFilter:
 
     def update(self, q: np.ndarray, v: np.ndarray, readings: Readings, t: float, dt: float) -> float:
         """The filtered range [m] at time t [s], dt [s] after the last update, with the robot at q moving with v."""
-        cosine, velocity = self._beam(q, v)
+        beam, velocity = self._beam.moving(q, v)
         self._altitude += dt * float(velocity[2])
         self._variance += dt * (self._settling**2 + self._roughness**2 * float(velocity[0] ** 2 + velocity[1] ** 2))
         reading = self._news.of(readings, "altimeter_range")
         if reading is not None and math.isfinite(reading.value):
-            self._correct(cosine * reading.value + (t - reading.t) * float(velocity[2]), reading.t)
-        known = cosine > _STEEP_BEAM and t - self._last_echo <= self._memory
-        return self._altitude / cosine if known else math.nan
-
-    def _beam(self, q: np.ndarray, v: np.ndarray) -> tuple[float, np.ndarray]:
-        """Cosine of the beam's tilt, and velocity (3,) [m/s] of the sensor in W."""
-        pin.forwardKinematics(self._model, self._data, q, v)
-        X_WS = pin.updateFramePlacement(self._model, self._data, self._frame)
-        motion = pin.getFrameVelocity(self._model, self._data, self._frame, pin.LOCAL_WORLD_ALIGNED)
-        return float(X_WS.rotation[2, 2]), motion.linear
+            self._correct(beam.cosine * reading.value + (t - reading.t) * float(velocity[2]), reading.t)
+        known = beam.cosine > STEEP and t - self._last_echo <= self._memory
+        return self._altitude / beam.cosine if known else math.nan
 
     def _correct(self, measured: float, t: float) -> None:
         innovation = measured - self._altitude

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 
+from uvms_ocp.model.kinematics import STEEP, AltimeterBeam
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Measurement
 
-NO_ECHO_RANGE = 100.0  # [m] stands in for the altimeter's range before the first echo
-_STEEP = 0.1  # cosine of the beam below which an echo tells nothing about the height
+NO_ECHO_RANGE = 100.0
+"""[m] stands in for the altimeter's range before the first echo."""
 
 
 class LastSound:
@@ -43,13 +43,15 @@ class LastEcho:
     That takes the floor for level. A robot without an altimeter has `NO_ECHO_RANGE`.
     """
 
-    __slots__ = ("_frame", "_height", "_model", "_range", "since")
+    __slots__ = ("_beam", "_height", "_range", "since")
 
     def __init__(self, robot: Robot) -> None:
-        name = robot.description.altimeter
-        self._model = (robot.model, robot.model.createData())
-        self._frame = None if name is None or not robot.has_frame(name) else robot.frame_id(name)
-        self._range, self._height = NO_ECHO_RANGE, np.nan  # [m] of the last echo, and z of the floor below it
+        frame = robot.description.altimeter
+        self._beam = None if frame is None or not robot.has_frame(frame) else AltimeterBeam(robot, frame)
+        self._range = NO_ECHO_RANGE
+        """[m] of the last echo."""
+        self._height = np.nan
+        """[m] z of the floor below it in W."""
         self.since = 0.0
         """[s] time of the last echo, 0 before the first."""
 
@@ -58,22 +60,15 @@ class LastEcho:
         echo = measurement.altimeter_range
         if np.isfinite(echo):
             self.since, self._range = t, echo
-            if self._frame is not None:
-                z, cosine = self._beam(measurement.q)
-                self._height = z - cosine * echo
+            if self._beam is not None:
+                beam = self._beam.at(measurement.q)
+                self._height = float(beam.origin[2]) - beam.cosine * echo
             return echo
         return self.carried(measurement.q)
 
     def carried(self, q: np.ndarray) -> float:
         """[m] at q (n_q,), from the last echo."""
-        if not np.isfinite(self._height):
+        if self._beam is None or not np.isfinite(self._height):
             return self._range
-        z, cosine = self._beam(q)
-        return max(0.0, z - self._height) / max(cosine, _STEEP)
-
-    def _beam(self, q: np.ndarray) -> tuple[float, float]:
-        """z [m] of the altimeter in W, and the cosine of its beam to the vertical."""
-        model, data = self._model
-        pin.forwardKinematics(model, data, q)
-        X_WS = pin.updateFramePlacement(model, data, self._frame)
-        return float(X_WS.translation[2]), float(X_WS.rotation[2, 2])
+        beam = self._beam.at(q)
+        return max(0.0, float(beam.origin[2]) - self._height) / max(beam.cosine, STEEP)

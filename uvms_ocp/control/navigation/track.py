@@ -20,7 +20,8 @@ class Track:
         self.x = np.zeros((n, len(sigma)))
         self.P = np.tile(np.diag(np.square(sigma)), (n, 1, 1))
         self._density = density
-        self._elapsed = 0.0  # [s] by which P lags behind x: covariances are only needed at corrections
+        self._elapsed = 0.0
+        """[s] by which P lags behind x: covariances are only needed at corrections."""
 
     def predict(self, dt: float) -> None:
         """Advance by dt [s]."""

@@ -13,18 +13,25 @@ class Freshness(enum.IntEnum):
     """How far a measurement can be trusted."""
 
     FRESH = 0
-    STALE = 1  # hold: brake along a ramp, without feedback from what is stale
-    LOST = 2  # stop: no thrust; motors hold the arm
+    """Go on."""
+    STALE = 1
+    """Hold: brake along a ramp, without feedback from what is stale."""
+    LOST = 2
+    """Stop: no thrust; motors hold the arm."""
 
 
 @dataclass(slots=True)
 class Watchdog:
-    """Judges the age of measurements and logs every change of its verdict in `alarms`, as (t [s], text)."""
+    """Judges the age of measurements and logs every change of its verdict in `alarms`."""
 
-    hold_after: float = 0.6  # [s] three periods of the slowest sensor that an estimate needs, a 5 Hz DVL
-    stop_after: float = 3.0  # [s]
+    hold_after: float = 0.6
+    """[s] three periods of the slowest sensor that an estimate needs, a 5 Hz DVL."""
+    stop_after: float = 3.0
+    """[s] after which the thrust is cut."""
     alarms: list[tuple[float, str]] = field(default_factory=list)
-    _verdict: Freshness = Freshness.FRESH
+    """Time [s] and text of each."""
+    _verdict: Freshness = field(default=Freshness.FRESH, init=False)
+    """The last one."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.stop_after) and 0 < self.hold_after < self.stop_after):

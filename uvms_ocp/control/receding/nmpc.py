@@ -9,9 +9,9 @@ from time import perf_counter, process_time
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.control.force.computed_torque import ComputedTorque, TrackingGains
 from uvms_ocp.control.force.dynamic import VelocityGains, observer_of
 from uvms_ocp.control.navigation.last_known import LastSound
-from uvms_ocp.control.receding.plan_tracking import PlanTracker, TrackingGains
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.state import Command, Measurement, State
@@ -28,10 +28,14 @@ from uvms_ocp.solvers.nlp.real_time_sqp import RealTimeSqp, SqpOptions
 class NmpcStatistics:
     """Of all solves so far but the first, which may take its time."""
 
-    solve_times: tuple[float, ...]  # [s] by the controller's clock
-    processor_times: tuple[float, ...]  # [s] the same without what other processes took
-    missed: int  # solves that took longer than the period
-    rejected: int  # solves without a plan that keeps the constraints, so that the last plan went on
+    solve_times: tuple[float, ...]
+    """[s] by the controller's clock."""
+    processor_times: tuple[float, ...]
+    """[s] the same without what other processes took."""
+    missed: int
+    """[-] solves that took longer than the period."""
+    rejected: int
+    """[-] solves without a plan that keeps the constraints, so that the last plan went on."""
 
     @property
     def missed_share(self) -> float:
@@ -40,10 +44,12 @@ class NmpcStatistics:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Planned:
-    """A plan, and the time [s] of its first node."""
+    """A plan, and when it begins."""
 
     trajectory: Trajectory
+    """With times from its first node."""
     begin: float
+    """[s] of its first node."""
 
 
 class Nmpc:
@@ -87,10 +93,11 @@ class Nmpc:
         robot, dynamics = problem.robot, robot_dynamics(problem.robot)
         self._observer = observer_of(robot, dynamics, observer or VelocityGains(), dt)
         self._sound = LastSound(robot)
-        self._tracker = PlanTracker(robot, dynamics, dt=dt, gains=gains)
+        self._law = ComputedTorque(robot, dynamics, dt=dt, gains=gains)
         self._now: _Planned | None = None
         self._coming: _Planned | None = None
-        self._newest: _Planned | None = None  # fit for use or not
+        self._newest: _Planned | None = None
+        """Fit for use or not."""
         self._next = -np.inf
         self._times: list[tuple[float, float]] = []
         self._missed = self._rejected = 0
@@ -108,7 +115,7 @@ class Nmpc:
         """The command for the tick at time t [s]."""
         measurement = self._sound(measurement, t)
         state = State(q=measurement.q, v=measurement.v)
-        now = self._now or self._first(state, t)
+        acted, now = self._now is not None, self._now or self._first(state, t)
         if t >= self._next - 1e-9:
             now = self._coming or now
             self._coming = self._replanned(now, state, t)
@@ -116,9 +123,10 @@ class Nmpc:
             self._next = t + self.period * max(1, int(np.ceil(self._times[-1][0] / self.period)))
         self._now = now
         disturbance = np.zeros(self._problem.robot.n_v)
-        if self._observer is not None and self._tracker.applied is not None:
-            disturbance = self._observer.update(state.q, state.v, self._tracker.applied)
-        return self._tracker.command(now.trajectory, t - now.begin, state, disturbance)
+        if self._observer is not None and acted:
+            disturbance = self._observer.update(state.q, state.v, self._law.force)
+        q, v, a = now.trajectory.state_at(self._problem.robot.model, t - now.begin)
+        return self._law.command(state, q=q, v=v, a=a, disturbance=disturbance)
 
     def _first(self, state: State, t: float) -> _Planned:
         """Solved to the end: there is no plan to start from, and the robot waits for it."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import perf_counter
-from typing import Protocol
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
@@ -12,6 +13,8 @@ import pinocchio as pin
 from uvms_ocp.control.navigation.last_known import LastEcho, LastSound
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
+from uvms_ocp.control.velocity.parameters import mission_parameters
+from uvms_ocp.control.velocity.tick_state import Motion, TickState
 from uvms_ocp.control.velocity.viability import Viability
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.mission.mission import Mission
@@ -33,7 +36,8 @@ class HierarchySolver(Protocol):
 class KinematicController:
     """Runs a mission: a callable ``(Measurement, t) -> Command``.
 
-    Holds the mission's state and the last command; `events` is the log of transitions. Build one per run.
+    One tick: `observe` what is known, solve the hierarchy, keep what a stop can keep, advance the mission, `command`. Holds
+    the mission's state and the last motion; `events` is the log of transitions. Build one per run.
     """
 
     def __init__(
@@ -54,58 +58,48 @@ class KinematicController:
         self._viability = Viability(
             robot=robot, tasks=mission.hierarchy.tasks, quantity_names=self.problem.quantity_names, dt=dt
         )
-        self._tick = solver.bind(self.problem.function, self.problem.sizes)
+        self._solve = solver.bind(self.problem.function, self.problem.sizes)
         self.events: list[Event] = []
         self.state: MissionState = mission.start()
         self.quantities: dict[str, float] = {}
         self.watchdog = watchdog or Watchdog()
-        self._previous, self._near = np.zeros(robot.n_v), True
         self._sound, self._echo = LastSound(robot), LastEcho(robot)
-        self._stopping_q = robot.configuration()
+        self._motion = Motion(q=robot.configuration(), v=np.zeros(robot.n_v), near=True, share=1.0)
         self._altitude_tasks = [index for index, task in enumerate(mission.hierarchy.tasks) if task.needs_altimeter]
 
     def __call__(self, measurement: Measurement, t: float) -> Command:
         """The command for the tick at time t [s]."""
-        begin = perf_counter()
-        phase, gates = self.state.phase, self.mission.gates(self.state, t)
+        return self.command(self.observe(measurement, t))
+
+    def observe(self, measurement: Measurement, t: float) -> TickState:
+        """What is known at time t [s]; what is missing of the measurement is replaced by what was known last."""
+        begin, gates = perf_counter(), self.mission.gates(self.state, t)
         measurement = self._sound(measurement, t)
         echo = self._echo.range(measurement, t)
-        freshness = self.watchdog.judge(max(measurement.age, self._echo_age(t, gates)), t)
-        result = self._tick(*self._inputs(measurement, echo, t), gates)
-        quantities, activity = result.extras
-        if freshness is Freshness.FRESH:
-            kept = self._viability.kept(
-                q=measurement.q,
-                wanted=self._within_limits(result),
-                previous=self._previous,
-                gates=gates,
-                quantities=quantities,
-            )
-            self._stopping_q = measurement.q
-            self._previous, self._near, share = kept.v, kept.near, kept.share
-            self._advance(t, self._named(quantities))
+        return TickState(
+            begin=begin,
+            t=t,
+            measurement=measurement,
+            echo=echo,
+            mission=self.state,
+            gates=gates,
+            freshness=self.watchdog.judge(max(measurement.age, self._echo_age(t, gates)), t),
+        )
+
+    def command(self, tick: TickState) -> Command:
+        """The command for what `observe` has found."""
+        result = self._solve(*self._inputs(tick))
+        if tick.blind:
+            self._motion = self._stopping()
         else:
-            # Along the stop that the last tick with a measurement has found clear.
-            self._stopping_q = pin.integrate(self.robot.model, self._stopping_q, self._previous * self.dt)
-            self._previous, share = self._viability.stop.slower(self._stopping_q, self._previous), 0.0
-        telemetry = {
-            "phase": phase,
-            "gates": gates,
-            "activity": activity,
-            "residual": result.residual,
-            "quantities": quantities,
-            "status": _STATUS_CODE[result.status],
-            "viable_share": share,
-            "solve_time": result.solve_time,
-            "freshness": int(freshness),
-            "tick_time": perf_counter() - begin,
-        }
+            self._motion = self._viable(tick, result)
+            self._advance(tick.t, self._named(result.extras[0]))
         return Command(
-            v=self._previous,
-            hold=freshness is not Freshness.FRESH,
-            stop=freshness is Freshness.LOST,
+            v=self._motion.v,
+            hold=tick.blind,
+            stop=tick.freshness is Freshness.LOST,
             finished=self.state.over,
-            telemetry=telemetry,
+            telemetry=_telemetry(tick, result, self._motion.share),
         )
 
     def pending(self) -> str:
@@ -115,19 +109,46 @@ class KinematicController:
     def evaluate(self, measurement: Measurement, t: float) -> dict[str, float]:
         """All quantities at a measurement, such as the true state after a run; the mission stays where it is."""
         echo = measurement.altimeter_range
-        echo = echo if np.isfinite(echo) else self._echo.carried(measurement.q)
-        outputs = self.problem.function(*self._inputs(measurement, echo, t), self.mission.gates(self.state, t))
+        tick = TickState(
+            begin=perf_counter(),
+            t=t,
+            measurement=measurement,
+            echo=echo if np.isfinite(echo) else self._echo.carried(measurement.q),
+            mission=self.state,
+            gates=self.mission.gates(self.state, t),
+            freshness=Freshness.FRESH,
+        )
+        outputs = self.problem.function(*self._inputs(tick))
         return self._named(np.array(outputs[self.problem.function.index_out("quantities")]).ravel())
 
-    def _inputs(self, measurement: Measurement, echo: float, t: float) -> tuple[np.ndarray, ...]:
-        stop = self._viability.stop.ahead(measurement.q, self._previous) if self._near else None
-        return (
-            measurement.q,
-            measurement.v,
-            self._previous,
-            np.array([echo]),
-            self.mission.parameters(self.state, t, measurement.q, stop),
+    def _inputs(self, tick: TickState) -> tuple[np.ndarray, ...]:
+        """Of the levels function."""
+        q, v = tick.measurement.q, tick.measurement.v
+        stop = self._viability.stop.ahead(q, self._motion.v) if self._motion.near else None
+        parameters = mission_parameters(self.mission, tick.mission, tick.t, gates=tick.gates, q=q, stop=stop)
+        return q, v, self._motion.v, np.array([tick.echo]), parameters, tick.gates
+
+    def _viable(self, tick: TickState, result: TickResult) -> Motion:
+        """The velocity that the solver asks for, as far as a stop from it keeps all limits."""
+        kept = self._viability.kept(
+            q=tick.measurement.q,
+            wanted=self._within_limits(result),
+            previous=self._motion.v,
+            gates=tick.gates,
+            quantities=result.extras[0],
         )
+        return Motion(q=tick.measurement.q, v=kept.v, near=kept.near, share=kept.share)
+
+    def _stopping(self) -> Motion:
+        """Along the stop that the last tick with a measurement has found clear."""
+        q = pin.integrate(self.robot.model, self._motion.q, self._motion.v * self.dt)
+        return replace(self._motion, q=q, v=self._viability.stop.slower(q, self._motion.v), share=0.0)
+
+    def _advance(self, t: float, quantities: dict[str, float]) -> None:
+        self.quantities = quantities
+        self.state, event = self.mission.step(self.state, t, quantities)
+        if event is not None:
+            self.events.append(event)
 
     def _echo_age(self, t: float, gates: np.ndarray) -> float:
         """Time [s] since the last echo while a task on altitude is on."""
@@ -135,12 +156,6 @@ class KinematicController:
 
     def _named(self, quantities: np.ndarray) -> dict[str, float]:
         return dict(zip(self.problem.quantity_names, quantities.tolist(), strict=True))
-
-    def _advance(self, t: float, quantities: dict[str, float]) -> None:
-        self.quantities = quantities
-        self.state, event = self.mission.step(self.state, t, quantities)
-        if event is not None:
-            self.events.append(event)
 
     def _within_limits(self, result: TickResult) -> np.ndarray:
         """The solver's velocity, shortened to the velocity limits with its direction kept; braking where unusable."""
@@ -151,5 +166,22 @@ class KinematicController:
 
     def _braking(self) -> np.ndarray:
         """One tick nearer to rest."""
-        step = self.robot.limits.acceleration * self.dt
-        return self._previous - np.clip(self._previous, -step, step)
+        step, v = self.robot.limits.acceleration * self.dt, self._motion.v
+        return v - np.clip(v, -step, step)
+
+
+def _telemetry(tick: TickState, result: TickResult, share: float) -> dict[str, Any]:
+    """For the record."""
+    quantities, activity = result.extras
+    return {
+        "phase": tick.mission.phase,
+        "gates": tick.gates,
+        "activity": activity,
+        "residual": result.residual,
+        "quantities": quantities,
+        "status": _STATUS_CODE[result.status],
+        "viable_share": share,
+        "solve_time": result.solve_time,
+        "freshness": int(tick.freshness),
+        "tick_time": perf_counter() - tick.begin,
+    }

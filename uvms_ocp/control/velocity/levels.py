@@ -22,17 +22,18 @@ _INPUTS = ("q", "velocity", "previous", "altimeter_range", "parameters", "gates"
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LevelsProblem:
-    """The levels of a tick, ready for a solver's ``bind``.
-
-    `function`: (q, velocity, previous, altimeter_range, parameters, gates) ->
-    (J, lower, upper, rate, activation, gate, quantities, activity), rows of all levels stacked. `parameters` are the
-    references of all tasks, then what `measure` returns.
-    """
+    """The levels of a tick, ready for a solver's ``bind``."""
 
     function: ca.Function
-    names: tuple[str, ...]  # of the levels
-    sizes: tuple[int, ...]  # rows of each level
-    quantity_names: tuple[str, ...]  # "task.quantity", the order of the output `quantities`
+    """(q, velocity, previous, altimeter_range, parameters, gates) ->
+    (J, lower, upper, rate, activation, gate, quantities, activity), rows of all levels stacked; the parameters are those of
+    all tasks, one after the other (`uvms_ocp.control.velocity.parameters`)."""
+    names: tuple[str, ...]
+    """Of the levels."""
+    sizes: tuple[int, ...]
+    """Rows of each level."""
+    quantity_names: tuple[str, ...]
+    """``task.quantity``, in the order of the output `quantities`."""
 
 
 def build_levels(robot: Robot, hierarchy: Hierarchy, dt: float) -> LevelsProblem:

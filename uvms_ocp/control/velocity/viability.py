@@ -1,37 +1,36 @@
 """The viability rule: a velocity is accepted only if a full stop from it respects every limit on positions.
 
-The stop slows all axes down in proportion, as fast as the first of them can: what glides along an obstacle goes on
-gliding along it until it stands, while axes that stop one after the other would swing into it. A velocity that is
-refused gives way to the one nearest to it, on the way to the stop's own next velocity, from which the stop is clear.
-That next velocity was part of the stop that the tick before accepted, so that from a viable state there is always an
-answer, whatever the hierarchy asks for.
+A velocity that is refused gives way to the one nearest to it, on the way to the stop's own next velocity, from which the
+stop is clear. That next velocity was part of the stop that the tick before accepted, so that from a viable state there is
+always an answer, whatever the hierarchy asks for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 
-from uvms_ocp.model.limits import bounded_joints
+from uvms_ocp.control.velocity.stop import Stop
+from uvms_ocp.model.limits import PositionLimit
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.tasks.task import PositionLimit, StopAhead, Task
+from uvms_ocp.tasks.task import Task
 
-_SAMPLES = np.array([0.25, 0.5, 0.75, 1.0])  # shares of the way to rest
 _HALVINGS = 5
-_ENDLESS = 1e6  # stands in for infinite accelerations and for reaches that nobody knows: its product with 0 is 0
-_STILL = 1e-12  # [s] to rest
+_ENDLESS = 1e6  # stands in for reaches that nobody knows: its product with 0 is 0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Kept:
     """What the rule makes of a velocity."""
 
-    v: np.ndarray  # (n_v,) for this tick
-    share: float  # in [0, 1], of the velocity that was wanted; the rest is slowing down
-    near: bool  # a stop from the wanted velocity could come to a limit
+    v: np.ndarray
+    """(n_v,) [m/s, rad/s] for this tick."""
+    share: float
+    """[-] in [0, 1], of the velocity that was wanted; the rest is slowing down."""
+    near: bool
+    """A stop from the wanted velocity could come to a limit."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -39,74 +38,27 @@ class _Guard:
     """A limit of one task, and where its measured quantity is."""
 
     limit: PositionLimit
+    """As its task has it."""
     task: int
+    """Index in the hierarchy."""
     quantity: int
+    """Index in the vector of quantities."""
     reach: np.ndarray
+    """(n_v,) finite, of the limit [m, or 1]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Barrier:
-    """A limit at one tick: `slack` (m,) [m] must stay at or above `floor` (m,) along the stop."""
+    """A limit at one tick: its slack stays at or above a floor along the stop."""
 
     slack: Callable[[np.ndarray], np.ndarray]
+    """Function of q (n_q,): how far the m positions that matter are above the limit (m,) [m]."""
     floor: np.ndarray
-    room: float  # [m] by which all positions are above the floor now
+    """(m,) [m]"""
+    room: float
+    """[m] by which all positions are above the floor now."""
     reach: np.ndarray
-
-
-class Stop:
-    """How a robot comes to rest: the velocity of the next tick as a function of this one's."""
-
-    def __init__(self, robot: Robot, dt: float) -> None:
-        """dt [s] is the control period."""
-        self._model, self._dt = robot.model, dt
-        self._acceleration = np.minimum(robot.limits.acceleration, _ENDLESS)
-        self._step = self._acceleration * dt
-        joints = bounded_joints(robot.joints, robot.limits)
-        self._idx_q = np.array([joint.idx_q for joint, _, _ in joints], dtype=int)
-        self._idx_v = np.array([joint.idx_v for joint, _, _ in joints], dtype=int)
-        self._lower, self._upper = np.array([bounds for _, *bounds in joints]).reshape(-1, 2).T
-
-    def slower(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """v (n_v,) one tick nearer to rest; joints brake harder where their position limit, not far from q, asks for it."""
-        time = self._time(v)
-        slower = v * (1.0 - self._dt / time) if time > self._dt else np.zeros_like(v)
-        joints, position = self._idx_v, q[self._idx_q]
-        down, up = self._stopping_speed(position - self._lower), self._stopping_speed(self._upper - position)
-        slower[joints] = np.maximum(np.minimum(slower[joints], up), -down)
-        return np.maximum(np.minimum(slower, v + self._step), v - self._step)
-
-    def path(self, q: np.ndarray, v: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Configuration at the end of every tick and velocity during it, from q with v until rest."""
-        while True:
-            q = pin.integrate(self._model, q, v * self._dt)
-            yield q, v
-            v = self.slower(q, v)
-            # Also where v is not a number.
-            if not self._time(v) >= _STILL:
-                return
-
-    def ahead(self, q: np.ndarray, v: np.ndarray) -> StopAhead | None:
-        """The proportional stop alone, which is one motion along v; None at rest."""
-        length = 0.5 * self._time(v)
-        if length < self._dt:
-            return None
-        durations = length * _SAMPLES
-        configurations = tuple(pin.integrate(self._model, q, v * duration) for duration in durations)
-        return StopAhead(velocity=v, durations=durations, configurations=configurations)
-
-    def travel(self, v: np.ndarray) -> np.ndarray:
-        """(n_v,) upper bound on how far each axis moves from v until it stands still."""
-        return np.asarray(np.abs(v) * (self._dt + 0.5 * self._time(v)))
-
-    def _time(self, v: np.ndarray) -> float:
-        """[s] that the slowest axis needs to rest."""
-        return float((np.abs(v) / self._acceleration).max())
-
-    def _stopping_speed(self, distance: np.ndarray) -> np.ndarray:
-        """As `uvms_ocp.tasks.limits.stopping_speed`."""
-        a = self._acceleration[self._idx_v]
-        return np.asarray(a * (np.sqrt(self._dt**2 + 2.0 * np.maximum(distance, 0.0) / a) - self._dt))
+    """(n_v,) as that of the guard."""
 
 
 class Viability:

@@ -1,0 +1,140 @@
+"""Laws of both controllers as callables: what they do follows from their measurements alone, each looked at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from uvms_ocp.control.force.dynamic import DynamicController
+from uvms_ocp.control.navigation.last_known import LastSound
+from uvms_ocp.control.velocity.kinematic import KinematicController
+from uvms_ocp.control.velocity.tick_state import TickState
+from uvms_ocp.model.dynamics import robot_dynamics
+from uvms_ocp.model.state import Command, Measurement
+from uvms_ocp.scenario import Scenario
+from uvms_ocp.scenarios.case1 import case1
+
+Controller = KinematicController | DynamicController
+Build = Callable[[Scenario], Controller]
+
+
+def kinematic(scenario: Scenario) -> KinematicController:
+    return scenario.controller()
+
+
+def dynamic(scenario: Scenario) -> DynamicController:
+    robot = scenario.robot
+    return DynamicController(robot=robot, dynamics=robot_dynamics(robot), kinematic=scenario.controller())
+
+
+@pytest.fixture(scope="module")
+def scenario() -> Scenario:
+    return case1(plant="kinematic", dt=1 / 50)
+
+
+@pytest.fixture(scope="module")
+def measurements(scenario: Scenario) -> list[Measurement]:
+    """Noisy ones along Case 1, with numbers that are none, lost echoes, and a blackout towards the end."""
+    robot, rng, control = scenario.robot, np.random.default_rng(8), kinematic(scenario)
+    q, v, found = scenario.start, np.zeros(robot.n_v), []
+    for k in range(600):
+        noise = 1e-3 * rng.standard_normal(robot.n_v)
+        measured = np.array(pin.integrate(robot.model, q, noise))
+        measured[k % robot.n_q] = np.nan if k % 37 == 5 else measured[k % robot.n_q]
+        echo = np.nan if k % 11 < 3 else q[2] + 40.0
+        age = max(0.0, (k - 500) * scenario.dt)
+        found.append(Measurement(q=measured, v=v + noise, altimeter_range=echo, age=age, joint_age=age))
+        v = control(found[-1], k * scenario.dt).v
+        q = pin.integrate(robot.model, q, v * scenario.dt)
+    return found
+
+
+def fed(control: Controller, measurements: list[Measurement], dt: float) -> list[Command]:
+    return [control(measurement, k * dt) for k, measurement in enumerate(measurements)]
+
+
+def assert_same(first: Any, second: Any) -> None:
+    if first is None:
+        assert second is None
+    else:
+        np.testing.assert_array_equal(first, second)
+
+
+@pytest.mark.parametrize("build", [kinematic, dynamic])
+def test_the_same_measurements_give_the_same_commands(
+    scenario: Scenario, measurements: list[Measurement], build: Build
+) -> None:
+    runs = [fed(build(scenario), measurements, scenario.dt) for _ in range(2)]
+    for first, second in zip(*runs, strict=True):
+        for name in ("v", "thrust", "torque", "hold", "stop", "brakes", "finished"):
+            assert_same(getattr(first, name), getattr(second, name))
+        for name in set(first.telemetry) - {"tick_time", "solve_time"}:
+            assert_same(first.telemetry[name], second.telemetry[name])
+    assert any(command.hold for command in runs[0])
+    assert not all(command.hold for command in runs[0])
+
+
+def test_the_dynamic_layer_leaves_the_velocities_of_the_kinematic_one_as_they_are(
+    scenario: Scenario, measurements: list[Measurement]
+) -> None:
+    pairs = zip(
+        fed(kinematic(scenario), measurements, scenario.dt),
+        fed(dynamic(scenario), measurements, scenario.dt),
+        strict=True,
+    )
+    for first, second in pairs:
+        np.testing.assert_array_equal(first.v, second.v)
+        assert first.hold == second.hold
+
+
+@pytest.mark.parametrize("build", [kinematic, dynamic])
+def test_a_tick_asks_once_whether_its_measurement_is_sound(
+    scenario: Scenario, measurements: list[Measurement], build: Build, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked, ask = [], LastSound.__call__
+
+    def counting(self: LastSound, measurement: Measurement, t: float) -> Measurement:
+        asked.append(t)
+        return ask(self, measurement, t)
+
+    monkeypatch.setattr(LastSound, "__call__", counting)
+    fed(build(scenario), measurements[:50], scenario.dt)
+    assert asked == [k * scenario.dt for k in range(50)]
+
+
+@pytest.mark.parametrize("build", [kinematic, dynamic])
+def test_a_controller_has_all_its_memory_from_the_start(
+    scenario: Scenario, measurements: list[Measurement], build: Build
+) -> None:
+    control = build(scenario)
+    before = set(vars(control))
+    fed(control, measurements[:100], scenario.dt)
+    assert set(vars(control)) == before
+
+
+def test_what_a_tick_knows_is_finite_and_cannot_be_changed(scenario: Scenario, measurements: list[Measurement]) -> None:
+    control = kinematic(scenario)
+    for k, measurement in enumerate(measurements[:100]):
+        tick = control.observe(measurement, k * scenario.dt)
+        assert isinstance(tick, TickState)
+        assert np.isfinite(tick.measurement.q).all()
+        assert np.isfinite(tick.echo)
+        assert tick.mission is control.state
+        control.command(tick)
+    with pytest.raises(AttributeError):
+        tick.t = 0.0  # type: ignore[misc]
+
+
+def test_evaluating_a_measurement_leaves_the_commands_as_they_are(
+    scenario: Scenario, measurements: list[Measurement]
+) -> None:
+    plain, asked = kinematic(scenario), kinematic(scenario)
+    for k, measurement in enumerate(measurements[:60]):
+        if np.isfinite(measurement.q).all():
+            asked.evaluate(measurement, k * scenario.dt)
+        commands = plain(measurement, k * scenario.dt), asked(measurement, k * scenario.dt)
+        np.testing.assert_array_equal(commands[0].v, commands[1].v)

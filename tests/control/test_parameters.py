@@ -1,0 +1,182 @@
+"""Parameters of tasks at one tick: references, and distances measured on the way to rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import casadi as ca
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import uvms_ocp as uo
+from uvms_ocp.control.velocity.kinematic import KinematicController
+from uvms_ocp.control.velocity.parameters import measured, mission_parameters
+from uvms_ocp.control.velocity.stop import Stop, StopAhead
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.collision_model import CollisionModel
+from uvms_ocp.model.shapes.obstacles import Obstacle
+from uvms_ocp.model.state import Measurement
+from uvms_ocp.tasks.clearance import Clearance
+from uvms_ocp.tasks.hierarchy import Hierarchy
+from uvms_ocp.tasks.nearest_pairs import FAR, NearestPairs
+from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, equality_rows
+
+DT = 0.005
+ROUNDING = 1e-8  # [m] coal begins a search where its last one ended
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot("girona_maris7_full")
+
+
+def ball(x: float, y: float, z: float, radius: float = 0.3) -> Obstacle:
+    return Obstacle(name="ball", shape=coal.Sphere(radius), X_WO=pin.SE3(np.eye(3), np.array([x, y, z])))
+
+
+def split(pairs: NearestPairs, values: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+    """Smallest distance, distances (m,), speeds (m,) and gradients (m, n_v), through the symbols of a task's rows."""
+    p = ca.SX.sym("p", len(values))
+    found = pairs.symbols(p)
+    function = ca.Function("split", [p], [found.smallest, found.distance, found.closing, found.jacobian])
+    smallest, distance, closing, gradient = (np.array(value) for value in function(values))
+    return smallest.item(), distance.ravel(), closing.ravel(), gradient
+
+
+def random_motion(robot: Robot, rng: np.random.Generator) -> tuple[np.ndarray, StopAhead]:
+    q = robot.configuration(position=rng.uniform(-0.5, 0.5, 3), rpy=rng.uniform(-0.3, 0.3, 3))
+    stop = Stop(robot, DT).ahead(q, rng.uniform(-0.5, 0.5, robot.n_v) * robot.limits.velocity)
+    assert stop is not None
+    return q, stop
+
+
+def test_the_nearest_pairs_come_first(robot: Robot) -> None:
+    model, q = CollisionModel(robot, [ball(2.0, 0.5, 0.0)]), robot.configuration()
+    pairs = Clearance(model=model, n_nearest=5).nearest_pairs
+    smallest, distance, closing, gradient = split(pairs, measured(pairs, q))
+    order = np.argsort(model.values(q))[:5]
+    assert smallest == pytest.approx(model.values(q).min(), abs=ROUNDING)
+    np.testing.assert_allclose(distance, model.values(q)[order], rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(gradient, model.distances(q, order).gradient, rtol=0, atol=1e-4)
+    np.testing.assert_array_equal(closing, FAR)
+
+
+def test_of_all_pairs_those_are_measured_that_come_nearest_at_any_place_of_the_stop(robot: Robot) -> None:
+    """Against all pairs at all places, which the search for the nearest leaves out where it can."""
+    model, rng = CollisionModel(robot, [ball(1.6, 0.4, -0.3), ball(-1.8, 0.0, 0.4)]), np.random.default_rng(6)
+    pairs, moved = NearestPairs(task="CL", model=model, n=6, threshold=0.05), 0
+    for _ in range(20):
+        q, stop = random_motion(robot, rng)
+        smallest, distance, closing, gradient = split(pairs, measured(pairs, q, stop))
+        places = (q, *stop.configurations)
+        everywhere = np.array([model.values(place) for place in places])
+        order = np.argsort(everywhere.min(axis=0))[:6]
+        worst = everywhere[:, order].argmin(axis=0)
+        assert smallest == pytest.approx(everywhere[0].min(), abs=ROUNDING)
+        np.testing.assert_allclose(distance, everywhere.min(axis=0)[order], rtol=0, atol=ROUNDING)
+        for row, (pair, place) in enumerate(zip(order, worst, strict=True)):
+            expected = model.distances(places[place], [pair]).gradient[0]
+            np.testing.assert_allclose(gradient[row], expected, rtol=0, atol=1e-4)
+            assert (closing[row] == FAR) == (place == 0)
+        moved += int((worst > 0).sum())
+    assert moved > 20
+
+
+def test_a_row_counts_the_smallest_distance_on_the_way_to_rest(robot: Robot) -> None:
+    """A corner of the hull swings towards a ball on a curve."""
+    model = CollisionModel(robot, [ball(0.9, 0.9, 0.0)], self_collision=False, links=["base_link_0"])
+    pairs = Clearance(model=model, threshold=0.05).nearest_pairs
+    q, v = robot.configuration(), np.zeros(robot.n_v)
+    v[5] = 0.5
+    stop, ahead = Stop(robot, DT).ahead(q, v), Stop(robot, DT).ahead(q, 1.02 * v)
+    assert stop is not None
+    assert ahead is not None
+    swept = [model.values(pin.integrate(robot.model, q, v * t))[0] for t in np.linspace(0.0, 0.25, 51)]
+    smallest, (nearest,), (fastest,), (gradient,) = split(pairs, measured(pairs, q, stop))
+    assert smallest == pytest.approx(swept[0])
+    assert nearest == pytest.approx(min(swept), abs=1e-3)
+    assert nearest < smallest - 0.01
+    # The stop from a slightly faster turn ends nearer by what the row's gradient and speed say.
+    change = split(pairs, measured(pairs, q, ahead))[1][0] - nearest
+    assert change == pytest.approx(2.0 * stop.durations[-1] * gradient @ (0.02 * v), rel=0.05)
+    assert fastest == pytest.approx((nearest - 0.05) / (2.0 * stop.durations[-1]) - gradient @ v, rel=1e-6)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class StandOff(Task):
+    """A task of one's own on distances: a goal beside what is measured."""
+
+    needs: ClassVar[int] = 1
+    name: str = "SO"
+    task_class: TaskClass = TaskClass.ACTION
+    model: CollisionModel
+    goal: float
+
+    @property
+    def nearest_pairs(self) -> NearestPairs:
+        return NearestPairs(task=self.name, model=self.model, n=self.needs, threshold=0.05)
+
+    def n_parameters(self, robot: Robot) -> int:
+        return 1 + self.nearest_pairs.n_parameters
+
+    def reference(self, t: float) -> np.ndarray:
+        return np.concatenate([[self.goal], self.nearest_pairs.far_away()])
+
+    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
+        pairs = self.nearest_pairs.symbols(parameters)
+        error = parameters[0] - pairs.distance
+        return equality_rows(pairs.jacobian, 0.5 * error, {"error": ca.fabs(error[0]), "distance": pairs.smallest})
+
+
+def standing_off(robot: Robot, goal: float, gate: float = 1.0) -> uo.Mission:
+    model = CollisionModel(robot, [ball(2.0, 0.0, 0.0)], self_collision=False, links=["base_link_0"])
+    reached = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="SO.error", limit=1e-3),))
+    phase = uo.Phase(name="go", gates={"SO": gate}, transitions=(reached,), goals={"SO": goal})
+    return uo.Mission(hierarchy=Hierarchy([StandOff(model=model, goal=0.0)]), phases=(phase,), ramp=0.0)
+
+
+def test_a_task_of_ones_own_on_distances_has_its_goal_and_what_is_measured(robot: Robot) -> None:
+    mission, q = standing_off(robot, 0.4), robot.configuration()
+    task, state = mission.tasks_of(0)[0], mission.start()
+    assert task.nearest_pairs is not None
+    found = mission_parameters(mission, state, 0.0, gates=np.ones(1), q=q, stop=None)
+    np.testing.assert_array_equal(found, [0.4, *measured(task.nearest_pairs, q)])
+
+
+def test_a_task_of_ones_own_on_distances_is_carried_out(robot: Robot) -> None:
+    control = KinematicController(
+        robot=robot, mission=standing_off(robot, 0.4), solver=uo.LexicographicActiveSet(), dt=0.02
+    )
+    q, v = robot.configuration(), np.zeros(robot.n_v)
+    for k in range(1500):
+        command = control(Measurement(q=q, v=v, altimeter_range=5.0), 0.02 * k)
+        v = command.v
+        q = pin.integrate(robot.model, q, 0.02 * v)
+        if command.finished:
+            break
+    assert command.finished
+    assert control.quantities["SO.distance"] == pytest.approx(0.4, abs=2e-3)
+
+
+def test_nothing_is_measured_for_a_task_that_is_off(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    mission, q = standing_off(robot, 0.4, gate=0.0), robot.configuration()
+
+    def refuse(*arguments: object) -> np.ndarray:
+        raise AssertionError(arguments)
+
+    monkeypatch.setattr(CollisionModel, "values", refuse)
+    found = mission_parameters(mission, mission.start(), 0.0, gates=np.zeros(1), q=q, stop=None)
+    np.testing.assert_array_equal(found, mission.tasks_of(0)[0].reference(0.0))
+
+
+def test_pairs_that_cannot_be_measured_are_refused(robot: Robot) -> None:
+    model = CollisionModel(robot, [ball(3.0, 0.0, 0.0)])
+    with pytest.raises(InvalidInput, match="SO: n_nearest = 0; give 1 or more"):
+        NearestPairs(task="SO", model=model, n=0, threshold=0.1)
+    with pytest.raises(InvalidInput, match="SO: a collision model without pairs"):
+        NearestPairs(task="SO", model=CollisionModel(robot, self_collision=False), n=1, threshold=0.1)

@@ -1,0 +1,81 @@
+"""Computed-torque control: the forces of a planned motion, corrected by feedback of positions and velocities."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.control.force.actuators import Actuators
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.dynamics import Dynamics
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.state import Command, State
+from uvms_ocp.model.water.hydrodynamics import STILL_WATER, Water
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TrackingGains:
+    """Of the closed loop's position and velocity errors. Raises `InvalidInput` for a gain below 0 or a lead below 1."""
+
+    vehicle_stiffness: float = 1.0
+    """[1/s^2]"""
+    vehicle_damping: float = 2.0
+    """[1/s]"""
+    joints_stiffness: float = 36.0
+    """[1/s^2]"""
+    joints_damping: float = 12.0
+    """[1/s]"""
+    lead: float = 4.0
+    """[-] thrusters are driven this many times faster than their lag."""
+
+    def __post_init__(self) -> None:
+        values = [getattr(self, name) for name in self.__dataclass_fields__]
+        if not (np.isfinite(values).all() and min(values) >= 0 and self.lead >= 1):
+            raise InvalidInput(f"tracking gains {values}; give finite values >= 0, and lead >= 1")
+
+
+OPEN_LOOP = TrackingGains(vehicle_stiffness=0, vehicle_damping=0, joints_stiffness=0, joints_damping=0)
+"""No feedback."""
+
+
+class ComputedTorque:
+    """The law of one robot. Holds the modelled state of its actuators: build one per run."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        dynamics: Dynamics,
+        *,
+        dt: float,
+        gains: TrackingGains | None = None,
+        water: Water = STILL_WATER,
+    ) -> None:
+        """dt [s]: control period. water: as far as the controller knows it."""
+        chosen = gains or TrackingGains()
+        self._robot, self._dynamics, self._water = robot, dynamics, water
+        self._open = chosen == OPEN_LOOP
+        n, m = robot.n_vehicle, robot.n_joints
+        self._K_p = np.repeat([chosen.vehicle_stiffness, chosen.joints_stiffness], [n, m])
+        self._K_d = np.repeat([chosen.vehicle_damping, chosen.joints_damping], [n, m])
+        self._actuators = Actuators(robot, lead=chosen.lead, dt=dt)
+
+    @property
+    def force(self) -> np.ndarray:
+        """Generalized force (n_v,) [N, N m] now, as `Actuators.force`."""
+        return self._actuators.force
+
+    def command(
+        self, state: State, *, q: np.ndarray, v: np.ndarray, a: np.ndarray, disturbance: np.ndarray | float = 0.0
+    ) -> Command:
+        """Command for a measured state and the planned q (n_q,), v (n_v,) [m/s, rad/s] and a (n_v,) [m/s2, rad/s2].
+
+        disturbance (n_v,) [N, N m]: force to work against.
+        """
+        at = State(q=q, v=v) if self._open else state
+        error = pin.difference(self._robot.model, at.q, q)
+        wanted = a + self._K_p * error + self._K_d * (v - at.v)
+        tau = self._dynamics.inverse_dynamics(at.q, at.v, wanted, self._water) - disturbance
+        realized = self._actuators.realize(tau)
+        return Command(v=v, thrust=self._actuators.drive(realized), torque=realized.torque)

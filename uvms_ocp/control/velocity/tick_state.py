@@ -1,0 +1,50 @@
+"""What one tick of the kinematic layer knows when it begins, and the motion that it decides on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uvms_ocp.control.navigation.watchdog import Freshness
+from uvms_ocp.mission.phase import MissionState
+from uvms_ocp.model.state import Measurement
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class TickState:
+    """What is known when a tick begins."""
+
+    begin: float
+    """[s] when that was, by the computer's clock."""
+    t: float
+    """[s] time of the tick."""
+    measurement: Measurement
+    """With finite q and v: the newest that is sound."""
+    echo: float
+    """[m] range of the altimeter, carried along with the motion where there is no echo."""
+    mission: MissionState
+    """Where the mission is."""
+    gates: np.ndarray
+    """(n_tasks,) [-] external activations."""
+    freshness: Freshness
+    """How far the measurement can be trusted."""
+
+    @property
+    def blind(self) -> bool:
+        """Nothing that can be trusted was measured."""
+        return self.freshness is not Freshness.FRESH
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Motion:
+    """The velocity of one tick, and where it began."""
+
+    q: np.ndarray
+    """(n_q,) configuration as far as it is known: measured, or along the stop since."""
+    v: np.ndarray
+    """(n_v,) [m/s, rad/s] commanded."""
+    near: bool
+    """The stop from v could come to a limit on positions."""
+    share: float
+    """[-] in [0, 1], of the velocity that the hierarchy wanted; the rest is slowing down."""
