@@ -110,8 +110,11 @@ class Recorder:
 
     def freeze(self, meta: RunMeta | PlanMeta) -> Record:
         """The rows so far as a `Record`."""
-        series = {name: array[: self._n].copy() for name, array in self._arrays.items()}
-        return Record(series=series, meta=meta)
+        return Record(series=self.series(), meta=meta)
+
+    def series(self) -> dict[str, np.ndarray]:
+        """The rows so far by name, (n, ...) each: copies."""
+        return {name: array[: self._n].copy() for name, array in self._arrays.items()}
 
     def _allocate(self, value: Any) -> np.ndarray:
         sample = np.asarray(value)

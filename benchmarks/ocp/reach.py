@@ -123,7 +123,7 @@ def carried_out(problem: OcpProblem, plan: Plan) -> Mismatch:
         controller=PlanTracker(plan.trajectory, robot, dynamics, dt=dt),
         dt=dt,
         duration=plan.duration,
-    ).freeze({})
+    ).series()
     return mismatch(plan.trajectory, record["t"], record["q"], robot=robot, frame="tool")
 
 

@@ -70,7 +70,7 @@ def carried_out(scenario: Scenario, plan: Plan) -> tuple[Row, np.ndarray]:
         controller=PlanTracker(plan.trajectory, robot, dynamics, dt=DT),
         dt=DT,
         duration=plan.duration,
-    ).freeze({})
+    ).series()
     way = record["q"][1:]
     row = {
         "mission": "one problem",

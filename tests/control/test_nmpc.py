@@ -97,7 +97,7 @@ def largest_error(robot: Robot, nmpc: Nmpc, goal: PoseGoal, seconds: float) -> f
         controller=nmpc,
         dt=dt,
         duration=seconds - dt,
-    ).freeze({})
+    ).series()
     places = [tool_pose(robot, q).translation for q in record["q"]]
     wanted = [evaluate_pose("goal", goal, float(t))[0].translation for t in record["t"]]
     return float(np.linalg.norm(np.subtract(places, wanted), axis=1).max())

@@ -74,7 +74,7 @@ def test_a_plan_is_carried_out_to_millimetres(robot: Robot) -> None:
         controller=PlanTracker(plan.trajectory, robot, dynamics, dt=dt),
         dt=dt,
         duration=2 * plan.duration,
-    ).freeze({})
+    ).series()
     assert record["t"][-1] == pytest.approx(plan.duration)
     found = mismatch(plan.trajectory, record["t"], record["q"], robot=robot, frame="tool")
     assert found.end_position < 5e-3
