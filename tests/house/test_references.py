@@ -8,7 +8,7 @@ import package_ast as house
 
 from uvms_ocp import references
 
-KEY = re.compile(r"\[([A-Z][A-Za-z]+[0-9]{4}[a-z]?)\]")
+KEY = re.compile(r"\[([A-Z][A-Za-z]+[0-9]{4}[a-z]?)[\],]")
 SLOPPY = re.compile(r"\((?:[A-Z][\w'. ]+,? (?:and |& )?)+(?:19|20)\d\d\)")
 
 
