@@ -29,7 +29,7 @@ def approach_speed(distance: ca.SX, *, gain: float, deceleration: float | ca.SX,
 def stopping_speed(distance: Array, *, deceleration: Array, dt: float) -> Array:
     """Largest speed from which a full stop within `distance` is possible in sampled time; 0 beyond the limit.
 
-    Of expressions, or of arrays with one shape. distance [m or rad]; deceleration [1/s^2]; dt [s].
+    Of expressions or of numbers, of shapes that go together. distance [m or rad]; deceleration [m/s2 or rad/s2]; dt [s].
     """
     symbolic = is_symbolic(distance, deceleration)
     sqrt, larger, smaller = (ca.sqrt, ca.fmax, ca.fmin) if symbolic else (np.sqrt, np.maximum, np.minimum)
