@@ -12,7 +12,8 @@ import pinocchio as pin
 
 from uvms_ocp.exceptions import InvalidInput, RobotDataError
 from uvms_ocp.model.files.conventions import forward_left_up
-from uvms_ocp.model.files.description import RobotDescription, TrimBody, checked_copy, read_description
+from uvms_ocp.model.files.description import RobotDescription, TrimBody, checked_copy
+from uvms_ocp.model.files.description_file import read_description
 from uvms_ocp.model.files.library import robot_folder, variant_file
 from uvms_ocp.model.files.urdf import UrdfModels, read_urdf
 from uvms_ocp.model.limits import home_of, joints_of, limits_of
