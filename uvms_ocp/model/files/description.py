@@ -214,9 +214,7 @@ class SensorDescription(_Section):
     """One channel of the sensors; what is left out is as in `uvms_ocp.model.sensing.SensorSpecs`."""
 
     rate: Positive | None = Field(default=None, description="[Hz]")
-    sigma: NonNegative | None = Field(
-        default=None, description="standard deviation of the noise [unit of the channel]"
-    )
+    sigma: NonNegative | None = Field(default=None, description="standard deviation of the noise [unit of the channel]")
     bias: float | tuple[float, ...] | None = Field(default=None, description="constant error [unit of the channel]")
     delay: NonNegative | None = Field(default=None, description="[s]")
     dropout: float | None = Field(default=None, ge=0.0, le=1.0, description="probability that a reading is lost [-]")
