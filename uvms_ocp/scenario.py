@@ -39,25 +39,33 @@ PLANTS = ("dynamic", "kinematic")
 class Scenario:
     """Everything that one simulation needs.
 
-    Raises `InvalidInput` for a start outside the joint limits or below the seafloor, or a bad period or duration, and
-    `NameNotFound` for an unknown plant. Goals are judged by `check`.
+    Raises `InvalidInput` for a start outside the joint limits or below the seafloor, or a bad period, duration, seed or
+    solver, `NameNotFound` for an unknown plant and `FrameNotFound` for an unknown altimeter frame. Goals are judged by `check`.
     """
 
     name: str
     robot: Robot
     mission: Mission
     environment: Environment
-    start: np.ndarray  # (n_q,) configuration at t = 0, at rest
+    start: np.ndarray
+    """(n_q,) [m, rad] configuration at t = 0, at rest."""
     solver: HierarchySolver = field(default_factory=LexicographicActiveSet)
     plant: str = "dynamic"
     sensors: SensorSpecs = IDEAL_SENSORS
-    gains: VelocityGains = field(default_factory=VelocityGains)  # of the dynamic layer; the kinematic plant has none
-    plant_robot: Robot | None = None  # what moves in the water, where it differs from what the controller knows
-    seed: int = 0  # of the sensor noise
-    altimeter_frame: str | None = None  # by default the one that the robot's file names, if any
-    dt: float = 1 / 200  # [s] control period
-    duration: float = 120.0  # [s] at which an incomplete mission is stopped
-    markers: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)  # points [m] in W to draw
+    gains: VelocityGains = field(default_factory=VelocityGains)
+    """Of the dynamic layer; the kinematic plant has none."""
+    plant_robot: Robot | None = None
+    """What moves in the water, where it differs from what the controller knows."""
+    seed: int = 0
+    """Of the sensor noise."""
+    altimeter_frame: str | None = None
+    """By default the one that the robot's file names, if any."""
+    dt: float = 1 / 200
+    """[s] control period."""
+    duration: float = 120.0
+    """[s] at which an incomplete mission is stopped."""
+    markers: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    """Points (3,) [m] in W to draw, by name."""
 
     def __post_init__(self) -> None:
         if self.plant not in PLANTS:
@@ -166,7 +174,7 @@ class Scenario:
 
 
 def pose_at(position: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)) -> pin.SE3:
-    """Pose from a position (3,) [m] and roll, pitch, yaw [rad] (R = Rz Ry Rx). Raises `InvalidInput`."""
+    """Pose from a position (3,) [m] and rpy (3,) [rad], R = Rz Ry Rx. Raises `InvalidInput` for anything else."""
     p, angles = _three("position", position), _three("rpy", rpy)
     return pin.SE3(pin.rpy.rpyToMatrix(angles), p)
 

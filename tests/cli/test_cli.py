@@ -213,5 +213,11 @@ def test_a_robot_is_checked_by_name_as_by_its_folder(tmp_path: Path) -> None:
     assert by_name.stdout == by_path.stdout
 
 
+def test_the_help_of_a_command_tells_users_nothing_of_exceptions(tmp_path: Path) -> None:
+    text = cli("run", "--help", cwd=tmp_path).stdout
+    assert "--force" in text
+    assert "InvalidInput" not in text
+
+
 def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
     assert cli("--version", cwd=tmp_path).stdout == f"uvms-ocp {version('uvms-ocp')}\n"

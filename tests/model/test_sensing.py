@@ -8,7 +8,8 @@ from typing import get_args
 import pytest
 
 from uvms_ocp.exceptions import RobotDataError
-from uvms_ocp.model.files.description import Channel, read_description
+from uvms_ocp.model.files.description import Channel
+from uvms_ocp.model.files.description_file import read_description
 from uvms_ocp.model.sensing import CHANNELS, SensorSpec, SensorSpecs, sensors_of
 
 

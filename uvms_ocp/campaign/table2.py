@@ -28,7 +28,7 @@ _EVERY = 5  # ticks between two configurations whose clearance is measured
 
 
 def table2(*, seeds: int = 5, seed: int = 0, length: float = 30.0, plant: str = "kinematic") -> Study:
-    """Three floors by three thresholds by `seeds` floors each, the first drawn with `seed`; length [m] of a transit.
+    """Three floors by three thresholds by `seeds` floors each, the first drawn with `seed`; length [m]: of a transit.
 
     The kinematic plant is a tenth of the work; so slow a transit keeps the same clearances on the dynamic one.
     """

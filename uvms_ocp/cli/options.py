@@ -60,7 +60,11 @@ def given(**options: Any) -> dict[str, Any]:
 
 
 def build_scenario(name: str, solver: str, options: dict[str, Any]) -> Scenario:
-    """The scenario with the options of the command line; raises `UvmsError` where one is wrong."""
+    """The scenario with the options of the command line.
+
+    Raises `NameNotFound` for an unknown scenario or solver, `InvalidInput` for an option that the scenario does not have,
+    and what the scenario raises for a wrong value.
+    """
     if name not in SCENARIOS:
         raise NameNotFound("scenario", name, (*SCENARIOS, *STUDIES))
     if solver not in SOLVERS:

@@ -39,7 +39,11 @@ class MotionOptions:
     clearance: _Clearance = defaults_of(PlanRequest)["clearance"]
 
     def asked(self) -> dict[str, Any]:
-        """The fields that requests of all methods have. Raises `UvmsError` where an option is wrong."""
+        """The fields that requests of all methods have.
+
+        Raises `InvalidInput` for goals that are none, several or not the robot's, a start that is not valid and obstacles
+        that cannot be read, and `NameNotFound` for an unknown robot.
+        """
         robot = load_robot(self.robot)
         self._check_vehicle(robot)
         return {

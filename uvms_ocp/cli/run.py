@@ -63,6 +63,9 @@ def run(
     """Run a scenario or a study; write its record, report, figures and 3-D scene, or its table.
 
     What is left out is as the scenario has it.
+
+    \f
+    Raises `InvalidInput` for what pre-flight refuses, unless forced, and for --n with a scenario.
     """
     console = Console(stderr=as_json)
     options = given(robot=robot, plant=plant, current=current, seabed=seabed, seed=seed, noise=noise, duration=duration)

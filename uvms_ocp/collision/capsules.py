@@ -19,10 +19,12 @@ from uvms_ocp.model.robot import Robot
 
 
 class Capsule(NamedTuple):
-    """Half length of the segment along z of the shape's frame, and radius [m]."""
+    """A capsule along z of its frame."""
 
     half_length: float
+    """[m] of the segment; 0 for a sphere."""
     radius: float
+    """[m]"""
 
 
 class Witness(NamedTuple):
@@ -31,9 +33,9 @@ class Witness(NamedTuple):
     distance: Array
     """(n,) [m] between the segments, not negative."""
     normal: Array
-    """(n, 3) unit vector from the first to the second."""
+    """(n, 3) [-] unit vector from the first to the second."""
     first: Array
-    """(n, 3) closest point of the first segment."""
+    """(n, 3) [m] closest point of the first segment."""
 
 
 def capsule_of(shape: coal.ShapeBase) -> Capsule:
@@ -64,7 +66,7 @@ def capsule_robot(robot: Robot) -> Robot:
 
 
 def segment_distance(a0: Array, a1: Array, b0: Array, b1: Array) -> Witness:
-    """Closest points of segments a and b, end points (n, 3) each ([Ericson2005] 5.1.9)."""
+    """Closest points of segments with the end points a0, a1, b0 and b1 (n, 3) [m] each ([Ericson2005] 5.1.9)."""
     u, v, w = a1 - a0, b1 - b0, a0 - b0
     uu, vv, uv, uw, vw = _dot(u, u), _dot(v, v), _dot(u, v), _dot(u, w), _dot(v, w)
     s = _clipped(uv * vw - vv * uw, uu * vv - uv * uv)
@@ -81,7 +83,7 @@ def segment_distance(a0: Array, a1: Array, b0: Array, b1: Array) -> Witness:
 
 
 def symbolic_segment_distance(a0: ca.SX, a1: ca.SX, b0: ca.SX, b1: ca.SX) -> ca.SX:
-    """The same distance as an expression; its derivatives are exact except where the closest feature changes."""
+    """The same distance [m] as an expression; its derivatives are exact except where the closest feature changes."""
     u, v, w = a1 - a0, b1 - b0, a0 - b0
     uu, vv, uv, uw, vw = ca.dot(u, u), ca.dot(v, v), ca.dot(u, v), ca.dot(u, w), ca.dot(v, w)
     s = _symbolic_clipped(uv * vw - vv * uw, uu * vv - uv * uv)

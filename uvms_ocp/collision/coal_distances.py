@@ -25,9 +25,9 @@ class NearPairs:
     distance: Array
     """(n,) [m]"""
     gradient: Array
-    """(n, n_axes) of the distance by the axes."""
+    """(n, n_axes) [m per unit of the axis] derivative of the distance."""
     screws: Array
-    """(n, 6, n_axes) twist of the whole robot per unit rate of each axis, at the world origin, linear rows first."""
+    """(n, 6, n_axes) [m and rad per unit of the axis] twist of the whole robot at the world origin, linear rows first."""
     centre: Array
     """(n, 3) [m] origin of the pair's second shape in W."""
 
@@ -45,7 +45,9 @@ class _Bounds:
     """Lower bounds of the distances at the samples of the last call, carried along by the reach of every axis."""
 
     x: Array
+    """(n, n_axes) [m, rad]"""
     lower: Array
+    """(n, n_pairs) [m]"""
 
     def moved_to(self, x: Array, scene: CollisionScene) -> None:
         """Bounds at x: unknown for a new set of samples, else less by what the motion can have cost."""
@@ -80,7 +82,7 @@ class CoalDistances:
         object.__setattr__(self, "_bounds", _Bounds(x=np.zeros((0, 0)), lower=np.zeros((0, 0))))
 
     def distances(self, x: Array) -> Array:
-        """(n, n_pairs) [m] signed distances at x (n, n_axes); -inf for an overlap whose depth coal cannot tell."""
+        """(n, n_pairs) [m] signed distances at x (n, n_axes) [m, rad]; -inf for an overlap whose depth coal cannot tell."""
         result = np.empty((x.shape[0], self.scene.n_pairs))
         geometry, data, pairs = self.scene.geometry, self._geometry_data, range(self.scene.n_pairs)
         for row, q in zip(result, self.scene.coordinates.configurations(x), strict=True):
@@ -90,7 +92,7 @@ class CoalDistances:
         return result
 
     def near(self, x: Array, thresholds: Array) -> NearPairs:
-        """The pairs closer than their thresholds (n_pairs,) [m] at x (n, n_axes).
+        """The pairs closer than their thresholds (n_pairs,) [m] at x (n, n_axes) [m, rad].
 
         The derivative of a distance is ``n'(J_p2 - J_p1)`` with the normal n and the witness points p1, p2, which
         lie on one line along n: one wrench ``[n; p x n]`` at the origin serves both shapes, in penetration too.

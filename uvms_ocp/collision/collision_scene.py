@@ -50,13 +50,13 @@ class CollisionScene:
     geometry: pin.GeometryModel
     pairs: tuple[Pair, ...]
     moved: Array
-    """(n_pairs, n_axes) -1, 0 or 1: does the axis move the second shape minus does it move the first."""
+    """(n_pairs, n_axes) [-] -1, 0 or 1: does the axis move the second shape minus does it move the first."""
     reach: Array
-    """(n_pairs, n_axes) upper bound on |d distance / d axis| at any configuration [m per unit of the axis]."""
+    """(n_pairs, n_axes) [m per unit of the axis] upper bound on |d distance / d axis| at any configuration."""
     carried: Array
-    """(n_pairs, n_axes) 1 where the axis moves the second shape."""
+    """(n_pairs, n_axes) [-] 1 where the axis moves the second shape."""
     follows: Array
-    """(n_axes, n_axes) see ``Coordinates.follows``."""
+    """(n_axes, n_axes) [-] see ``Coordinates.follows``."""
     gyration: Array
     """(n_pairs,) [m] radius of gyration of the ball around the second shape."""
     room: Array

@@ -24,9 +24,13 @@ class PairDistances(Protocol):
     """Signed distances of all pairs of a scene."""
 
     @property
-    def scene(self) -> CollisionScene: ...
+    def scene(self) -> CollisionScene:
+        """The pairs, and the coordinates x."""
+        ...
 
-    def distances(self, x: Array) -> Array: ...
+    def distances(self, x: Array) -> Array:
+        """(n, n_pairs) [m] at x (n, n_axes) [m, rad]."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -52,10 +56,8 @@ def check_clearance(
 ) -> ClearanceReport:
     """Check all pairs of a scene along a trajectory of its coordinates.
 
-    Args:
-        per_piece: Intervals per piece to begin with.
-        shortest: Length below which an interval is not halved, as a fraction of the duration.
-        all_collisions: Go on after the first collision, for the true smallest clearance.
+    `per_piece` intervals of each piece are checked to begin with; shortest [-] is the share of the duration below which an
+    interval is not halved. all_collisions: go on after the first collision, for the true smallest clearance.
     """
     middle, half = _first_intervals(trajectory, per_piece)
     acceleration = _acceleration_bounds(trajectory)

@@ -28,7 +28,7 @@ class Coordinates:
 
     robot: Robot
     reference: Array
-    """(n_v,) all axes."""
+    """(n_v,) [m, rad] all axes."""
     planned: Indices
     """(n_axes,) indices of the planned axes among all axes."""
 
@@ -43,24 +43,24 @@ class Coordinates:
         return tuple(names[i] for i in self.planned)
 
     def all_axes(self, x: Array) -> Array:
-        """(..., n_v) values of all axes from the planned ones (..., n_axes)."""
+        """(..., n_v) [m, rad] values of all axes from x (..., n_axes) [m, rad]."""
         full = np.broadcast_to(self.reference, (*x.shape[:-1], self.reference.size)).copy()
         full[..., self.planned] = x
         return full
 
     def configurations(self, x: Array) -> Array:
-        """(n, n_q) configurations from x (n, n_axes)."""
+        """(n, n_q) [m, rad] configurations from x (n, n_axes) [m, rad]."""
         full = self.all_axes(x)
         if not self.robot.n_vehicle:
             return full
         return np.concatenate([full[:, :3], _quaternions(full[:, 3:6]), full[:, 6:]], axis=1)
 
     def x(self, q: ArrayLike) -> Array:
-        """(n_axes,) coordinates of a configuration q (n_q,)."""
+        """(n_axes,) [m, rad] coordinates of a configuration q (n_q,) [m, rad]. Raises `InvalidInput` for an invalid one."""
         return _axis_values(self.robot, self.robot.check_configuration(q))[self.planned]
 
     def velocity_map(self, x: Array) -> Array:
-        """(n, n_v, n_axes): generalized velocity v = map @ rate of x, at x (n, n_axes)."""
+        """(n, n_v, n_axes) [-]: generalized velocity v = map @ rate of x, at x (n, n_axes) [m, rad]."""
         full = self.all_axes(x)
         maps = np.broadcast_to(np.eye(full.shape[1]), (full.shape[0], full.shape[1], full.shape[1])).copy()
         if self.robot.n_vehicle:
@@ -76,7 +76,7 @@ class Coordinates:
         return ca.vertcat(full[:3], _symbolic_quaternion(full[3:6]), full[6:])
 
     def follows(self) -> Array:
-        """(n_axes, n_axes) 1 where the column's axis is carried by the row's; the vehicle turns yaw, pitch, roll."""
+        """(n_axes, n_axes) [-] 1 where the column's axis is carried by the row's; the vehicle turns yaw, pitch, roll."""
         model = self.robot.model
         result = np.zeros((model.nv, model.nv))
         for joint in range(1, model.njoints):
@@ -89,7 +89,7 @@ class Coordinates:
         return result[np.ix_(self.planned, self.planned)]
 
     def limits(self) -> tuple[Array, Array]:
-        """Lower and upper positions (n_axes,); vehicle axes have none but pitch, which stays within 89 deg."""
+        """Lower and upper positions (n_axes,) [m, rad]; vehicle axes have none but pitch, which stays within 89 deg."""
         free = np.full(self.robot.n_vehicle, np.inf)
         if free.size:
             free[4] = np.deg2rad(89.0)
@@ -99,15 +99,11 @@ class Coordinates:
 
 
 def coordinates(robot: Robot, *, reference: ArrayLike | None = None, axes: Sequence[str] | None = None) -> Coordinates:
-    """Choose the planned axes.
+    """Choose the planned axes, by their names among x, y, z, roll, pitch, yaw and the joints; default all.
 
-    Args:
-        reference: Configuration q (n_q,) that axes not planned keep; default: origin, ``robot.home``.
-        axes: Names among x, y, z, roll, pitch, yaw and the joints; default all.
-
-    Raises:
-        NameNotFound: an axis that the robot does not have.
-        InvalidInput: a joint that is not a single bounded axis.
+    reference (n_q,) [m, rad]: configuration that axes not planned keep; default: origin, ``robot.home``. Raises
+    `NameNotFound` for an axis that the robot does not have, and `InvalidInput` for a joint that is not a single bounded
+    axis or a reference that is no valid configuration.
     """
     for joint in robot.joints:
         if joint.n_q != 1 or joint.n_v != 1:

@@ -63,8 +63,7 @@ def read_obstacles(path: Path | str) -> tuple[ObstacleData, ...]:
 def obstacle_from_words(shape: str, words: str, name: str) -> ObstacleData:
     """An obstacle from its position and sizes, numbers with commas or blanks between: ``"X,Y,Z,R"`` for a sphere.
 
-    Raises:
-        InvalidInput: words that are not numbers, too many or too few, or a size that is not positive.
+    Raises ``InvalidInput`` for words that are not numbers, too many or too few, or a size that is not positive.
     """
     given = words.replace(",", " ").split()
     wanted = 3 + N_SIZES[shape]

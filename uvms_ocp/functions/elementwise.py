@@ -1,4 +1,7 @@
-"""Operations on numbers that NumPy arrays and CasADi expressions spell differently; every function answers in kind."""
+"""Operations on numbers that NumPy arrays and CasADi expressions spell differently; every function answers in kind.
+
+Arguments are of any one shape, (...), and of any one unit, [any], where nothing else is said.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 Array = Any
-"""``numpy.ndarray``, ``casadi.SX`` or ``casadi.MX``, of one shape where nothing else is said; scalars of these."""
+"""``numpy.ndarray``, ``casadi.SX`` or ``casadi.MX``; scalars of these."""
 
 
 def is_symbolic(*values: Array) -> bool:
@@ -17,36 +20,39 @@ def is_symbolic(*values: Array) -> bool:
 
 
 def clipped(y: Array, lower: Array, upper: Array) -> Array:
-    """The nearest to y inside [lower, upper]; the bounds must not be NaN."""
+    """The nearest to y (...) [any] between `lower` and `upper`, (...) [any]; the bounds must not be NaN."""
     if is_symbolic(y, lower, upper):
         return ca.fmin(ca.fmax(y, lower), upper)
     return np.minimum(np.maximum(y, lower), upper)
 
 
 def where(condition: Array, if_true: Array, if_false: Array) -> Array:
-    """Select entry by entry; a scalar stands for all entries, infinity included. What is not selected may be NaN."""
+    """`if_true` or `if_false`, (...) [any], entry by entry, as the condition (...) [-] is.
+
+    A scalar stands for all entries, infinity included. What is not selected may be NaN.
+    """
     if is_symbolic(condition):
         return ca.if_else(condition, _spread(if_true, condition), _spread(if_false, condition))
     return np.where(condition, if_true, if_false)
 
 
 def both(a: Array, b: Array) -> Array:
-    """True where both conditions are."""
+    """True where both a (...) [-] and b (...) [-] are."""
     return ca.logic_and(a, b) if is_symbolic(a, b) else a & b
 
 
 def either(a: Array, b: Array) -> Array:
-    """True where one of two conditions is."""
+    """True where a (...) [-] or b (...) [-] is."""
     return ca.logic_or(a, b) if is_symbolic(a, b) else a | b
 
 
 def everywhere(condition: Array) -> Array:
-    """True if the condition holds for all entries of an array of any shape, an empty one included."""
+    """True if the condition (...) [-] holds for all entries, also where there are none."""
     return ca.sum1(ca.vec(condition)) >= condition.numel() if is_symbolic(condition) else condition.all()
 
 
 def row_sums(matrix: Array) -> Array:
-    """Column (m,) of the sums of the rows of a matrix (m, n)."""
+    """Column (m,) of the sums of the rows of a matrix (m, n) [any]."""
     return ca.sum2(matrix) if is_symbolic(matrix) else matrix.sum(axis=1)
 
 

@@ -25,9 +25,10 @@ def point_reach(robot: Robot, frame: str) -> np.ndarray:
 
 
 def largest_change(reach: np.ndarray, motion: np.ndarray) -> np.ndarray:
-    """Upper bound (..., m) of what moves by at most `reach` (m, n) per unit, or (...) by reach (n,), in `motion` (..., n) >= 0.
+    """Upper bound (..., m) [m] of what moves by at most `reach` (m, n) [m, or 1] per unit of each axis; (...) for one (n,).
 
-    An axis that stands still costs nothing, however far it reaches.
+    `motion` (..., n) [rad, or m] is how far each axis moves, not negative. An axis that stands still costs nothing, however
+    far it reaches.
     """
     endless = ~np.isfinite(reach)
     if not endless.any():

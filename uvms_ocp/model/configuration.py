@@ -26,7 +26,7 @@ class ConfigurationSpace:
     joints: tuple[Joint, ...]
     limits: Limits
     home: np.ndarray
-    """(n_q - 7,) or (n_q,) [rad or m] stowed posture."""
+    """(n_q - 7,) or (n_q,) [rad or m] stowed posture, the joint part of q."""
 
     @property
     def _n_vehicle(self) -> int:
@@ -41,7 +41,8 @@ class ConfigurationSpace:
     ) -> np.ndarray:
         """[p_WB, quaternion] (7,), or (0,) for a fixed base.
 
-        position (3,) [m]; rpy (3,) [rad] or quaternion (4,) [-] xyzw. Raises `InvalidInput`.
+        position (3,) [m]; rpy (3,) [rad] or quaternion (4,) [-] xyzw. Raises `InvalidInput` for both of them, a wrong shape,
+        or any of the three with a fixed base.
         """
         if not self._n_vehicle:
             if position is not None or rpy is not None or quaternion is not None:
@@ -51,9 +52,9 @@ class ConfigurationSpace:
         return np.concatenate([p, _orientation(rpy, quaternion)])
 
     def joint_part(self, joints: ArrayLike | Mapping[str, float] | None) -> np.ndarray:
-        """The joint part of q from values per degree of freedom (n_joints,) [rad or m], or by name on top of ``home``.
+        """The joint part of q from `joints`: one value per degree of freedom (n_joints,) [rad or m], or by name on ``home``.
 
-        Raises `InvalidInput` and `NameNotFound`.
+        Raises `InvalidInput` for a wrong shape and `NameNotFound` for an unknown joint.
         """
         if joints is None:
             return self.home
@@ -111,7 +112,7 @@ def _check_unit(what: str, values: np.ndarray) -> None:
 
 
 def finite(what: str, values: ArrayLike, size: int) -> np.ndarray:
-    """``values`` (size,) as finite numbers, in the unit of `what` [-]. Raises `InvalidInput`."""
+    """``values`` (size,) [any] as numbers; `what` names them. Raises `InvalidInput` for another shape, NaN or infinity."""
     try:
         array = np.array(values, dtype=float)
     except (TypeError, ValueError):

@@ -18,7 +18,7 @@ from uvms_ocp.model.water.hydrodynamics import STILL_WATER, Water
 class Dynamics:
     """Equations of motion ``M a + C v + D v + g = tau``; see `SymbolicDynamics` for the terms.
 
-    q (n_q,), v, a, tau (n_v,). Water moves as one, or link by link in the order of ``symbolic.links``.
+    Water moves as one, or link by link in the order of ``symbolic.links``.
     Arguments of the wrong shape raise InvalidInput. Not for use from two threads at once.
     """
 
@@ -48,37 +48,52 @@ class Dynamics:
             object.__setattr__(self, name, BufferedFunction(function))
 
     def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
-        """Generalized force tau (n_v,) [N, N m] for the acceleration a."""
+        """Generalized force tau (n_v,) [N, N m] for the acceleration a (n_v,) [m/s2, rad/s2].
+
+        q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
+        """
         return self._inverse(q, v, a, water.velocity.T, water.acceleration.T)[0]
 
     def forward_dynamics(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
-        """Acceleration a (n_v,) [m/s2, rad/s2] under the generalized force tau."""
+        """Acceleration a (n_v,) [m/s2, rad/s2] under the generalized force tau (n_v,) [N, N m].
+
+        q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
+        """
         return self._forward(q, v, tau, water.velocity.T, water.acceleration.T)[0]
 
     def bias_force(self, q: ArrayLike, v: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
-        """Generalized force (n_v,) for zero acceleration: ``C v + D v + g``."""
+        """Generalized force (n_v,) [N, N m] for zero acceleration: ``C v + D v + g``.
+
+        q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
+        """
         return self._bias(q, v, water.velocity.T, water.acceleration.T)[0]
 
     def mass_matrix(self, q: ArrayLike) -> np.ndarray:
-        """Rigid-body plus added mass M (n_v, n_v), symmetric."""
+        """Rigid-body plus added mass M (n_v, n_v) [kg, kg m, kg m2], symmetric, at q (n_q,) [m, rad]."""
         n_v = self.symbolic.model.nv
         return self._mass(q)[0].reshape(n_v, n_v)
 
     def damping_matrix(self, q: ArrayLike, v: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
-        """Symmetric part of D(q, v_r) (n_v, n_v): drag of all links and joint friction."""
+        """Symmetric part of D(q, v_r) (n_v, n_v) [N/(m/s), N m/(rad/s)]: drag of all links and joint friction.
+
+        q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
+        """
         n_v = self.symbolic.model.nv
         return self._damping(q, v, water.velocity.T)[0].reshape(n_v, n_v)
 
     def kinetic_energy(self, q: ArrayLike, v: ArrayLike) -> float:
-        """``1/2 v.T M v`` [J]; of v relative to a uniform current it is the energy in the drifting frame."""
+        """``1/2 v.T M v`` [J] at q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
+
+        With v relative to a uniform current it is the energy in the drifting frame.
+        """
         return float(self._kinetic(q, v)[0][0])
 
     def potential_energy(self, q: ArrayLike) -> float:
-        """Of weight and buoyancy [J], zero at the origin of W."""
+        """Of weight and buoyancy [J] at q (n_q,) [m, rad], zero at the origin of W."""
         return float(self._potential(q)[0][0])
 
     def link_positions(self, q: ArrayLike) -> np.ndarray:
-        """Positions in W (n_links, 3) [m] at which a sheared current acts on the links."""
+        """Positions in W (n_links, 3) [m] at which a sheared current acts on the links, at q (n_q,) [m, rad]."""
         return self._positions(q)[0].reshape(3, -1).T
 
 

@@ -15,7 +15,7 @@ STEEP = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Kinematics:
-    """A robot at a configuration q (n_q,); its existence proves that q is valid.
+    """A robot at a configuration; its existence proves that q is valid.
 
     Raises InvalidInput, as `Robot.check_configuration`.
     """
@@ -23,7 +23,7 @@ class Kinematics:
     robot: Robot
     """Whose frames they are."""
     q: np.ndarray
-    """(n_q,)"""
+    """(n_q,) [m, rad]"""
     _data: pin.Data = field(init=False, repr=False)
     """With poses of all frames and Jacobians of all joints."""
 
@@ -39,7 +39,7 @@ class Kinematics:
         return self._data.oMf[self.robot.frame_id(frame)].copy()
 
     def jacobian(self, frame: str, expressed_in: str = "W") -> np.ndarray:
-        """Jacobian (6, n_v) of a frame's velocity in W at the frame's origin, linear rows first.
+        """Jacobian (6, n_v) [-, m] of a frame's velocity in W at the frame's origin, linear rows first.
 
         expressed_in: "W" for world axes, "B" for those of the vehicle (the world's, if the base is fixed), or
         the name of a frame for its axes. Raises FrameNotFound.
@@ -81,12 +81,15 @@ class AltimeterBeam:
         self._model, self._data, self._frame = robot.model, robot.model.createData(), robot.frame_id(frame)
 
     def at(self, q: np.ndarray) -> Beam:
-        """The beam at q (n_q,)."""
+        """The beam at q (n_q,) [m, rad]."""
         pin.forwardKinematics(self._model, self._data, q)
         return self._beam()
 
     def moving(self, q: np.ndarray, v: np.ndarray) -> tuple[Beam, np.ndarray]:
-        """The beam at q (n_q,), and the velocity (3,) [m/s] of the sensor in W while the robot moves with v (n_v,)."""
+        """The beam at q (n_q,) [m, rad], and the velocity (3,) [m/s] of the sensor in W.
+
+        The robot moves with v (n_v,) [m/s, rad/s].
+        """
         pin.forwardKinematics(self._model, self._data, q, v)
         beam = self._beam()
         return beam, pin.getFrameVelocity(self._model, self._data, self._frame, pin.LOCAL_WORLD_ALIGNED).linear

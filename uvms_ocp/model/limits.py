@@ -65,7 +65,7 @@ class PositionLimit:
     lower: float
     """[m] the bound."""
     values: Callable[[np.ndarray, np.ndarray | None], np.ndarray]
-    """Function of q (n_q,) and of which positions, None for all: the positions (m,) [m]."""
+    """Function of q (n_q,) [m, rad] and of which positions, None for all: the positions (m,) [m]."""
     relative: bool = False
     """The measured quantity is the truth at the present q; `values` tell how it changes from there."""
     reach: np.ndarray
@@ -122,7 +122,7 @@ def _position_limit(limit: np.ndarray, joints: tuple[Joint, ...], unlimited: flo
 
 
 def home_of(model: pin.Model, description: RobotDescription, joints: tuple[Joint, ...], limits: Limits) -> np.ndarray:
-    """Return the joint part of q in the stowed posture."""
+    """Return the joint part of q [rad or m] in the stowed posture."""
     n_vehicle = model.nv - len(limits.position_lower)
     values = np.zeros(model.nv)
     values[n_vehicle:] = _zero_or_middle(limits.position_lower, limits.position_upper)
@@ -139,12 +139,12 @@ def _zero_or_middle(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
 
 
 def from_joint_values(model: pin.Model, values: np.ndarray) -> np.ndarray:
-    """Return q (n_q,) with the joints displaced by ``values`` (n_v,) from neutral, whatever their types."""
+    """Return q (n_q,) [m, rad], displaced from neutral by ``values`` (n_v,) [m, rad], whatever the types of the joints."""
     return np.asarray(pin.integrate(model, pin.neutral(model), values))
 
 
 def read_only(values: ArrayLike) -> np.ndarray:
-    """Return a copy as floats that cannot be written to."""
+    """Return a copy of ``values``, (...) [any], as floats that cannot be written to."""
     array = np.array(values, dtype=float)
     array.setflags(write=False)
     return array

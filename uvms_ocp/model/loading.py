@@ -12,7 +12,8 @@ import pinocchio as pin
 
 from uvms_ocp.exceptions import InvalidInput, RobotDataError
 from uvms_ocp.model.files.conventions import forward_left_up
-from uvms_ocp.model.files.description import RobotDescription, TrimBody, checked_copy, read_description
+from uvms_ocp.model.files.description import RobotDescription, TrimBody, checked_copy
+from uvms_ocp.model.files.description_file import read_description
 from uvms_ocp.model.files.library import robot_folder, variant_file
 from uvms_ocp.model.files.urdf import UrdfModels, read_urdf
 from uvms_ocp.model.limits import home_of, joints_of, limits_of
@@ -32,8 +33,9 @@ def load_robot(
     """Load a robot by name, or from a URDF file and, if there is one, its hydrodynamics file.
 
     ``variant`` is another published data set of a named robot, see ``list_variants``. ``base`` overrides the file
-    (default: free_flyer). ``package_dirs`` are searched for ``package://`` meshes. Raises ``NameNotFound`` and
-    ``RobotDataError``.
+    (default: free_flyer). ``package_dirs`` are searched for ``package://`` meshes. Raises ``InvalidInput`` for neither or
+    both of name and URDF, or a variant without a name, ``NameNotFound`` for an unknown robot or variant, and
+    ``RobotDataError`` for a file that is missing, broken or does not fit the other.
     """
     urdf_path, yaml_path = _paths(name, urdf, hydrodynamics)
     description = _description(name, yaml_path, variant)
@@ -65,7 +67,10 @@ def _description(name: str | None, path: Path | None, variant: str | None) -> Ro
 
 
 def assemble(models: UrdfModels, description: RobotDescription, path: Path, name: str | None = None) -> Robot:
-    """Join the mechanism and its description; ``path`` is the file blamed for names that do not fit."""
+    """Join the mechanism and its description.
+
+    Raises ``RobotDataError``, which blames the file ``path``, for names, thrusters and a home that do not fit.
+    """
     description = forward_left_up(description)
     _check_names(models.model, description, path)
     trimmed = replace(models, model=_with_trim(models.model, description.trim))

@@ -43,7 +43,10 @@ def mount(
 
 
 def without_arm(robot: Robot) -> Robot:
-    """Return the vehicle alone: everything fixed to the base of a free-flyer, its trim included."""
+    """Return the vehicle alone: everything fixed to the base of a free-flyer, its trim included.
+
+    Raises ``InvalidInput`` for a fixed base.
+    """
     if not robot.n_vehicle:
         raise InvalidInput(f"robot {robot.name!r} has a fixed base; only a free-flyer has a vehicle")
     kept = {frame.name for frame in robot.model.frames if frame.parentJoint <= 1}

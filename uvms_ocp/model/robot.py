@@ -31,10 +31,13 @@ class Robot:
     visual_model: pin.GeometryModel
     collision_model: pin.GeometryModel
     description: RobotDescription
-    joints: tuple[Joint, ...]  # arm joints of a free-flyer, all joints otherwise
+    joints: tuple[Joint, ...]
+    """Arm joints of a free-flyer, all joints otherwise."""
     limits: Limits
-    home: np.ndarray  # (n_q - 7,) or (n_q,) stowed posture, the joint part of q
-    hydrodynamics: tuple[LinkHydrodynamics, ...]  # links in water; floats and ballast add their volume
+    home: np.ndarray
+    """(n_q - 7,) or (n_q,) [rad or m] stowed posture, the joint part of q."""
+    hydrodynamics: tuple[LinkHydrodynamics, ...]
+    """Links in water; floats and ballast add their volume."""
 
     def __repr__(self) -> str:
         base = "free-flyer" if self.n_vehicle else "fixed base"
@@ -106,7 +109,7 @@ class Robot:
         """Return a copy whose fixed frame sits at ``X_parent`` in the moving link that carries it.
 
         Frames, shapes and joints on that frame move along; masses fixed to the moving link stay. Raises
-        ``InvalidInput`` for a frame that is itself a moving link.
+        ``InvalidInput`` for a frame that is itself a moving link, and ``FrameNotFound``.
         """
         index = self.frame_id(frame)
         frames.check_movable(self.model, index)
@@ -136,14 +139,15 @@ class Robot:
     ) -> np.ndarray:
         """Return a checked q (n_q,); parts left out are zero for the vehicle and ``home`` for the joints.
 
-        ``position`` (3,) p_WB [m]; ``rpy`` (3,) [rad], R = Rz Ry Rx, or ``quaternion`` (4,) xyzw; ``joints``
-        one value per joint degree of freedom [rad or m], or values by name on top of ``home``.
+        ``position`` (3,) [m] p_WB; ``rpy`` (3,) [rad], R = Rz Ry Rx, or ``quaternion`` (4,) [-] xyzw; ``joints``
+        (n_joints,) [rad or m], or values by name on top of ``home``. Raises ``InvalidInput`` for a wrong shape or what
+        `check_configuration` refuses, and ``NameNotFound`` for an unknown joint.
         """
         space = self._space
         return space.checked(np.concatenate([space.vehicle_part(position, rpy, quaternion), space.joint_part(joints)]))
 
     def check_configuration(self, q: ArrayLike) -> np.ndarray:
-        """Return q (n_q,) as a read-only array. Raises ``InvalidInput`` naming what is wrong."""
+        """Return q (n_q,) [m, rad] as a read-only array. Raises ``InvalidInput`` naming what is wrong."""
         return self._space.checked(q)
 
     @property

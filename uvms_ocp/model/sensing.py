@@ -13,11 +13,16 @@ from uvms_ocp.model.files.description import RobotDescription, SensorDescription
 class SensorSpec:
     """One channel. Raises `InvalidInput` for a value outside its range."""
 
-    rate: float = math.inf  # [Hz]; inf is once per tick
-    sigma: float = 0.0  # standard deviation of the noise of every component, in the channel's unit
-    bias: float | tuple[float, ...] = 0.0  # constant error, of all components or of each
-    delay: float = 0.0  # [s] between taking a reading and delivering it
-    dropout: float = 0.0  # probability [-] that a reading is lost
+    rate: float = math.inf
+    """[Hz]; inf is once per tick."""
+    sigma: float = 0.0
+    """[unit of the channel] standard deviation of the noise of every component."""
+    bias: float | tuple[float, ...] = 0.0
+    """[unit of the channel] constant error, of all components or of each."""
+    delay: float = 0.0
+    """[s] between taking a reading and delivering it."""
+    dropout: float = 0.0
+    """[-] probability that a reading is lost."""
 
     def __post_init__(self) -> None:
         if not self.rate > 0:
@@ -46,14 +51,22 @@ class SensorSpec:
 class SensorSpecs:
     """All channels of `Readings`; `None` where the robot has no such sensor. The noise of the defaults is assumed."""
 
-    position: SensorSpec | None = SensorSpec(rate=5.0, sigma=0.02)  # [m]
-    depth: SensorSpec | None = SensorSpec(rate=10.0, sigma=0.01)  # [m]
-    attitude: SensorSpec | None = SensorSpec(rate=100.0, sigma=0.001)  # [rad], a rotation vector in B
-    angular_velocity: SensorSpec | None = SensorSpec(rate=100.0, sigma=0.002)  # [rad/s]
-    linear_velocity: SensorSpec | None = SensorSpec(rate=5.0, sigma=0.002)  # [m/s]
-    joint_positions: SensorSpec | None = SensorSpec(rate=200.0, sigma=1e-4)  # [rad or m]
-    joint_velocities: SensorSpec | None = None  # [rad/s or m/s]
-    altimeter_range: SensorSpec | None = SensorSpec(rate=10.0, sigma=0.01)  # [m]
+    position: SensorSpec | None = SensorSpec(rate=5.0, sigma=0.02)
+    """[m]"""
+    depth: SensorSpec | None = SensorSpec(rate=10.0, sigma=0.01)
+    """[m]"""
+    attitude: SensorSpec | None = SensorSpec(rate=100.0, sigma=0.001)
+    """[rad], a rotation vector in B."""
+    angular_velocity: SensorSpec | None = SensorSpec(rate=100.0, sigma=0.002)
+    """[rad/s]"""
+    linear_velocity: SensorSpec | None = SensorSpec(rate=5.0, sigma=0.002)
+    """[m/s]"""
+    joint_positions: SensorSpec | None = SensorSpec(rate=200.0, sigma=1e-4)
+    """[rad or m]"""
+    joint_velocities: SensorSpec | None = None
+    """[rad/s or m/s]"""
+    altimeter_range: SensorSpec | None = SensorSpec(rate=10.0, sigma=0.01)
+    """[m]"""
 
 
 CHANNELS = tuple(field.name for field in fields(SensorSpecs))

@@ -12,8 +12,8 @@ Notation (Drake's monogram, ASCII):
 - ``q, v, a, tau``: configuration, velocity, acceleration and generalized force of the whole system, in
   Pinocchio's order. Fossen's ``nu, M_A, C_A, D, g`` appear inside hydrodynamics only. Counts are ``n_...``.
 
-Every function takes ``numpy`` arrays or ``casadi.SX`` / ``MX`` and answers in kind. Expressions stay finite,
-and so do their derivatives, at zero angle (series) and at the angle pi.
+Every function takes ``numpy`` arrays or ``casadi.SX`` / ``MX`` and answers in kind; ``[any]`` is any unit. Expressions
+stay finite, and so do their derivatives, at zero angle (series) and at the angle pi.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _ATANC = (1.0, -1 / 3, 1 / 5, -1 / 7, 1 / 9, -1 / 11, 1 / 13)
 
 
 def where(condition: Array, if_true: Array, if_false: Array) -> Array:
-    """Select between two scalars. Both are evaluated, so both must be finite."""
+    """`if_true` or `if_false`, scalars () [any], by the condition () [-]. Both are evaluated, so both must be finite."""
     if is_symbolic(condition):
         return ca.if_else(condition, if_true, if_false)
     return if_true if condition else if_false
@@ -66,7 +66,7 @@ def matrix(*rows: Sequence[Array]) -> Array:
 
 
 def diagonal(entries: Array) -> Array:
-    """Square matrix with these entries on its diagonal."""
+    """Square matrix with the entries (n,) [any] on its diagonal."""
     return ca.diag(entries) if is_symbolic(entries) else np.diag(entries)
 
 
@@ -75,17 +75,17 @@ def _entry(x: Array) -> Array:
 
 
 def dot(a: Array, b: Array) -> Array:
-    """Inner product of two 3-vectors."""
+    """Inner product of a (3,) [any] and b (3,) [any]."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Cross product of two 3-vectors."""
+    """Cross product (3,) of a (3,) [any] and b (3,) [any]."""
     return column(a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 def skew(a: Array) -> Array:
-    """Matrix (3, 3) with ``skew(a) @ b == cross(a, b)``."""
+    """Matrix (3, 3) with ``skew(a) @ b == cross(a, b)``, of a (3,) [any]."""
     return matrix((0, -a[2], a[1]), (a[2], 0, -a[0]), (-a[1], a[0], 0))
 
 
@@ -108,12 +108,12 @@ def _by_series_near_zero(x: Array, coefficients: Sequence[float], closed: Callab
 
 
 def cos_of_squared(x: Array) -> Array:
-    """``cos(t)`` of the squared angle ``x = t^2``, smooth at 0."""
+    """``cos(t)`` of the squared angle x () [rad2], ``x = t^2``, smooth at 0."""
     return _by_series_near_zero(x, _COS, ca.cos)
 
 
 def sinc_of_squared(x: Array) -> Array:
-    """``sin(t) / t`` of the squared angle ``x = t^2``."""
+    """``sin(t) / t`` of the squared angle x () [rad2], ``x = t^2``."""
     return _by_series_near_zero(x, _SINC, lambda t: ca.sin(t) / t)
 
 
@@ -126,7 +126,7 @@ def _sincc_of_squared(x: Array) -> Array:
 
 
 def cotc_of_squared(x: Array) -> Array:
-    """``(1 - t/2 cot(t/2)) / t^2`` of the squared angle ``x = t^2``, finite up to ``t = pi`` and beyond."""
+    """``(1 - t/2 cot(t/2)) / t^2`` of the squared angle x () [rad2], ``x = t^2``, finite up to ``t = pi`` and beyond."""
     return _by_series_near_zero(x, _COTC, lambda t: (1 - t / 2 * ca.cos(t / 2) / ca.sin(t / 2)) / (t * t))
 
 
@@ -134,7 +134,7 @@ def cotc_of_squared(x: Array) -> Array:
 
 
 def quaternion_to_matrix(quaternion: Array) -> Array:
-    """Rotation matrix (3, 3) of a unit quaternion xyzw (4,), the same for either sign."""
+    """Rotation matrix (3, 3) [-] of a unit quaternion (4,) [-] xyzw, the same for either sign."""
     x, y, z, w = (quaternion[i] for i in range(4))
     return matrix(
         (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
@@ -144,7 +144,7 @@ def quaternion_to_matrix(quaternion: Array) -> Array:
 
 
 def matrix_to_quaternion(R: Array) -> Array:
-    """Unit quaternion xyzw (4,) of a rotation matrix (3, 3), of either sign.
+    """Unit quaternion (4,) [-] xyzw of a rotation matrix R (3, 3) [-], of either sign.
 
     The products ``4 q_k q`` are linear in R; the largest of the four ``4 q_k^2`` is at least 1, so that the
     root and the division are safe at every rotation [Shepperd1978].
@@ -169,7 +169,7 @@ def _larger(a: Array, row_a: Sequence[Array], b: Array, row_b: Sequence[Array]) 
 
 
 def quaternion_multiply(a: Array, b: Array) -> Array:
-    """Product of two quaternions xyzw: the rotation ``R(a) @ R(b)``."""
+    """Product (4,) [-] of the quaternions a (4,) [-] and b (4,) [-], xyzw: the rotation ``R(a) @ R(b)``."""
     return column(
         a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1],
         a[3] * b[1] + a[1] * b[3] + a[2] * b[0] - a[0] * b[2],
@@ -179,19 +179,19 @@ def quaternion_multiply(a: Array, b: Array) -> Array:
 
 
 def quaternion_conjugate(quaternion: Array) -> Array:
-    """Inverse of a unit quaternion xyzw."""
+    """Inverse (4,) [-] of a unit quaternion (4,) [-] xyzw."""
     return column(-quaternion[0], -quaternion[1], -quaternion[2], quaternion[3])
 
 
 def quaternion_exp(rotation_vector: Array) -> Array:
-    """Unit quaternion xyzw of a rotation vector (3,) [rad]."""
+    """Unit quaternion (4,) [-] xyzw of the `rotation_vector` (3,) [rad]."""
     quarter = dot(rotation_vector, rotation_vector) / 4
     scale = sinc_of_squared(quarter) / 2
     return column(*[scale * rotation_vector[i] for i in range(3)], cos_of_squared(quarter))
 
 
 def quaternion_log(quaternion: Array) -> Array:
-    """Rotation vector (3,) [rad] of norm at most pi of a unit quaternion xyzw of either sign."""
+    """Rotation vector (3,) [rad] of norm at most pi of a unit quaternion (4,) [-] xyzw of either sign."""
     sign = where(quaternion[3] < 0, -1.0, 1.0)
     cosine, sine2 = sign * quaternion[3], dot(quaternion, quaternion)
     near_zero = sine2 < _SERIES_BELOW
@@ -206,12 +206,12 @@ def quaternion_log(quaternion: Array) -> Array:
 
 
 def exp3(rotation_vector: Array) -> Array:
-    """Rotation matrix (3, 3) of a rotation vector (3,) [rad]."""
+    """Rotation matrix (3, 3) [-] of the `rotation_vector` (3,) [rad]."""
     return quaternion_to_matrix(quaternion_exp(rotation_vector))
 
 
 def log3(R: Array) -> Array:
-    """Rotation vector (3,) [rad] of norm at most pi of a rotation matrix (3, 3).
+    """Rotation vector (3,) [rad] of norm at most pi of a rotation matrix R (3, 3) [-].
 
     At the angle pi both signs of the axis are right; one of them is returned.
     """
@@ -219,7 +219,7 @@ def log3(R: Array) -> Array:
 
 
 def exp6_translation(twist: Array) -> Array:
-    """Translation (3,) [m] after moving for one second with a constant body twist (6,)."""
+    """Translation (3,) [m] after moving for one second with a constant body twist (6,) [m/s, rad/s]."""
     linear, angular = twist[:3], twist[3:]
     x = dot(angular, angular)
     once = cross(angular, linear)
@@ -227,19 +227,22 @@ def exp6_translation(twist: Array) -> Array:
 
 
 def exp6(twist: Array) -> tuple[Array, Array]:
-    """Rotation (3, 3) and translation (3,) [m] after one second of a constant body twist (6,)."""
+    """Rotation (3, 3) [-] and translation (3,) [m] after one second of a constant body twist (6,) [m/s, rad/s]."""
     return exp3(twist[3:]), exp6_translation(twist)
 
 
 def log6_translation(rotation_vector: Array, p: Array) -> Array:
-    """Linear part (3,) of the twist whose exponential has this rotation vector (3,) and translation (3,)."""
+    """Linear part (3,) [m/s] of the twist whose exponential has the `rotation_vector` (3,) [rad] and translation p (3,) [m]."""
     once = cross(rotation_vector, p)
     scale = cotc_of_squared(dot(rotation_vector, rotation_vector))
     return p - once / 2 + scale * cross(rotation_vector, once)
 
 
 def log6(R: Array, p: Array) -> Array:
-    """Body twist (6,) that reaches the pose (R, p) in one second; angular part of norm at most pi."""
+    """Body twist (6,) [m/s, rad/s] that reaches R (3, 3) [-] and p (3,) [m] in one second.
+
+    Its angular part has a norm of at most pi.
+    """
     rotation_vector = log3(R)
     return column(log6_translation(rotation_vector, p), rotation_vector)
 
@@ -248,7 +251,7 @@ def log6(R: Array, p: Array) -> Array:
 
 
 def rpy_to_matrix(rpy: Array) -> Array:
-    """``Rz(yaw) Ry(pitch) Rx(roll)`` (3, 3) of angles (3,) [rad], [Gao2022] eq. (6)."""
+    """``Rz(yaw) Ry(pitch) Rx(roll)`` (3, 3) [-] of rpy (3,) [rad], [Gao2022] eq. (6)."""
     (sr, sp, sy), (cr, cp, cy) = _sines_cosines(rpy)
     return matrix(
         (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
@@ -258,14 +261,13 @@ def rpy_to_matrix(rpy: Array) -> Array:
 
 
 def matrix_to_rpy(R: Array) -> Array:
-    """Roll, pitch, yaw (3,) [rad]; pitch within +-90 deg, where roll and yaw stop being separable."""
+    """Roll, pitch, yaw (3,) [rad] of R (3, 3) [-]; pitch within +-90 deg, where roll and yaw stop being separable."""
     pitch = ca.atan2(-R[2, 0], ca.sqrt(R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0]))
     return column(ca.atan2(R[2, 1], R[2, 2]), pitch, ca.atan2(R[1, 0], R[0, 0]))
 
 
 def rpy_rates(rpy: Array, omega_B: Array) -> Array:
-    """Rates (3,) [rad/s] of roll, pitch, yaw from the body angular velocity (p, q, r) (3,), [Gao2022] eqs.
-    (7)-(9).
+    """Rates (3,) [rad/s] of rpy (3,) [rad] from the body angular velocity omega_B (3,) [rad/s], [Gao2022] eqs. (7)-(9).
 
     Raises InvalidInput at pitch = +-90 deg, where the rates do not exist; an expression divides by
     ``cos(pitch)``.
@@ -280,7 +282,7 @@ def rpy_rates(rpy: Array, omega_B: Array) -> Array:
 
 
 def omega_from_rpy_rates(rpy: Array, rates: Array) -> Array:
-    """Body angular velocity (p, q, r) (3,) [rad/s] from rates of roll, pitch, yaw; inverse of `rpy_rates`."""
+    """Body angular velocity (3,) [rad/s] from the rates (3,) [rad/s] of rpy (3,) [rad]; inverse of `rpy_rates`."""
     (sr, sp, _), (cr, cp, _) = _sines_cosines(rpy)
     return column(
         rates[0] - sp * rates[2],

@@ -18,8 +18,10 @@ Value = TypeVar("Value")
 class State:
     """True or estimated state of the robot."""
 
-    q: np.ndarray  # (n_q,) configuration
-    v: np.ndarray  # (n_v,) [m/s, rad/s] generalized velocity, vehicle part in B
+    q: np.ndarray
+    """(n_q,) [m, rad] configuration."""
+    v: np.ndarray
+    """(n_v,) [m/s, rad/s] generalized velocity, vehicle part in B."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -27,43 +29,65 @@ class Reading(Generic[Value]):
     """The last value that a sensor delivered."""
 
     value: Value
-    t: float  # [s] when it was taken, which is earlier than when it arrived if the sensor has a delay
+    t: float
+    """[s] when it was taken, which is earlier than when it arrived if the sensor has a delay."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Readings:
     """The last reading of every channel at one tick; `None` before the first and where there is no such sensor."""
 
-    position: Reading[np.ndarray] | None = None  # (3,) [m] p_WB
-    depth: Reading[float] | None = None  # [m] z of p_WB
-    attitude: Reading[np.ndarray] | None = None  # (4,) quaternion xyzw of R_WB
-    angular_velocity: Reading[np.ndarray] | None = None  # (3,) [rad/s] in B
-    linear_velocity: Reading[np.ndarray] | None = None  # (3,) [m/s] of B over ground, in B
-    joint_positions: Reading[np.ndarray] | None = None  # the joint part of q
-    joint_velocities: Reading[np.ndarray] | None = None  # (n_joints,) [rad/s or m/s]
-    altimeter_range: Reading[float] | None = None  # [m] along -z of the altimeter frame; nan without an echo
+    position: Reading[np.ndarray] | None = None
+    """(3,) [m] p_WB"""
+    depth: Reading[float] | None = None
+    """[m] z of p_WB."""
+    attitude: Reading[np.ndarray] | None = None
+    """(4,) [-] quaternion xyzw of R_WB."""
+    angular_velocity: Reading[np.ndarray] | None = None
+    """(3,) [rad/s] in B."""
+    linear_velocity: Reading[np.ndarray] | None = None
+    """(3,) [m/s] of B over ground, in B."""
+    joint_positions: Reading[np.ndarray] | None = None
+    """(n_q - 7,) or (n_q,) [rad or m] the joint part of q."""
+    joint_velocities: Reading[np.ndarray] | None = None
+    """(n_joints,) [rad/s or m/s]"""
+    altimeter_range: Reading[float] | None = None
+    """[m] along -z of the altimeter frame; nan without an echo."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Measurement:
     """The navigation solution at one tick; the only thing a controller sees."""
 
-    q: np.ndarray  # (n_q,) measured configuration
-    v: np.ndarray  # (n_v,) [m/s, rad/s] measured generalized velocity
-    altimeter_range: float  # [m] range along -z of the altimeter frame; nan where there is no echo
-    age: float = 0.0  # [s] of the oldest reading that it needs; inf before the first
-    joint_age: float = 0.0  # [s] of the joint positions alone
+    q: np.ndarray
+    """(n_q,) [m, rad] configuration."""
+    v: np.ndarray
+    """(n_v,) [m/s, rad/s] generalized velocity."""
+    altimeter_range: float
+    """[m] along -z of the altimeter frame; nan where there is no echo."""
+    age: float = 0.0
+    """[s] of the oldest reading that it needs; inf before the first."""
+    joint_age: float = 0.0
+    """[s] of the joint positions alone."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Command:
     """What a controller asks of the plant at one tick."""
 
-    v: np.ndarray  # (n_v,) [m/s, rad/s] reference velocity
-    thrust: np.ndarray | None = None  # (n_thrusters,) [N] asked of the thrusters; kinematic layers leave it out
-    torque: np.ndarray | None = None  # (n_joints,) [N m or N] asked of the joint motors
-    hold: bool = False  # the vehicle's measured velocity is not to be trusted
-    stop: bool = False  # cut the thrust
-    brakes: bool = False  # lock the joints: they cannot be held by motors while their encoders are silent
-    finished: bool = False  # the mission is complete; the loop may stop
-    telemetry: Mapping[str, Any] = field(default_factory=dict)  # scalars and arrays to record
+    v: np.ndarray
+    """(n_v,) [m/s, rad/s] reference velocity."""
+    thrust: np.ndarray | None = None
+    """(n_thrusters,) [N] asked of the thrusters; kinematic layers leave it out."""
+    torque: np.ndarray | None = None
+    """(n_joints,) [N m or N] asked of the joint motors."""
+    hold: bool = False
+    """The vehicle's measured velocity is not to be trusted."""
+    stop: bool = False
+    """Cut the thrust."""
+    brakes: bool = False
+    """Lock the joints: they cannot be held by motors while their encoders are silent."""
+    finished: bool = False
+    """The mission is complete; the loop may stop."""
+    telemetry: Mapping[str, Any] = field(default_factory=dict)
+    """Scalars and arrays to record."""

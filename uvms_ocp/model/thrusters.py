@@ -13,7 +13,7 @@ _RANK_TOLERANCE = 1e-6  # relative; layouts are known to about a millimetre
 
 
 def thruster_matrix(robot: Robot) -> np.ndarray:
-    """Return (6, n_thrusters) [N/N, N m/N]: wrench on the vehicle about the origin of B, in B, linear rows first."""
+    """Return (6, n_thrusters) [-, m]: wrench per newton on the vehicle about the origin of B, in B, linear rows first."""
     columns = [_column(robot.model, thruster) for thruster in robot.description.thrusters]
     return np.column_stack(columns) if columns else np.zeros((6, 0))
 
@@ -70,14 +70,14 @@ def unactuated_axes(robot: Robot) -> tuple[int, ...]:
 
 
 def unreachable_axes(B: np.ndarray) -> tuple[int, ...]:
-    """`unactuated_axes` of a thruster matrix B (6, n_thrusters)."""
+    """`unactuated_axes` of a thruster matrix B (6, n_thrusters) [-, m]."""
     null_space = left_null_space(B)
     _, _, order = scipy.linalg.qr(null_space.T, mode="economic", pivoting=True)
     return tuple(sorted(int(axis) for axis in order[: null_space.shape[1]]))
 
 
 def left_null_space(B: np.ndarray) -> np.ndarray:
-    """Return an orthonormal basis (6, 6 - rank) of the wrenches no thrust contributes to.
+    """Return an orthonormal basis (6, 6 - rank) [-] of the wrenches no thrust contributes to, of B (6, n_thrusters) [-, m].
 
     Moments are divided by the typical lever arm of the layout, so that newtons and newton metres compare.
     """

@@ -20,7 +20,7 @@ _HEIGHT = 0.1  # [m] floats above, ballast below the origin, for stability
 
 
 def static_residual(robot: Robot, q: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return the net upward force [N] and the moment (3,) [N m] about the origin of B, in W, of the robot at rest."""
+    """Return the net upward force [N] and the moment (3,) [N m] about the origin of B, in W, at rest at q (n_q,) [m, rad]."""
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, q)
     density, inertias = robot.description.water_density, robot.model.inertias

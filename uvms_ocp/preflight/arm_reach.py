@@ -19,9 +19,12 @@ _MARGIN = 1e-3  # share of the range by which starts keep away from the limits
 class Reach:
     """The nearest that the tool comes to its goal."""
 
-    joints: np.ndarray  # (n_joints,)
-    position: float  # [m] distance missing
-    orientation: float  # [rad] angle missing
+    joints: np.ndarray
+    """(n_joints,) [rad or m]"""
+    position: float
+    """[m] distance missing."""
+    orientation: float
+    """[rad] angle missing; 0 where it is free."""
 
     @property
     def reached(self) -> bool:
@@ -35,7 +38,7 @@ class Reach:
 class ArmReach:
     """Searches postures within the joint limits for a frame to meet a pose, from many starts (bounded least squares).
 
-    The error is that of a tool task: metres and radians count the same. `rotation_weight` 0 leaves orientation free.
+    The error is that of a tool task: metres and radians count the same. rotation_weight [-]: 0 leaves orientation free.
     """
 
     def __init__(
@@ -52,7 +55,10 @@ class ArmReach:
     def solve(
         self, X_WB: pin.SE3, goal: pin.SE3, near: Sequence[np.ndarray] = (), n_random: int | None = None
     ) -> Reach:
-        """The best posture for the vehicle at X_WB and the goal X_WF; `near` are further starts, tried first."""
+        """The best posture for the vehicle at X_WB and the goal X_WF.
+
+        `near` are further starts (n_joints,) [rad or m], tried first; `n_random` is how many of its own follow, default all.
+        """
         best: Reach | None = None
         for start in (*near, *self._starts[:n_random]):
             for found in self._from(X_WB, goal, start):

@@ -11,9 +11,12 @@ from typing import Any
 class Severity(enum.Enum):
     """How bad a finding is."""
 
-    ERROR = "error"  # the mission cannot be completed as it is
-    WARNING = "warning"  # it may fail, or do what was not meant
-    NOTE = "note"  # a figure worth knowing
+    ERROR = "error"
+    """The mission cannot be completed as it is."""
+    WARNING = "warning"
+    """It may fail, or do what was not meant."""
+    NOTE = "note"
+    """A figure worth knowing."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -23,7 +26,8 @@ class Finding:
     severity: Severity
     check: str
     text: str
-    phase: str = ""  # name of the phase concerned
+    phase: str = ""
+    """Name of the phase concerned."""
     figures: Mapping[str, Any] = field(default_factory=dict)
 
 

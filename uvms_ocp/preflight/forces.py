@@ -24,11 +24,14 @@ _SHORT = 1e-3  # [N, N m] of force missing that counts
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Load:
-    """What one stance asks of the drives, as shares of their limits; above 1 the force is not there."""
+    """What one stance asks of the drives."""
 
     thrust: float
+    """[-] largest share of a limit; above 1 the force is not there."""
     torque: float
-    missing: float  # [N, N m] of the wrench
+    """[-] likewise."""
+    missing: float
+    """[N, N m] of the wrench."""
 
 
 def check_forces(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:

@@ -31,16 +31,19 @@ AnyTask = TypeVar("AnyTask", bound=Task)
 class Stance:
     """A pose of the vehicle, level, at which a phase may begin or end."""
 
-    position: np.ndarray  # (3,) [m] p_WB
-    yaw: float  # [rad]
-    likely: bool = True  # not merely possible
+    position: np.ndarray
+    """(3,) [m] p_WB"""
+    yaw: float
+    """[rad]"""
+    likely: bool = True
+    """Not merely possible."""
 
     @property
     def X_WB(self) -> pin.SE3:
         return pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, self.yaw), self.position)
 
     def configuration(self, setup: Setup) -> np.ndarray:
-        """q (n_q,) with the joints as at the start."""
+        """q (n_q,) [m, rad] with the joints as at the start."""
         q = setup.start.copy()
         q[:7] = pin.SE3ToXYZQUAT(self.X_WB)
         return q
@@ -52,7 +55,8 @@ class Visit:
 
     index: int
     phase: Phase
-    tasks: tuple[Task, ...]  # switched on, with the goals of this phase
+    tasks: tuple[Task, ...]
+    """Switched on, with the goals of this phase."""
     stances: tuple[Stance, ...]
 
     def active(self, kind: type[AnyTask]) -> AnyTask | None:
@@ -90,7 +94,7 @@ def main_path(phases: Sequence[Phase]) -> list[int]:
 
 
 def limit_of(phase: Phase, quantity: str) -> float | None:
-    """The threshold below which `quantity` must fall to leave the phase; `None` where it does not matter."""
+    """The threshold [m] or [rad] below which `quantity` must fall to leave the phase; `None` where it does not matter."""
     limits = [
         condition.limit
         for transition in phase.transitions
@@ -101,7 +105,10 @@ def limit_of(phase: Phase, quantity: str) -> float | None:
 
 
 def ball(centre: np.ndarray, radius: float) -> Iterator[np.ndarray]:
-    """The centre (3,) and points on the horizontal rim of a ball, where distances to anything outside are extreme."""
+    """The centre (3,) [m] of a ball of `radius` [m] and points on its horizontal rim.
+
+    There the distances to anything outside are extreme.
+    """
     yield centre
     for k in range(_N_RIM if radius > 0 else 0):
         angle = 2 * math.pi * k / _N_RIM
@@ -133,7 +140,9 @@ def _stances_after(setup: Setup, visit: Visit) -> tuple[Stance, ...]:
 def way_point_stances(
     goal: pin.SE3, radius: float, *, origin: np.ndarray, towards: np.ndarray | None = None
 ) -> tuple[Stance, ...]:
-    """Stances in a ball around a way point; the first is where the straight way from `origin` (3,) [m] enters it.
+    """Stances in a ball of `radius` [m] around a way point.
+
+    The first is where the straight way from `origin` (3,) [m] in W enters it.
 
     Likely are those too to either side of it, as currents and obstacles bend the way. Then come, merely possible, the
     centre and the rim, which begins in the direction of `towards` (3,) [m] in W.

@@ -19,18 +19,23 @@ class Setup:
     robot: Robot
     mission: Mission
     environment: Environment
-    start: np.ndarray  # (n_q,)
-    altimeter_frame: str | None  # none for a robot without an altimeter
-    with_forces: bool  # the plant has thrusters and water, so that forces matter
-    dt: float  # [s] control period
-    duration: float  # [s] time limit
+    start: np.ndarray
+    """(n_q,) [m, rad]"""
+    altimeter_frame: str | None
+    """`None` for a robot without an altimeter."""
+    with_forces: bool
+    """The plant has thrusters and water, so that forces matter."""
+    dt: float
+    """[s] control period."""
+    duration: float
+    """[s] time limit."""
 
     def floor_at(self, x: float, y: float) -> float:
-        """Height [m] of the floor in W."""
+        """Height [m] of the floor in W at x [m], y [m]."""
         return self.environment.seafloor.height(float(x), float(y))
 
     def altimeter_pose(self, q: np.ndarray) -> pin.SE3:
-        """X_WS at q (n_q,); the vehicle's own pose without an altimeter."""
+        """X_WS at q (n_q,) [m, rad]; the vehicle's own pose without an altimeter."""
         if self.altimeter_frame is None:
             return pin.XYZQUATToSE3(np.asarray(q[:7]))
         return frame_pose(self.robot, q, self.altimeter_frame)
@@ -41,7 +46,7 @@ class Setup:
 
 
 def frame_pose(robot: Robot, q: np.ndarray, frame: str) -> pin.SE3:
-    """X_WF of a frame at q (n_q,), which may be outside the limits."""
+    """X_WF of a frame at q (n_q,) [m, rad], which may be outside the limits. Raises `FrameNotFound`."""
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
     return pin.updateFramePlacement(robot.model, data, robot.frame_id(frame)).copy()

@@ -54,7 +54,7 @@ class Ending:
     """How a run ended."""
 
     q: np.ndarray
-    """(n_q,) the true configuration."""
+    """(n_q,) [m, rad] the true configuration."""
     quantities: Mapping[str, float]
     """By ``task.quantity``, at the true state [m] or [rad]."""
     wall_s: float

@@ -27,7 +27,7 @@ class Motion:
     t: Array
     """(n,) [s]"""
     q: Array
-    """(n, n_q) configurations."""
+    """(n, n_q) [m, rad] configurations."""
     distances: Array
     """(n, n_pairs) [m] of all pairs of shapes."""
 

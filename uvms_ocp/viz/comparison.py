@@ -51,7 +51,7 @@ def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> 
 
 @styled
 def figure_paths(paths: Mapping[str, np.ndarray]) -> Figure:
-    """Paths (n, 3) [m] in W by name, seen from above and from the side, such as a tool's planned and tracked one."""
+    """From above and from the side: `paths` (n, 3) [m] in W by name, such as a tool's planned and tracked one."""
     figure = RecordFigure(figsize=(WIDTH, 3.3))
     figure.suptitle("Paths", fontsize=10, fontweight="bold", x=0.01, ha="left")
     views = figure.subplots(1, 2)
@@ -74,7 +74,10 @@ def figure_paths(paths: Mapping[str, np.ndarray]) -> Figure:
 
 @styled
 def figure_transitions(runs: Mapping[str, Mapping[str, np.ndarray]]) -> Figure:
-    """How smoothly runs by name change phase, from what `uvms_ocp.report.transition_series` gives; thin lines: changes."""
+    """How smoothly runs change phase; thin lines: changes.
+
+    runs: by name, the series (n,) [s, -, m/s3 or rad/s3, m/s or rad/s] that `uvms_ocp.report.transition_series` gives.
+    """
     figure, axes = stacked(3, 1.5, "Smoothness of phase changes")
     for (_, run), color in zip(runs.items(), _COLORS, strict=False):
         for axis, name in zip(axes, ("step", "jerk", "lost"), strict=True):

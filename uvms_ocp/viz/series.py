@@ -16,13 +16,15 @@ _N_VEHICLE = 6  # velocity degrees of freedom of a free-flyer
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PhaseSpan:
-    """One stay in one phase, from `start` to `end` [s]."""
+    """One stay in one phase."""
 
     index: int
     name: str
     title: str
     start: float
+    """[s]"""
     end: float
+    """[s]"""
 
     @property
     def label(self) -> str:
@@ -58,13 +60,13 @@ def thresholds(record: Record, name: str) -> tuple[float, ...]:
 
 
 def task_gate(record: Record, task: str) -> np.ndarray | None:
-    """External activation (n,) of a task; `None` for an unknown one."""
+    """External activation (n,) [-] of a task; `None` for an unknown one."""
     names = [item.name for item in record.meta.tasks]
     return record["gates"][:, names.index(task)] if task in names else None
 
 
 def task_activity(record: Record, task: str) -> np.ndarray | None:
-    """Activation (n, rows) of a task's rows; `None` where the task has no level."""
+    """Activation (n, rows) [-] of a task's rows; `None` where the task has no level."""
     start = 0
     for level in record.meta.levels:
         if level.name == task:

@@ -120,7 +120,7 @@ def heading_legend(figure: Figure, handles: Sequence[Line2D]) -> None:
 
 
 def shade_phases(axes: Sequence[Axes], spans: Sequence[PhaseSpan], *, named: bool = True, share: float = 1.0) -> None:
-    """Colour the phases behind every panel and name them above the first; `share` of the page's width is theirs."""
+    """Colour the phases behind every panel and name them above the first; share [-] of the page's width is theirs."""
     for axis in axes:
         for span in spans:
             axis.axvspan(span.start, span.end, color=_BANDS[span.index % len(_BANDS)], lw=0, zorder=-2)
@@ -150,7 +150,7 @@ def _name_phases(axis: Axes, spans: Sequence[PhaseSpan], width: float) -> None:
 
 
 def threshold(axis: Axes, value: float, text: str) -> None:
-    """A dashed line at `value`, with its meaning written on it."""
+    """A dashed line at `value` [unit of the axis], with its meaning written on it."""
     axis.axhline(value, color=THRESHOLD, lw=0.9, ls=(0, (5, 3)), zorder=1.5)
     axis.annotate(
         text,

@@ -6,14 +6,12 @@ SI units throughout; angles in rad. Vectors are in the link's own frame, forward
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from uvms_ocp.exceptions import InvalidInput, RobotDataError
+from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.validation import one_line
 
 NonNegative = Annotated[float, Field(ge=0.0)]
@@ -216,10 +214,8 @@ class SensorDescription(_Section):
     """One channel of the sensors; what is left out is as in `uvms_ocp.model.sensing.SensorSpecs`."""
 
     rate: Positive | None = Field(default=None, description="[Hz]")
-    sigma: NonNegative | None = Field(
-        default=None, description="standard deviation of the noise, in the channel's unit"
-    )
-    bias: float | tuple[float, ...] | None = Field(default=None, description="constant error, in the channel's unit")
+    sigma: NonNegative | None = Field(default=None, description="standard deviation of the noise [unit of the channel]")
+    bias: float | tuple[float, ...] | None = Field(default=None, description="constant error [unit of the channel]")
     delay: NonNegative | None = Field(default=None, description="[s]")
     dropout: float | None = Field(default=None, ge=0.0, le=1.0, description="probability that a reading is lost [-]")
 
@@ -256,68 +252,9 @@ def as_matrix6(value: Vector6 | Matrix6) -> np.ndarray:
     return np.diag(array) if array.ndim == 1 else array
 
 
-def read_description(path: Path, variant: Path | None = None) -> RobotDescription:
-    """Read and validate one YAML file; every mistake is a one-line ``RobotDataError``.
-
-    The keys of ``variant``, a file of the same schema with some of its keys, replace those of the first file.
-    """
-    content = _read_mapping(path)
-    if variant is not None:
-        content = _overlaid(content, _read_mapping(variant))
-    try:
-        return RobotDescription.model_validate(content)
-    except ValidationError as error:
-        raise RobotDataError(variant or path, one_line(error, RobotDescription)) from None
-
-
-def _read_mapping(path: Path) -> dict[str, Any]:
-    content = _read_yaml(path)
-    if not isinstance(content, dict):
-        raise RobotDataError(path, "the file must hold keys and values; it is empty or a bare value")
-    return content
-
-
-def _overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
-    merged = dict(below)
-    for key, value in above.items():
-        nested = isinstance(value, dict) and isinstance(below.get(key), dict)
-        merged[key] = _overlaid(below[key], value) if nested else value
-    return merged
-
-
 def checked_copy(description: RobotDescription, **changes: object) -> RobotDescription:
     """Return a copy with other top-level values, validated. Raises ``InvalidInput``."""
     try:
         return RobotDescription.model_validate({**dict(description), **changes})
     except ValidationError as error:
         raise InvalidInput(one_line(error, RobotDescription)) from None
-
-
-def _read_yaml(path: Path) -> object:
-    try:
-        return yaml.load(path.read_text(encoding="utf-8"), Loader=_UniqueKeys)
-    except (OSError, UnicodeDecodeError) as error:
-        raise RobotDataError(path, f"cannot be read ({error})") from None
-    except yaml.YAMLError as error:
-        raise RobotDataError(path, "not valid YAML: " + " ".join(str(error).split())) from None
-
-
-class _UniqueKeys(yaml.SafeLoader):
-    """PyYAML silently keeps the last of two equal keys; a robot file must not hide a value."""
-
-
-def _mapping_with_unique_keys(loader: _UniqueKeys, node: yaml.MappingNode) -> dict[Any, Any]:
-    keys = [loader.construct_object(key, deep=True) for key, _ in node.value]
-    repeated = sorted({str(key) for key in keys if keys.count(key) > 1})
-    if repeated:
-        raise yaml.constructor.ConstructorError(None, None, f"repeated key {repeated}", node.start_mark)
-    return loader.construct_mapping(node, deep=True)
-
-
-def _word(loader: _UniqueKeys, node: yaml.ScalarNode) -> str:
-    """Read yes, no, true, ... as words: nothing in the file is true or false, and true must not pass as 1.0."""
-    return str(loader.construct_scalar(node))
-
-
-_UniqueKeys.add_constructor("tag:yaml.org,2002:bool", _word)
-_UniqueKeys.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping_with_unique_keys)

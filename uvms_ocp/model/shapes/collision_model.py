@@ -25,7 +25,7 @@ class Distances:
     value: np.ndarray
     """(n_pairs,) [m]"""
     gradient: np.ndarray
-    """(n_pairs, n_v): the rate of change of each distance per generalized velocity."""
+    """(n_pairs, n_v) [-, m] rate of change of each distance per unit of each velocity."""
 
 
 class CollisionModel:
@@ -66,11 +66,11 @@ class CollisionModel:
 
     @property
     def reach(self) -> np.ndarray:
-        """(n_v,) upper bound on how fast any pair's distance changes per unit of each velocity, at any configuration."""
+        """(n_v,) [-, m] upper bound on the rate of any pair's distance per unit of each velocity, at any configuration."""
         return self._reach
 
     def values(self, q: np.ndarray, pairs: Sequence[int] | np.ndarray | None = None) -> np.ndarray:
-        """Distance [m] at q (n_q,) of all pairs (n_pairs,), or of some (len(pairs),)."""
+        """Distance (n_pairs,) [m] at q (n_q,) [m, rad] of all pairs, or (n,) of some, by their indices `pairs` (n,) [-]."""
         if pairs is None:
             pin.computeDistances(self._model, self._data, self._geometry, self._geometry_data, q)
             results = self._geometry_data.distanceResults
@@ -82,7 +82,10 @@ class CollisionModel:
         return np.where(found < _FAILED, 0.0, found)
 
     def distances(self, q: np.ndarray, pairs: Sequence[int] | np.ndarray | None = None) -> Distances:
-        """Distances and gradients at q (n_q,) of all pairs, or of some: ``n . (v_2 - v_1)`` at the witness points."""
+        """Distances at q (n_q,) [m, rad], with gradients ``n . (v_2 - v_1)`` at the witness points.
+
+        Of all pairs, or of some by their indices `pairs` (n,) [-].
+        """
         return Distances(self.values(q, pairs), self._gradients(q, range(self.n_pairs) if pairs is None else pairs))
 
     def _gradients(self, q: np.ndarray, pairs: Sequence[int] | range | np.ndarray) -> np.ndarray:

@@ -18,7 +18,8 @@ class Obstacle:
 
     name: str
     shape: coal.CollisionGeometry
-    X_WO: pin.SE3  # pose [m] of the shape's own frame
+    X_WO: pin.SE3
+    """[m] pose of the shape's own frame."""
 
     def __post_init__(self) -> None:
         if not self.name:
@@ -30,7 +31,10 @@ class Obstacle:
 def obstacle(
     name: str, shape: coal.CollisionGeometry, position: ArrayLike, rotation: ArrayLike | None = None
 ) -> Obstacle:
-    """An obstacle at p_WO (3,) [m] with R_WO (3, 3), identity by default. Raises `InvalidInput`."""
+    """An obstacle at `position` (3,) [m] p_WO with `rotation` (3, 3) [-] R_WO, identity by default.
+
+    Raises `InvalidInput` for other shapes and what `Obstacle` refuses.
+    """
     p = np.asarray(position, dtype=float)
     R = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)
     if p.shape != (3,) or R.shape != (3, 3):
@@ -41,7 +45,7 @@ def obstacle(
 def mesh_shape(vertices: np.ndarray, triangles: np.ndarray) -> coal.BVHModelOBBRSS:
     """coal shape of a surface, such as `uvms_ocp.sim.floor_mesh` gives, for clearances and drawings.
 
-    vertices (n, 3) [m]; triangles (m, 3) indices of vertices. Raises `InvalidInput` for indices of no vertex.
+    vertices (n, 3) [m]; triangles (m, 3) [-] indices of vertices. Raises `InvalidInput` for indices of no vertex.
     """
     vertices, triangles = np.asarray(vertices, dtype=float), np.asarray(triangles, dtype=np.int64)
     if not (triangles.size and triangles.min() >= 0 and triangles.max() < len(vertices)):

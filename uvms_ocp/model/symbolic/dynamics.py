@@ -28,13 +28,21 @@ class _WetLink:
 
     joint: int
     R_JL: ca.DM
+    """(3, 3) [-]"""
     p_JL: ca.DM
-    motion_LJ: ca.DM  # (6, 6): twist of the joint body at J -> at L; transposed, wrench at L -> at J
+    """(3,) [m]"""
+    motion_LJ: ca.DM
+    """(6, 6) [-, m] twist of the joint body at J -> at L; transposed, wrench at L -> at J."""
     added_mass: ca.DM
+    """(6, 6) [kg, kg m, kg m2]"""
     linear_drag: ca.DM
+    """(6, 6) [N/(m/s), N m/(rad/s)]"""
     quadratic_drag: ca.DM
+    """(6, 6) [N/(m/s)^2, N m/(rad/s)^2]"""
     displaced_mass: float
+    """[kg]"""
     p_LB: np.ndarray
+    """(3,) [m]"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

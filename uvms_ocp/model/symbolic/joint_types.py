@@ -17,20 +17,19 @@ _ROUNDING = 1e-14  # entries of constant matrices below this are structural zero
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class JointKind:
-    """What differs between joint types; poses are (R, p) of the child body in the joint's fixed frame."""
+    """What differs between joint types, as functions of the joint's own part of q and v."""
 
     pose: Callable[[np.ndarray, ca.SX], tuple[ca.SX, ca.SX]]
+    """Function of S (6, n) [-] and q: R (3, 3) [-] and p (3,) [m] of the child body in the joint's fixed frame."""
     integrate: Callable[[ca.SX, ca.SX], ca.SX]
+    """Function of q and v: q after one second of v."""
     difference: Callable[[ca.SX, ca.SX], ca.SX]
+    """Function of q0 and q1: the v that moves one to the other in one second."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class SymbolicJoint:
-    """One joint: where it sits in the tree, in q and v, and its constant motion subspace.
-
-    R_PJ (3, 3), p_PJ (3,) [m]: fixed placement in the parent body; S_linear, S_angular (3, n_v): motion
-    subspace in the child body.
-    """
+    """One joint: where it sits in the tree, in q and v, and its constant motion subspace."""
 
     name: str
     kind: JointKind
@@ -38,10 +37,15 @@ class SymbolicJoint:
     q: slice
     v: slice
     R_PJ: ca.DM
+    """(3, 3) [-] of its fixed frame in the parent body."""
     p_PJ: ca.DM
+    """(3,) [m]"""
     S: np.ndarray
+    """(6, n) [-] motion subspace in the child body, n being the joint's size in v."""
     S_linear: ca.DM
+    """(3, n) [-] first rows of S."""
     S_angular: ca.DM
+    """(3, n) [-] last rows of S."""
 
     def pose(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Pose (R, p) of this joint's body in the parent body, from the whole configuration."""
@@ -50,7 +54,7 @@ class SymbolicJoint:
 
 
 def sparse(constant: np.ndarray) -> ca.DM:
-    """Constant matrix with rounding errors and zeros removed from its sparsity."""
+    """The constant matrix or vector (...) [any] with rounding errors and zeros removed from its sparsity."""
     return ca.sparsify(ca.DM(np.where(np.abs(constant) < _ROUNDING, 0.0, constant)))
 
 

@@ -72,7 +72,7 @@ class SymbolicKinematics:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SymbolicModel:
-    """A kinematic tree as CasADi expressions.
+    """A kinematic tree as CasADi expressions of q (n_q,) [m, rad], v (n_v,) [m/s, rad/s] and a (n_v,) [m/s2, rad/s2].
 
     Raises InvalidInput for joint types other than free-flyer, revolute, prismatic, planar and unbounded
     revolute.
@@ -94,11 +94,11 @@ class SymbolicModel:
         return found.parentJoint, sparse(found.placement.rotation), sparse(found.placement.translation)
 
     def forward_kinematics(self, q: ca.SX) -> SymbolicKinematics:
-        """Poses of all joints at the configuration q (n_q,)."""
+        """Poses of all joints at q. Raises InvalidInput, as `local_poses`."""
         return SymbolicKinematics(model=self, joint_poses=self.joint_poses(self.local_poses(q)))
 
     def local_poses(self, q: ca.SX) -> tuple[Pose, ...]:
-        """Pose of every joint body in its parent body; index 0 is the universe."""
+        """Pose of every joint body in its parent body; index 0 is the universe. Raises InvalidInput for a q of another size."""
         self._check_rows("q", q, self.model.nq)
         across = (joint.pose(q) for joint in self.joints)
         return (Pose.identity(), *(Pose(R=R, p=p) for R, p in across))
@@ -111,13 +111,19 @@ class SymbolicModel:
         return tuple(poses)
 
     def integrate(self, q: ca.SX, v: ca.SX) -> ca.SX:
-        """Configuration (n_q,) after moving from q for one second with the constant velocity v (n_v,)."""
+        """Configuration (n_q,) after moving from q for one second with the constant velocity v.
+
+        Raises InvalidInput for a q or v of another size.
+        """
         self._check_rows("q", q, self.model.nq)
         self._check_rows("v", v, self.model.nv)
         return ca.vertcat(ca.SX(0, 1), *[joint.kind.integrate(q[joint.q], v[joint.v]) for joint in self.joints])
 
     def difference(self, q0: ca.SX, q1: ca.SX) -> ca.SX:
-        """Velocity (n_v,) that moves q0 to q1 in one second; rotations by at most pi."""
+        """Velocity (n_v,) that moves q0 to q1 in one second; rotations by at most pi.
+
+        Raises InvalidInput for a q0 or q1 of another size.
+        """
         self._check_rows("q0", q0, self.model.nq)
         self._check_rows("q1", q1, self.model.nq)
         parts = [joint.kind.difference(q0[joint.q], q1[joint.q]) for joint in self.joints]
@@ -133,10 +139,11 @@ class SymbolicModel:
         inertias: Inertias | None = None,
         gravity: Sequence[float] | None = None,
     ) -> ca.SX:
-        """Generalized force (n_v,) of the recursive Newton-Euler algorithm.
+        """Generalized force (n_v,) [N, N m] of the recursive Newton-Euler algorithm.
 
         inertias: 6x6 spatial inertia of each joint body, default the model's; added mass may be part of it.
         gravity: (3,) [m/s2] in W, default the model's.
+        Raises InvalidInput for a q, v or a of another size, or inertias of another number of bodies.
         """
         local = self.local_poses(q)
         motions = self.body_motions(local, v, a, gravity)
@@ -151,7 +158,10 @@ class SymbolicModel:
     def body_motions(
         self, local_poses: Sequence[Pose], v: ca.SX, a: ca.SX, gravity: Sequence[float] | None = None
     ) -> BodyMotions:
-        """Velocities and accelerations of all joint bodies: the outward pass."""
+        """Velocities and accelerations of all joint bodies: the outward pass.
+
+        gravity: (3,) [m/s2] in W, default the model's. Raises InvalidInput for a v or a of another size.
+        """
         self._check_rows("v", v, self.model.nv)
         self._check_rows("a", a, self.model.nv)
         g = self.model.gravity.linear if gravity is None else np.asarray(gravity, dtype=float)
@@ -181,7 +191,10 @@ class SymbolicModel:
         return ca.vertcat(ca.SX(0, 1), *reversed(rows))
 
     def mass_matrix(self, q: ca.SX, inertias: Inertias | None = None) -> ca.SX:
-        """Mass matrix (n_v, n_v) of the composite-rigid-body algorithm, symmetric by construction."""
+        """Mass matrix (n_v, n_v) [kg, kg m, kg m2] of the composite-rigid-body algorithm, symmetric by construction.
+
+        inertias: as for `rnea`. Raises InvalidInput for a q of another size, or inertias of another number of bodies.
+        """
         bodies = [sparse(inertia) for inertia in self._inertias(inertias)]
         M = self.congruence(self.local_poses(q), bodies)
         return M + ca.diag(sparse(np.asarray(self.model.armature)))

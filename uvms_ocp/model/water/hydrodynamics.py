@@ -1,6 +1,6 @@
 """Fossen's terms of one link in water, written once for NumPy arrays and CasADi expressions.
 
-All vectors of a link are in its coefficient frame L and wrenches are about L's origin, linear rows first.
+All vectors of a link are in its coefficient frame L and wrenches [N, N m] are about L's origin, linear rows first.
 With the velocity nu of the link and u_L of the water, both relative to W and expressed in L [Fossen2021, ch.
 6-10]:
 
@@ -76,12 +76,13 @@ class LinkHydrodynamics:
 class Water:
     """Motion of the undisturbed water in W: one row for all links (3,), or one per link (n_links, 3).
 
-    velocity: u [m/s]; acceleration: u_dot [m/s2], its rate as felt at the link. Raises `InvalidInput` for another shape and
-    for numbers that are not finite.
+    Raises `InvalidInput` for another shape and for numbers that are not finite.
     """
 
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """(3,) or (n_links, 3) [m/s] u."""
     acceleration: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """(3,) or (n_links, 3) [m/s2] u_dot, its rate as felt at the link."""
 
     def __post_init__(self) -> None:
         for name, value in (("velocity", self.velocity), ("acceleration", self.acceleration)):
@@ -95,20 +96,24 @@ STILL_WATER = Water()
 
 
 def relative_velocity(nu: Array, u_L: Array) -> Array:
-    """``nu_r`` (6,): velocity of the link relative to the water."""
+    """``nu_r`` (6,) [m/s, rad/s] of a link with nu (6,) [m/s, rad/s] in water with u_L (3,) [m/s]."""
     return column(nu[:3] - u_L, nu[3:])
 
 
 def relative_acceleration(a: Array, nu: Array, u_L: Array, w_L: Array) -> Array:
-    """``nu_r_dot`` (6,): rate of `relative_velocity`, from accelerations relative to free fall.
+    """``nu_r_dot`` (6,) [m/s2, rad/s2]: rate of `relative_velocity`, from accelerations relative to free fall.
 
+    a (6,) [m/s2, rad/s2] and nu (6,) [m/s, rad/s] of the link; w_L (3,) [m/s2] and u_L (3,) [m/s] of the water.
     ``d/dt (R_WL.T u) = R_WL.T u_dot - omega x u_L``: taking nu_dot for nu_r_dot is right in still water only.
     """
     return column(a[:3] + cross(nu[3:], u_L) - w_L, a[3:])
 
 
 def added_mass_wrench(M_A: Array, nu_r: Array, nu_r_dot: Array) -> Array:
-    """``M_A nu_r_dot + C_A(nu_r) nu_r`` (6,), Kirchhoff's equations [Fossen2021, sec. 6.2]."""
+    """``M_A nu_r_dot + C_A(nu_r) nu_r`` (6,) [N, N m], Kirchhoff's equations [Fossen2021, sec. 6.2].
+
+    M_A (6, 6) [kg, kg m, kg m2]; nu_r (6,) [m/s, rad/s]; nu_r_dot (6,) [m/s2, rad/s2].
+    """
     momentum, rate = M_A @ nu_r, M_A @ nu_r_dot
     linear, angular = nu_r[:3], nu_r[3:]
     force = rate[:3] + cross(angular, momentum[:3])
@@ -116,19 +121,25 @@ def added_mass_wrench(M_A: Array, nu_r: Array, nu_r_dot: Array) -> Array:
 
 
 def damping_matrix(linear_drag: Array, quadratic_drag: Array, nu_r: Array) -> Array:
-    """``D(nu_r)`` (6, 6), linear and quadratic."""
+    """``D(nu_r)`` (6, 6) [N/(m/s), N m/(rad/s)] at nu_r (6,) [m/s, rad/s].
+
+    linear_drag (6, 6) [N/(m/s), N m/(rad/s)]; quadratic_drag (6, 6) [N/(m/s)^2, N m/(rad/s)^2].
+    """
     return linear_drag + quadratic_drag @ diagonal(abs(nu_r))
 
 
 def drag_wrench(linear_drag: Array, quadratic_drag: Array, nu_r: Array) -> Array:
-    """``D(nu_r) nu_r`` (6,), linear and quadratic."""
+    """``D(nu_r) nu_r`` (6,) [N, N m] at nu_r (6,) [m/s, rad/s].
+
+    linear_drag (6, 6) [N/(m/s), N m/(rad/s)]; quadratic_drag (6, 6) [N/(m/s)^2, N m/(rad/s)^2].
+    """
     return linear_drag @ nu_r + quadratic_drag @ (abs(nu_r) * nu_r)
 
 
 def pressure_wrench(displaced_mass: Array, p_LB: Array, w_L: Array) -> Array:
-    """Wrench (6,) of the undisturbed water on the link: buoyancy and Froude-Krylov force at B.
+    """Wrench (6,) [N, N m] of the undisturbed water on the link: buoyancy and Froude-Krylov force at p_LB (3,) [m].
 
-    displaced_mass: density times volume [kg]; w_L: water acceleration relative to free fall (3,) [m/s2].
+    displaced_mass () [kg]: density times volume; w_L (3,) [m/s2]: acceleration of the water relative to free fall.
     """
     force = displaced_mass * w_L
     return column(force, cross(p_LB, force))

@@ -16,11 +16,12 @@ from uvms_ocp.viz.scene.meshcat_parts import geometry as mg
 # three.js draws cylinders along y, coal along z.
 Y_TO_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
 
-Part = tuple[mg.Geometry, np.ndarray]  # geometry and its pose (4, 4) in the shape's frame
+Part = tuple[mg.Geometry, np.ndarray]
+"""A geometry and its homogeneous pose (4, 4) [-, m] in the shape's frame."""
 
 
 def material(rgba: tuple[float, ...] | np.ndarray, **options: Any) -> mg.MeshPhongMaterial:
-    """A softly shining material of colour rgba (4,) in [0, 1]."""
+    """A softly shining material of colour rgba (4,) [-] from 0 to 1."""
     red, green, blue, alpha = (float(x) for x in rgba)
     return mg.MeshPhongMaterial(color=_hex(red, green, blue), opacity=alpha, shininess=45, specular=0x333333, **options)
 
@@ -31,13 +32,13 @@ def _hex(red: float, green: float, blue: float) -> int:
 
 
 def glow(rgb: tuple[float, ...], opacity: float) -> mg.MeshBasicMaterial:
-    """A material of colour rgb (3,) in [0, 1] that needs no light."""
+    """A material of colour rgb (3,) [-] and `opacity` [-], from 0 to 1, that needs no light."""
     red, green, blue = (round(255 * x) for x in rgb)
     return mg.MeshBasicMaterial(color=(red << 16) + (green << 8) + blue, opacity=opacity, transparent=opacity < 1)
 
 
 def draw_shape(node: Visualizer, shape: coal.CollisionGeometry, rgba: np.ndarray) -> bool:
-    """Draw `shape` below `node`; tells whether meshcat can (half-spaces and planes it cannot)."""
+    """Draw `shape` below `node` in rgba (4,) [-]; tells whether meshcat can (half-spaces and planes it cannot)."""
     parts = [*_parts(shape)]
     for i, (geometry, pose) in enumerate(parts):
         flat = isinstance(geometry, mg.TriangularMeshGeometry)
@@ -110,7 +111,7 @@ _BUILDERS: Mapping[type, Callable[[Any], Iterator[Part]]] = MappingProxyType(
 
 
 def shifted(position: np.ndarray) -> np.ndarray:
-    """Homogeneous matrix (4, 4) of a translation (3,) [m]."""
+    """Homogeneous matrix (4, 4) [-, m] of a translation to `position` (3,) [m]."""
     matrix = np.eye(4)
     matrix[:3, 3] = position
     return matrix
@@ -126,7 +127,7 @@ def draw_triad(node: Visualizer, length: float) -> None:
 
 
 def tube(points: np.ndarray, radius: float, sides: int = 6) -> mg.TriangularMeshGeometry:
-    """A tube of `radius` [m] along points (n, 3), ordered so that its first 6 * sides * k indices draw k segments."""
+    """A tube of `radius` [m] along points (n, 3) [m], ordered so that its first 6 * sides * k indices draw k segments."""
     rings = (points[:, None] + radius * _rings(points, sides)).reshape(-1, 3)
     corner = np.arange(sides)
     after = (corner + 1) % sides

@@ -20,7 +20,7 @@ from uvms_ocp.viz.series import require_rows
 def write_scene(record: Record, robot: Robot, path: Path | str, fps: float = 25) -> Path:
     """Write the animated scene as one HTML file without outside references; returns its path.
 
-    Raises `InvalidInput` where the record is not of this robot, and `OutputError`.
+    fps [Hz]: frames per second. Raises `InvalidInput` as `show`, and `OutputError` where `path` cannot be written.
     """
     return show(record, robot, fps=fps).write(path)
 
@@ -28,7 +28,8 @@ def write_scene(record: Record, robot: Robot, path: Path | str, fps: float = 25)
 def show(record: Record, robot: Robot, *, fps: float = 25, height: int = 520) -> ScenePage:
     """The same scene as a value that a notebook displays in a frame `height` [px] high.
 
-    Raises `InvalidInput` where the record is not of this robot.
+    fps [Hz]: frames per second. Raises `InvalidInput` where the record is not of this robot or has nothing to draw, and for
+    an fps that is not positive.
     """
     _check(record, robot, fps)
     frames = frames_of(record, robot, fps)

@@ -51,7 +51,8 @@ class ScenePage:
     """A finished page: write it to a file, or show it as the last value of a notebook cell."""
 
     html: str
-    height: int = 520  # [px] in a notebook
+    height: int = 520
+    """[px] in a notebook."""
 
     def write(self, path: Path | str) -> Path:
         """Raises `OutputError` where `path` cannot be written."""
