@@ -6,11 +6,10 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
-
-Array = NDArray[np.float64]
 
 
 class BufferedFunction:
@@ -40,7 +39,7 @@ class BufferedFunction:
         return BufferedFunction, (self.function,)
 
     def __call__(self, *arguments: ArrayLike) -> tuple[Array, ...]:
-        """Evaluate. Raises InvalidInput for a wrong number of arguments, or one of the wrong shape."""
+        """Evaluate. Raises `InvalidInput` for a wrong number of arguments, or one of the wrong shape."""
         if len(arguments) != len(self._arguments):
             raise InvalidInput(f"{self.function.name()}: {len(arguments)} arguments given; allowed: {self._names()}")
         for i, memory in enumerate(self._arguments):

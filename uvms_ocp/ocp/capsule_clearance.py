@@ -25,12 +25,16 @@ _MOST_PAIRS = 600  # beyond it the functions of a step take longer to build than
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PlacedCapsule:
-    """A segment from p0 to p1 (3,) [m] in the frame of a joint, 0 for the world, with a radius [m] around it."""
+    """A segment with a radius around it, fixed to a joint."""
 
     joint: int
+    """0 for the world."""
     p0: np.ndarray
+    """(3,) [m] one end, in the frame of the joint."""
     p1: np.ndarray
+    """(3,) [m] the other end."""
     radius: float
+    """[m]"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -62,7 +66,7 @@ def capsule_clearance(scene: CollisionScene, *, margin: float) -> CapsuleClearan
     """All pairs of a link and an obstacle of a scene, with shapes covered by capsules: they stay `margin` [m] apart.
 
     Pairs of links are left out: their capsules, wider than the links, overlap in many postures. Raises `InvalidInput` for
-    obstacles that are not spheres, capsules, cylinders or boxes, and for too many pairs.
+    a margin that is negative or not finite, obstacles that are not spheres, capsules, cylinders or boxes, and too many pairs.
     """
     if not (np.isfinite(margin) and margin >= 0):
         raise InvalidInput(f"clearance is {margin} m; give a finite number >= 0")
@@ -85,7 +89,7 @@ def capsule_clearance(scene: CollisionScene, *, margin: float) -> CapsuleClearan
 
 
 def nearest_capsules(clearance: CapsuleClearance, robot: Robot, q: np.ndarray) -> tuple[float, str]:
-    """Signed distance [m] and shapes of the pair of capsules that are nearest at q (n_q,); there must be a pair."""
+    """Signed distance [m] and shapes of the pair of capsules that are nearest at q (n_q,) [m, rad]; there must be a pair."""
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
     ends = [

@@ -61,7 +61,7 @@ class LevelReport:
     status: str
     advice: str
     residual: float
-    """Norm of the distances of its rows to their range, weighted"""
+    """[-] Norm of the distances of its weighted rows to their range."""
     iterations: int
 
 
@@ -73,12 +73,12 @@ class Plan:
     trajectory: Trajectory
     status: OcpStatus
     reason: str
-    """With the level or constraint and the numbers behind the verdict"""
+    """With the level or constraint and the numbers behind the verdict."""
     levels: tuple[LevelReport, ...]
     solve_time: float
     """[s]"""
     result: LexicographicResult | None = None
-    """Start of the next, warm solve"""
+    """Start of the next, warm solve."""
 
     @property
     def advice(self) -> str:
@@ -96,7 +96,7 @@ class Plan:
 
     @property
     def peak_thrust(self) -> float:
-        """Largest thrust of any thruster [N]."""
+        """[N] Largest of any thruster."""
         return float(np.abs(self.trajectory.thrust).max(initial=0.0))
 
     def powers(self) -> tuple[np.ndarray, np.ndarray]:
@@ -117,7 +117,7 @@ class Plan:
 
     @property
     def energy(self) -> float:
-        """Electrical energy of thrusters and joints [J]."""
+        """[J] Electrical, of thrusters and joints."""
         return float(np.diff(self.trajectory.t) @ np.hstack(self.powers()).sum(axis=1))
 
     def summary(self) -> dict[str, Any]:

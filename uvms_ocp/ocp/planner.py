@@ -73,7 +73,7 @@ class Planner:
     def solve(
         self, p: np.ndarray, guess: Trajectory | Plan | LexicographicResult, *, time_limit: float | None = None
     ) -> LexicographicResult:
-        """The lexicographic solution for parameters p; see `Transcription.parameters`.
+        """The lexicographic solution for parameters p (n_p,) [unit of the parameter] of `Transcription.parameters`.
 
         time_limit [s]: where it is to be shorter than that of the options.
         """

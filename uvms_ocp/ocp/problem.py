@@ -43,7 +43,7 @@ class HessianKind(Enum):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class OcpPhase:
-    """A stretch of the horizon."""
+    """A stretch of the horizon. Raises `InvalidInput` without steps, and for durations that are not finite and positive."""
 
     name: str = "horizon"
     n_steps: int = 40
@@ -74,12 +74,15 @@ class OcpPhase:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class OcpLevel:
-    """Terms of one priority; their squared distances add up, path terms as a mean over the nominal time."""
+    """Terms of one priority; their squared distances add up, path terms as a mean over the nominal time.
+
+    Raises `InvalidInput` without terms.
+    """
 
     name: str
     terms: tuple[Term, ...]
     relax: float | None = None
-    """See `uvms_ocp.solvers.nlp.program.NlpLevel`."""
+    """[-] As in `uvms_ocp.solvers.nlp.program.NlpLevel`."""
 
     def __post_init__(self) -> None:
         if not self.terms:
@@ -90,7 +93,9 @@ class OcpLevel:
 class OcpProblem:
     """Levels from the highest priority to the lowest, subject to dynamics, limits of the robot and `constraints`.
 
-    Raises `InvalidInput` and `NameNotFound`, naming what is wrong.
+    Raises `NameNotFound` for a term of a phase that there is not, and `InvalidInput` without phases or levels, for phases of one
+    name, a level that minimises time above others without `relax`, thrusters that the robot does not have, and a start or
+    current of the wrong shape or not finite.
     """
 
     robot: Robot
@@ -99,15 +104,15 @@ class OcpProblem:
     levels: tuple[OcpLevel, ...]
     constraints: tuple[Term, ...] = ()
     current: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    """(3,) [m/s] water velocity in W, uniform"""
+    """(3,) [m/s] water velocity in W, uniform."""
     floor: float = -np.inf
-    """[m] height of the seafloor, for altitude terms"""
+    """[m] height of the seafloor, for altitude terms."""
     integrator: Integrator = Integrator.MIDPOINT
     actuation: Actuation = Actuation.THRUSTERS
     hessian: HessianKind = HessianKind.EXACT
     water: bool = True
     limited: bool = True
-    """False leaves out all limits of the robot, for comparisons"""
+    """False leaves out all limits of the robot, for comparisons."""
     altimeter_frame: str = "altimeter"
 
     def __post_init__(self) -> None:

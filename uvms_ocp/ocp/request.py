@@ -34,7 +34,7 @@ class OcpRequest:
 
     robot: Robot
     start: Array
-    """(n_q,) configuration."""
+    """(n_q,) [m, rad] configuration."""
     goal: Goal
     obstacles: tuple[ObstacleData, ...] = ()
     clearance: float = 0.06
@@ -59,7 +59,7 @@ class OcpResult:
 
     @cached_property
     def samples(self) -> tuple[Array, Array]:
-        """Times (n,) [s], and configurations (n, n_q) on their manifold, within the limits of the joints."""
+        """Times (n,) [s], and configurations (n, n_q) [m, rad] on their manifold, within the limits of the joints."""
         robot, trajectory = self.request.robot, self.plan.trajectory
         n = max(2, min(int(np.ceil(self.plan.duration / _PERIOD)) + 1, _MAX_SAMPLES))
         t = np.linspace(0.0, self.plan.duration, n)
@@ -68,7 +68,7 @@ class OcpResult:
 
     @cached_property
     def coordinates(self) -> Array:
-        """(n, n_axes) coordinates of the scene at the samples."""
+        """(n, n_axes) [m, rad] coordinates of the scene at the samples."""
         return np.array([self.scene.coordinates.x(q) for q in self.samples[1]])
 
     @cached_property
@@ -90,10 +90,8 @@ class OcpResult:
 def solve_ocp(request: OcpRequest) -> OcpResult:
     """Plan by lexicographic optimal control.
 
-    Raises:
-        NameNotFound: unknown joint, frame or NLP solver.
-        InvalidInput: a goal outside limits, a start in collision, two obstacles of one name, obstacles of shapes that
-            capsules do not cover, or numbers out of their range.
+    Raises `NameNotFound` for an unknown joint, frame or NLP solver, `InvalidInput` for a goal outside limits, a start in
+    collision, two obstacles of one name, obstacles of shapes that capsules do not cover, and numbers out of their range.
     """
     planned = coordinates(request.robot, reference=request.start)
     scene = collision_scene(planned, build_obstacles(request.obstacles))

@@ -36,7 +36,7 @@ class StageSymbols:
     acceleration: ca.SX
     """(n_v,) [m/s2, rad/s2]"""
     thrust: ca.SX
-    """(n_thrusters,) [N]"""
+    """(n_thrusters,) [N]; with `Actuation.WRENCH` (n_vehicle,) [N, N m]."""
     thrust_share: ca.SX
     """(n_thrusters,) [-]"""
     torque: ca.SX
@@ -47,7 +47,7 @@ class StageSymbols:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Term(ABC):
-    """Rows over a horizon."""
+    """Rows over a horizon. Raises `InvalidInput` for a weight that is not finite and positive."""
 
     state_only: ClassVar[bool] = True
     """No row depends on inputs."""
@@ -56,6 +56,7 @@ class Term(ABC):
     minimises_time: ClassVar[bool] = False
     at: At = At.END
     weight: float = 1.0
+    """[1/unit of the row] Factor on the rows, before their squares are added up."""
     phase: str | None = None
     """Name of the phase in which it counts; by default all along, or at the very end."""
 
@@ -87,7 +88,7 @@ class TaskTerm(Term):
 
     task: Task
     tolerance: float = 0.0
-    """By which the range of every row is widened, in the unit of the row"""
+    """[unit of the row] By which the range of every row is widened."""
 
     @property
     def name(self) -> str:
@@ -202,7 +203,7 @@ class Posture(Term):
     is_goal: ClassVar[bool] = False
     at: At = At.PATH
     q: np.ndarray
-    """(n_q,) configuration, of which joints with two limits are used"""
+    """(n_q,) [m, rad] configuration, of which joints with two limits are used."""
 
     @property
     def name(self) -> str:
@@ -220,10 +221,13 @@ class Posture(Term):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Ball:
-    """A ball fixed to a frame of the robot or, without a frame, to the world."""
+    """A ball fixed to a frame of the robot or, without a frame, to the world.
+
+    Raises `InvalidInput` for numbers that are not finite, and for a negative radius.
+    """
 
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """[m] in the frame"""
+    """[m] in the frame."""
     radius: float
     """[m]"""
     frame: str | None = None
@@ -265,7 +269,7 @@ class BallClearance(Term):
 
 
 def finite_or(limit: np.ndarray, unit: float) -> np.ndarray:
-    """The limits, and `unit` where there is none: what rows are scaled by."""
+    """Each limit (n,) [any], or `unit` [the same] where there is none: what rows are scaled by."""
     return np.where(np.isfinite(limit) & (limit > 0), limit, unit)
 
 

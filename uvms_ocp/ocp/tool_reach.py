@@ -23,7 +23,7 @@ def tool_reach(
     n_steps: int = 40,
     current: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> OcpProblem:
-    """From rest at q (n_q,) to the tool pose `goal` X_WT and rest, with the least effort below that priority.
+    """From rest at q (n_q,) [m, rad] to the tool pose `goal` X_WT and rest, with the least effort below that priority.
 
     duration [s]; current (3,) [m/s] in W. Raises what `OcpProblem` raises.
     """

@@ -22,13 +22,13 @@ class Trajectory:
     t: np.ndarray
     """(N + 1,) [s]"""
     q: np.ndarray
-    """(N + 1, n_q)"""
+    """(N + 1, n_q) [m, rad]"""
     v: np.ndarray
     """(N + 1, n_v) [m/s, rad/s]"""
     a: np.ndarray
-    """(N, n_v) [m/s2, rad/s2] constant over each step"""
+    """(N, n_v) [m/s2, rad/s2] constant over each step."""
     thrust: np.ndarray
-    """(N, n_thrusters) [N] at the middle of each step"""
+    """(N, n_thrusters) [N] at the middle of each step; with `Actuation.WRENCH` (N, n_vehicle) [N, N m]."""
     torque: np.ndarray
     """(N, n_joints) [N m or N]"""
 
@@ -72,7 +72,7 @@ def shifted(problem: OcpProblem, last: Trajectory, delay: float, start: State) -
 
 
 def through(problem: OcpProblem, times: np.ndarray, configurations: np.ndarray) -> Trajectory:
-    """Guess through configurations (n, n_q) at `times` (n,) [s]: a rollout of the hierarchy, or a minimum-snap path.
+    """Guess through configurations (n, n_q) [m, rad] at `times` (n,) [s]: a rollout of the hierarchy, or a minimum-snap path.
 
     Resampled at the nodes on the manifold, with velocities by differences and the forces that the motion takes.
     Raises `InvalidInput` for times that do not increase.

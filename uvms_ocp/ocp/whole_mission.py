@@ -49,7 +49,10 @@ class WholeMission:
 
 
 def whole_mission(robot: Robot, start: State, mission: WholeMission, *, floor: float) -> OcpProblem:
-    """One problem over all phases: goals first, energy below them, smoothness of thrust last."""
+    """One problem over all phases: goals first, energy below them, smoothness of thrust last.
+
+    floor [m]: height of the seafloor.
+    """
     names = ("A", "B", "C", "D")
     phases = tuple(
         OcpPhase(name=name, n_steps=n, duration=duration)

@@ -1,4 +1,7 @@
-"""Symmetric positive definite systems whose matrix is block tridiagonal: one node of a trajectory per block."""
+"""Symmetric positive definite systems whose matrix is block tridiagonal: one node of a trajectory per block.
+
+`[A]` is the unit of the matrix, `[x]` that of a vector; entries may differ in theirs.
+"""
 
 from __future__ import annotations
 
@@ -12,19 +15,22 @@ from uvms_ocp.arrays import Array, Mask
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class BlockTridiagonal:
-    """Diagonal blocks (n, b, b), and blocks below them (n - 1, b, b): row node j + 1, column node j."""
+    """The lower half of the matrix."""
 
     diagonal: Array
+    """(n, b, b) [A]"""
     below: Array
+    """(n - 1, b, b) [A] row node j + 1, column node j."""
 
     def __add__(self, other: BlockTridiagonal) -> BlockTridiagonal:
         return BlockTridiagonal(diagonal=self.diagonal + other.diagonal, below=self.below + other.below)
 
     def scaled(self, factor: float) -> BlockTridiagonal:
+        """The matrix times a factor [any]."""
         return BlockTridiagonal(diagonal=factor * self.diagonal, below=factor * self.below)
 
     def times(self, x: Array) -> Array:
-        """Product with x (n, b)."""
+        """Product (n, b) [A x] with x (n, b) [x]."""
         result = (self.diagonal @ x[..., None])[..., 0]
         result[1:] += (self.below @ x[:-1, :, None])[..., 0]
         result[:-1] += (self.below.transpose(0, 2, 1) @ x[1:, :, None])[..., 0]
@@ -38,7 +44,7 @@ class BlockTridiagonal:
         return BlockTridiagonal(diagonal=diagonal, below=self.below * (free[1:, :, None] & free[:-1, None, :]))
 
     def dense(self) -> Array:
-        """The whole matrix (n b, n b)."""
+        """The whole matrix (n b, n b) [A]."""
         n, b = self.diagonal.shape[:2]
         matrix = np.zeros((n, b, n, b))
         nodes = np.arange(n)
@@ -68,14 +74,19 @@ class BlockCholesky:
     """Cholesky factor: lower blocks L_j on the diagonal, and C_j' below them."""
 
     factors: tuple[Array, ...]
+    """(b, b) [A^1/2] L_j of each node."""
     couplings: tuple[Array, ...]
+    """(b, b) [A^1/2] C_j of each node but the last."""
 
     def solve(self, right: Array) -> Array:
-        """Solution (n, b) for the right-hand side (n, b)."""
+        """Solution (n, b) [x] for the right-hand side: right (n, b) [A x]."""
         return self.back(self._forward(right))
 
     def back(self, right: Array) -> Array:
-        """Solution of L' x = right: turns white noise into samples of the covariance that is the inverse matrix."""
+        """Solution (n, b) [x] of L' x = right (n, b) [A^1/2 x].
+
+        It turns white noise into samples of the covariance that is the inverse matrix.
+        """
         x = np.empty_like(right)
         for j in range(len(self.factors) - 1, -1, -1):
             row = right[j] - (self.couplings[j] @ x[j + 1] if j < len(self.couplings) else 0.0)

@@ -19,16 +19,20 @@ def _never(model: LocalModel) -> bool:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class DescentProblem:
-    """A cost over the free variables (n_nodes, b), and where to start."""
+    """A cost over the free variables of `PathCost`, and where to start."""
 
     model: Callable[[Array], LocalModel]
+    """The cost near variables (n_nodes, b) [m, rad]."""
     start: Array
+    """(n_nodes, b) [m, rad]"""
     free: Mask
+    """(n_nodes, b) False for variables that stay."""
     metric: BlockTridiagonal
     """What long steps are measured by."""
     lower: Array
-    """Bounds on the variables, for solvers that can keep any."""
+    """(n_nodes, b) [m, rad] for solvers that can keep bounds."""
     upper: Array
+    """(n_nodes, b) [m, rad]"""
     enough: Callable[[LocalModel], bool] = _never
     """A model that is good enough, for solvers that can stop early."""
 
@@ -38,7 +42,9 @@ class Descent:
     """Where the descent ended."""
 
     variables: Array
+    """(n_nodes, b) [m, rad]"""
     model: LocalModel
+    """The cost there."""
     iterations: int
     converged: bool
 
@@ -59,9 +65,9 @@ class TrustRegion:
 
     max_iterations: int = 40
     tolerance: float = 1e-3
-    """Relative decrease of the cost below which an accepted step is the last [-]."""
+    """[-] Relative decrease of the cost below which an accepted step is the last."""
     damping: float = 1e-3
-    """First weight of the metric that holds steps back."""
+    """[-] First weight of the metric that holds steps back."""
     longest_step: float = 0.3
     """[m or rad] a node's position moves at most this far in one step."""
 

@@ -33,9 +33,9 @@ class ToolGoal:
     """A frame of the robot at a place. Raises `InvalidInput` for numbers that are not finite."""
 
     position: Triple
-    """p_WF [m]"""
+    """[m] p_WF."""
     rpy: Triple | None = None
-    """Roll, pitch, yaw [rad] of R_WF; None for any orientation."""
+    """[rad] Roll, pitch, yaw of R_WF; None for any orientation."""
     frame: str = "tool"
 
     def __post_init__(self) -> None:
@@ -44,22 +44,24 @@ class ToolGoal:
 
     @property
     def target(self) -> pin.SE3 | Array:
-        """X_WF, or p_WF (3,)."""
+        """X_WF, or p_WF (3,) [m]."""
         p = np.array(self.position)
         return p if self.rpy is None else pin.SE3(pin.rpy.rpyToMatrix(np.array(self.rpy)), p)
 
     def as_coordinates(self, distances: PairDistances, *, seed: int) -> Array | None:
-        """Planned axes (n_axes,) with the frame at its goal and nothing touching, or None where no posture was found.
+        """Planned axes (n_axes,) [m, rad] with the frame at its goal and nothing touching, or None where no posture was found.
 
-        Raises:
-            FrameNotFound: the robot has no such frame.
+        Raises `FrameNotFound` where the robot has no such frame.
         """
         planned = distances.scene.coordinates
         start = planned.reference[planned.planned]
         return tool_goal(distances, self.frame, self.target, start, ToolGoalOptions(seed=seed))
 
     def as_tasks(self, robot: Robot, start: Array) -> tuple[Task, ...]:
-        """The task that has the goal as its own. Raises `FrameNotFound` where the robot has no such frame."""
+        """The task that has the goal as its own, wherever the start (n_q,) [m, rad] is.
+
+        Raises `FrameNotFound` where the robot has no such frame.
+        """
         robot.frame_id(self.frame)
         if isinstance(self.target, pin.SE3):
             return (ToolPose(frame=self.frame, goal=self.target),)
@@ -71,18 +73,17 @@ class PostureGoal:
     """A posture of the vehicle and joints; what is left out stays as at the start."""
 
     position: Triple | None = None
-    """[m] of the vehicle"""
+    """[m] of the vehicle."""
     rpy: Triple | None = None
-    """Roll, pitch, yaw [rad] of the vehicle"""
+    """[rad] Roll, pitch, yaw of the vehicle."""
     joints: Mapping[str, float] = field(default_factory=dict)
-    """[m or rad] by name"""
+    """[m or rad] by name."""
 
     def as_coordinates(self, distances: PairDistances, *, seed: int) -> Array:
-        """Planned axes (n_axes,) at the goal.
+        """Planned axes (n_axes,) [m, rad] at the goal.
 
-        Raises:
-            NameNotFound: an axis that the robot does not have.
-            InvalidInput: a number that is not finite, or a goal away from the start on an axis that is not planned.
+        Raises `NameNotFound` for an axis that the robot does not have, `InvalidInput` for a number that is not finite and for
+        a goal away from the start on an axis that is not planned.
         """
         planned = distances.scene.coordinates
         names = coordinates(planned.robot).names
@@ -107,11 +108,10 @@ class PostureGoal:
         return {**place, **attitude, **self.joints}
 
     def as_tasks(self, robot: Robot, start: Array) -> tuple[Task, ...]:
-        """Tasks of the vehicle and of the joints that the goal names; start: configuration (n_q,).
+        """Tasks of the vehicle and of the joints that the goal names; start (n_q,) [m, rad]: configuration.
 
-        Raises:
-            NameNotFound: a joint that the robot does not have.
-            InvalidInput: values outside limits, or a goal of the vehicle where there is none.
+        Raises `NameNotFound` for a joint that the robot does not have, `InvalidInput` for values outside limits and for a goal
+        of the vehicle where there is none.
         """
         q = robot.configuration(position=self.position, rpy=self.rpy, joints=dict(self.joints))
         tasks: list[Task] = []

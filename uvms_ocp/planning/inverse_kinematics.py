@@ -19,7 +19,7 @@ class ToolGoalOptions:
     """Settings of ``tool_goal``."""
 
     tolerance: float = 1e-6
-    """[m and rad] error that counts as reached."""
+    """[m, rad] error that counts as reached."""
     iterations: int = 100
     attempts: int = 80
     """The guess given, then random ones around it, farther and farther."""
@@ -28,6 +28,7 @@ class ToolGoalOptions:
     clearance: float = 0.005
     """[m] that the goal keeps from everything."""
     damping: float = 1e-3
+    """[-] With lengths in m: added to the diagonal of the normal matrix, times the squared error where that is less than 1."""
     seed: int = 0
 
 
@@ -38,14 +39,11 @@ def tool_goal(
     guess: ArrayLike,
     options: ToolGoalOptions | None = None,
 ) -> Array | None:
-    """Coordinates x (n_axes,) within limits and clear of collision with the frame at its goal, or None if none found.
+    """Coordinates (n_axes,) [m, rad] within limits and clear of collision with the frame at its goal, or None if none found.
 
-    The goal is a pose X_WF, or a position p_WF (3,) [m] with any orientation. Plan without roll and pitch
-    (``coordinates(robot, axes=...)``) to keep the vehicle level.
-
-    Raises:
-        FrameNotFound: the robot has no such frame.
-        InvalidInput: a guess or goal of the wrong shape or not finite.
+    The goal is a pose X_WF, or a position p_WF (3,) [m] with any orientation; guess (n_axes,) [m, rad]: where the search
+    begins. Plan without roll and pitch (``coordinates(robot, axes=...)``) to keep the vehicle level. Raises `FrameNotFound`
+    where the robot has no such frame, `InvalidInput` for a guess or goal of the wrong shape or not finite.
     """
     settings, planned = options or ToolGoalOptions(), distances.scene.coordinates
     frame_id, first = planned.robot.frame_id(frame), np.array(guess, dtype=float)

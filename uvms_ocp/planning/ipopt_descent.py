@@ -20,7 +20,7 @@ class Ipopt:
 
     max_iterations: int = 100
     tolerance: float = 1e-4
-    """[-]"""
+    """[-] Largest error of the optimality conditions, as IPOPT scales them."""
 
     def minimise(self, problem: DescentProblem) -> Descent:
         free, oracle = problem.free, _Oracle(problem.model, problem.start, problem.free)
@@ -58,12 +58,19 @@ class _Oracle:
     """Value, gradient and Hessian in the free variables; the last point is remembered, IPOPT asks for it thrice."""
 
     model: Callable[[Array], LocalModel]
+    """As in `DescentProblem`."""
     start: Array
+    """(n_nodes, b) [m, rad]"""
     free: Mask
+    """(n_nodes, b)"""
     _at: Array | None = None
+    """(n_free,) [m, rad] the last point."""
     _here: LocalModel | None = None
+    """The cost there."""
     pattern: ca.Sparsity = field(init=False)
+    """(n_free, n_free) of the upper half of the Hessian."""
     entries: Indices = field(init=False)
+    """(nnz,) [-] where its nonzeros are in the whole Hessian of all variables."""
 
     def __post_init__(self) -> None:
         n, b = self.free.shape

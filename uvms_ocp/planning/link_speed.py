@@ -22,17 +22,15 @@ class LinkSpeeds(NamedTuple):
     speed: Array
     """(n,) [m/s]"""
     by_position: Array
-    """(n, n_axes)"""
+    """(n, n_axes) [m/s per m or rad]"""
     by_rate: Array
-    """(n, n_axes)"""
+    """(n, n_axes) [m/s per m/s or rad/s]"""
 
 
 def link_speeds(scene: CollisionScene, near: NearPairs, rates: Array, floor: float) -> LinkSpeeds:
     """Speeds of the second shape of each near pair.
 
-    Args:
-        rates: (n, n_axes) rates of the axes at each near pair's sample.
-        floor: eps [m/s].
+    rates (n, n_axes) [m/s, rad/s]: of the axes at each near pair's sample; floor [m/s]: eps.
     """
     screws = near.screws * scene.carried[near.pair][:, None, :]
     gyration = scene.gyration[near.pair, None] ** 2

@@ -29,25 +29,30 @@ class Distances(Protocol):
     @property
     def scene(self) -> CollisionScene: ...
 
-    def near(self, x: Array, thresholds: Array) -> NearPairs: ...
+    def near(self, x: Array, thresholds: Array) -> NearPairs:
+        """The pairs closer than their thresholds (n_pairs,) [m] at x (n, n_axes) [m, rad]."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CostWeights:
-    """l1, l2, l3 and the shape of the penalties."""
+    """l1, l2, l3 and the shape of the penalties.
+
+    Raises `InvalidInput` for a negative weight, and unless clearance, speed floor, margin and samples are positive.
+    """
 
     smoothness: float = 1e-3
-    """Of the snap, in units of one rest-to-rest move by 1 m or 1 rad over the same time."""
+    """[-] Of the snap, in units of one rest-to-rest move by 1 m or 1 rad over the same time."""
     collision: float = 100.0
-    """Of the penalty of clearance, per metre travelled."""
+    """[1/m] Of the penalty of clearance, per metre travelled."""
     limits: float = 1.0
-    """Of the penalties of positions, velocities and accelerations beyond limits, per second."""
+    """[1/s] Of the penalties of positions, velocities and accelerations beyond limits, per second."""
     clearance: float = 0.06
     """[m] distance where the penalty of clearance begins."""
     speed_floor: float = 0.02
     """[m/s] speed at which a link at rest counts."""
     margin: float = 0.1
-    """Fraction of a limit, and distance [m or rad] from a position limit, where its penalty begins."""
+    """[-] Fraction of a limit, and [m or rad] distance from a position limit, where its penalty begins."""
     samples: int = 15
     """Samples per piece."""
 
@@ -64,8 +69,11 @@ class CostParts(NamedTuple):
     """Weighted parts of the cost."""
 
     smoothness: float
+    """[-]"""
     collision: float
+    """[-]"""
     limits: float
+    """[-]"""
 
     @property
     def total(self) -> float:
@@ -78,22 +86,29 @@ class LocalModel:
 
     parts: CostParts
     gradient: Array
-    """(n_nodes, k n_axes)"""
+    """(n_nodes, k n_axes) [1/m, 1/rad]"""
     hessian: BlockTridiagonal
     n_axes: int
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _SampleSlopes:
-    """Derivatives of the cost at every sample (samples, pieces, n_axes); Hessians (..., n_axes) full or diagonal."""
+    """Derivatives of the cost at every sample, (samples, pieces, n_axes) if not said; for axes that turn read rad for m."""
 
     value: float
+    """[-] of the cost."""
     position: Array
+    """[1/m]"""
     rate: Array
+    """[s/m]"""
     acceleration: Array
+    """[s2/m]"""
     position_hessian: Array
+    """[1/m2], or (samples, pieces, n_axes, n_axes) where axes are coupled."""
     rate_hessian: Array
+    """[s2/m2]"""
     acceleration_hessian: Array
+    """[s4/m2]"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,15 +125,18 @@ class PathCost:
         return self.distances.scene.coordinates.n_axes
 
     def variables(self, values: Array) -> Array:
-        """Scaled variables (n_nodes, k n_axes) from node derivatives (k, n_nodes, n_axes)."""
+        """Scaled variables (n_nodes, k n_axes) [m, rad] from node derivatives: values (k, n_nodes, n_axes) [m/s^d, rad/s^d]."""
         return (values * self._node_scale).transpose(1, 0, 2).reshape(values.shape[1], -1)
 
     def values(self, variables: Array) -> Array:
-        """Node derivatives (k, n_nodes, n_axes) from variables."""
+        """Node derivatives (k, n_nodes, n_axes) [m/s^d, rad/s^d] from scaled variables (n_nodes, k n_axes) [m, rad]."""
         return self._by_derivative(variables) / self._node_scale
 
     def samples(self, variables: Array) -> tuple[Array, Array, Array]:
-        """Positions, rates and accelerations at the samples, each (samples per piece, n_pieces, n_axes)."""
+        """Positions, rates and accelerations at the samples, each (samples per piece, n_pieces, n_axes).
+
+        Of variables (n_nodes, k n_axes) [m, rad].
+        """
         nodes = self._by_derivative(variables)
         data = np.concatenate([nodes[:, :-1], nodes[:, 1:]]) * self.pieces.scale
         flat = data.reshape(data.shape[0], -1)
@@ -126,7 +144,10 @@ class PathCost:
         return x, v / self._h, a / self._h**2
 
     def model(self, variables: Array, *, collision_only: bool = False) -> LocalModel:
-        """Cost, gradient and Gauss-Newton Hessian; ``collision_only`` leaves out limits and weighs snap lightly."""
+        """Cost, gradient and Gauss-Newton Hessian at variables (n_nodes, k n_axes) [m, rad].
+
+        ``collision_only`` leaves out limits and weighs snap lightly.
+        """
         x, v, a = self.samples(variables)
         collision = self._collision(x, v)
         limits = self._limits(x, v, a, 0.0 if collision_only else self.weights.limits)

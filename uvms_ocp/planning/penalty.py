@@ -2,6 +2,7 @@
 
 Its second derivative ``min(y, 1)`` is continuous, never negative and stays away from zero deep inside, so a
 Gauss-Newton step keeps its curvature there; an exponential is zero nowhere and overflows in deep penetration.
+`[value]` is the unit of what is penalised.
 """
 
 from __future__ import annotations
@@ -15,15 +16,18 @@ from uvms_ocp.arrays import Array
 
 
 class Penalty(NamedTuple):
-    """Value and derivatives by y, each of the shape of y."""
+    """The penalty and its derivatives by what is penalised."""
 
     value: Array
+    """(...) [-]"""
     slope: Array
+    """(...) [1/value]"""
     curvature: Array
+    """(...) [1/value^2]"""
 
 
 def penalty(y: Array) -> Penalty:
-    """y^3/6 for 0 < y < 1, y^2/2 - y/2 + 1/6 above, zero below."""
+    """y^3/6 for 0 < y < 1, y^2/2 - y/2 + 1/6 above, zero below; y (...) [-]."""
     inside = np.clip(y, 0.0, 1.0)
     beyond = np.maximum(y - 1.0, 0.0)
     value = inside**3 / 6.0 + beyond * (0.5 + 0.5 * beyond)
@@ -38,7 +42,10 @@ def symbolic_penalty(y: ca.SX) -> ca.SX:
 
 
 def two_sided(value: Array, limit: Array, margin: float) -> Penalty:
-    """Penalty on |value| near and beyond a limit, by value; it begins at ``(1 - margin) * limit``; infinite: none."""
+    """Penalty on |value| (...) [value] near and beyond a limit (n_axes,) [value], which may be infinite.
+
+    It begins at ``(1 - margin) * limit``; margin [-].
+    """
     finite = np.where(np.isinf(limit), 1.0, limit) * margin
     y = (np.abs(value) - np.where(np.isinf(limit), np.inf, limit - finite)) / finite
     p = penalty(y)
@@ -46,7 +53,10 @@ def two_sided(value: Array, limit: Array, margin: float) -> Penalty:
 
 
 def outside(value: Array, lower: Array, upper: Array, margin: float) -> Penalty:
-    """Penalty on a value nearer than ``margin`` to either end of its range, by value."""
+    """Penalty on a value (..., n_axes) [value] nearer than ``margin`` [value] to either end of its range.
+
+    lower and upper (n_axes,) [value].
+    """
     low, high = penalty((lower + margin - value) / margin), penalty((value - upper + margin) / margin)
     return Penalty(
         value=low.value + high.value,

@@ -34,7 +34,7 @@ class PlanRequest:
 
     robot: Robot
     start: Array
-    """(n_q,) configuration."""
+    """(n_q,) [m, rad] configuration."""
     goal: Goal
     obstacles: tuple[ObstacleData, ...] = ()
     axes: str = AXES[0]
@@ -59,10 +59,8 @@ class PlanResult:
 def solve(request: PlanRequest) -> PlanResult:
     """Find where to go, then how.
 
-    Raises:
-        NameNotFound: unknown axes, joint or frame.
-        InvalidInput: a start or goal in collision or outside limits, a goal on axes that are not planned, a start that
-            is the goal, or two obstacles of one name.
+    Raises `NameNotFound` for unknown axes, joints or frames, `InvalidInput` for a start or goal in collision or outside limits,
+    a goal on axes that are not planned, a start that is the goal, and two obstacles of one name.
     """
     planned = _planned_axes(request)
     scene = collision_scene(planned, build_obstacles(request.obstacles))

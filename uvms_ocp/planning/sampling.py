@@ -18,15 +18,15 @@ from uvms_ocp.model.axis_reach import largest_change
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SamplingOptions:
-    """Settings of ``sampled_waypoints``."""
+    """Settings of ``sampled_waypoints``. Raises `InvalidInput` for a step or room that is not positive."""
 
     max_samples: int = 3000
     step: float = 0.5
-    """Length of one extension of a tree, in the units of the axes."""
+    """[m, rad] Length of one extension of a tree, over all axes together."""
     clearance: float = 0.005
     """[m] that edges keep."""
     room: float = 1.0
-    """How far beyond start and goal unlimited axes are sampled [m or rad]."""
+    """[m or rad] How far beyond start and goal unlimited axes are sampled."""
     shortcuts: int = 60
     """Attempts at cutting corners of the path found."""
     seed: int = 0
@@ -40,7 +40,10 @@ class SamplingOptions:
 def sampled_waypoints(
     distances: PairDistances, start: ArrayLike, goal: ArrayLike, options: SamplingOptions | None = None
 ) -> Array | None:
-    """Way points (n, n_axes) whose straight legs are free of collision, or None where none were found in time."""
+    """Way points (n, n_axes) [m, rad] whose straight legs are free of collision, or None where none were found in time.
+
+    start and goal (n_axes,) [m, rad].
+    """
     settings = options or SamplingOptions()
     a, b = np.asarray(start, dtype=float), np.asarray(goal, dtype=float)
     rng = np.random.default_rng(settings.seed)
@@ -50,7 +53,7 @@ def sampled_waypoints(
 
 
 def edge_reach(distances: PairDistances, a: Array, b: Array, clearance: float) -> float:
-    """Fraction of the straight edge a - b, from a, that certainly keeps the clearance [m]; 1 is all of it.
+    """Fraction of the straight edge from a to b (n_axes,) [m, rad] that certainly keeps the clearance [m]; 1 is all of it.
 
     Advances by the distance at hand over the fastest approach any pair can make, so nothing is skipped.
     """

@@ -91,14 +91,10 @@ def plan_soft_collision(
 ) -> CollisionPlan:
     """Bend a minimum-snap trajectory away from collisions, then verify it.
 
-    Args:
-        waypoints: (n >= 2, n_axes) of the scene's coordinates, end points included; two are a straight start.
-        limits: Velocity, acceleration and jerk limits.
-        times: (n,) [s] of the way points, kept unless they break the limits; default: as fast as the limits allow.
-        distances: Distances for the optimisation; default coal. The verification always uses coal.
-
-    Raises:
-        InvalidInput: an end point in collision or outside the position limits, or arguments as for ``min_snap``.
+    waypoints (n, n_axes) [m, rad]: of the scene's coordinates, end points included; two are a straight start. times (n,) [s]:
+    of the way points, kept unless they break the limits; by default as fast as the limits allow. distances: for the
+    optimisation, by default coal's, which the verification always uses. Raises `InvalidInput` for an end point in collision
+    or outside the position limits, and as ``min_snap``.
     """
     began, settings = perf_counter(), options or SoftCollisionOptions()
     exact = CoalDistances(scene)
@@ -121,7 +117,7 @@ def _first_free(plans: Iterator[CollisionPlan]) -> tuple[CollisionPlan, int]:
 
 
 def straight_start(waypoints: ArrayLike, limits: MotionLimits, times: ArrayLike | None = None) -> PiecewisePolynomial:
-    """Minimum snap through the way points, at the given times or as fast as the limits allow."""
+    """Minimum snap through waypoints (n, n_axes) [m, rad], at times (n,) [s] or as fast as the limits allow."""
     if times is not None:
         return min_snap(waypoints, times).trajectory
     guess = min_snap(waypoints, trapezoidal_times(waypoints, limits)).trajectory
@@ -156,8 +152,11 @@ class _Problem:
 
     cost: PathCost
     breaks: Array
+    """(n_nodes,) [s]"""
     start: Array
+    """(n_nodes, k n_axes) [m, rad] variables of the cost."""
     free: Mask
+    """(n_nodes, k n_axes)"""
     times_given: bool
 
     @staticmethod

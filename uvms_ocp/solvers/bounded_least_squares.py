@@ -2,7 +2,8 @@
 
 Two strict levels: among the x in [lower, upper] that minimise ``|A x - b|``, the one that minimises
 ``x' diag(weight) x``. The answer is unique. The active set is found on the regularised problem
-``|A x - b|^2 + epsilon^2 x' diag(weight) x`` [Stark1995] and the levels are then separated exactly.
+``|A x - b|^2 + epsilon^2 x' diag(weight) x`` [Stark1995] and the levels are then separated exactly. `[x]` is the unit of
+a variable, `[b]` that of the rows.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ def bounded_least_squares(
     weight: np.ndarray,
     start: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return x (n,) for A (m, n), b (m,), finite lower <= upper (n,) and weight (n,) > 0; inputs are trusted.
+    """Return x (n,) [x] for A (m, n) [b/x], b (m,) [b], finite lower <= upper (n,) [x] and weight (n,) [1/x^2] > 0.
 
-    start (n,) inside the bounds saves time when the same variables end at a bound.
+    Inputs are trusted. start (n,) [x] inside the bounds saves time when the same variables end at a bound.
     """
     scale = np.sqrt(weight)
     scaled_start = None if start is None else start * scale

@@ -4,6 +4,8 @@ Unknowns are the derivatives 0 .. k-1 of the curve at its nodes that nobody has 
 is a sum over pieces of quadratic forms of their end data, so its matrix is block tridiagonal: a banded Cholesky
 factor, shared by all axes. Internally time is divided by the geometric mean of the durations and derivatives are
 scaled per node, so that conditioning does not depend on the unit of time.
+
+`[axis]` is the unit of an axis, such as m or rad; derivatives of order d are [axis/s^d].
 """
 
 from __future__ import annotations
@@ -27,13 +29,13 @@ class Pieces:
     unit: float
     """[s] geometric mean of the durations."""
     durations: Array
-    """(n,) in units of ``unit``."""
+    """(n,) [-] in units of ``unit``."""
     node_times: Array
-    """(n + 1,) scale of time at each node, in units of ``unit``."""
+    """(n + 1,) [-] scale of time at each node, in units of ``unit``."""
     scale: Array
-    """(2k, n, 1) scaled node derivatives -> end data of the piece."""
+    """(2k, n, 1) [-] scaled node derivatives -> end data of the piece."""
     weight: Array
-    """(n, 1) factor of the unit-interval cost of each piece."""
+    """(n, 1) [-] factor of the unit-interval cost of each piece."""
 
 
 def pieces_of(durations: Array, k: int) -> Pieces:
@@ -51,13 +53,9 @@ def pieces_of(durations: Array, k: int) -> Pieces:
 def solve_free(pieces: Pieces, values: Array, fixed: Mask, refinements: int = 0) -> Array:
     """Fill the free derivatives with their optimal values.
 
-    Args:
-        values: (k, n + 1, n_axes) derivatives at the nodes; those not fixed are a starting guess.
-        fixed: (k, n + 1) True where the derivative keeps its value.
-        refinements: Steps of iterative refinement, for neighbouring durations of very different length.
-
-    Raises:
-        InvalidInput: the fixed derivatives do not determine the curve.
+    values (k, n + 1, n_axes) [axis/s^d]: derivatives at the nodes, of which those not fixed are a starting guess. fixed
+    (k, n + 1): True where the derivative keeps its value. refinements: steps of iterative refinement, for neighbouring
+    durations of very different length. Raises `InvalidInput` where the fixed derivatives do not determine the curve.
     """
     free_rows = np.flatnonzero(~fixed.all(axis=1))
     if free_rows.size == 0:
@@ -72,7 +70,7 @@ def solve_free(pieces: Pieces, values: Array, fixed: Mask, refinements: int = 0)
 
 
 def end_data(pieces: Pieces, values: Array) -> Array:
-    """(2k, n, n_axes) end data of every piece from node derivatives (k, n + 1, n_axes) in real time.
+    """(2k, n, n_axes) [axis] end data of every piece from node derivatives: values (k, n + 1, n_axes) [axis/s^d].
 
     Positions are relative to the start of the piece: the cost does not see where it is, rounding does.
     """
@@ -81,7 +79,10 @@ def end_data(pieces: Pieces, values: Array) -> Array:
 
 
 def coefficients(pieces: Pieces, data: Array, values: Array) -> Array:
-    """(2k, n, n_axes) unit-interval coefficients of every piece from its end data, read-only."""
+    """(2k, n, n_axes) [axis] unit-interval coefficients of every piece, read-only.
+
+    data (2k, n, n_axes) [axis]: as of `end_data`; values (k, n + 1, n_axes) [axis/s^d]: of the nodes.
+    """
     result = np.empty(data.shape)
     np.matmul(hermite_matrix(pieces.k), data.reshape(len(data), -1), out=result.reshape(len(data), -1))
     result[0] += values[0, :-1]
@@ -90,13 +91,17 @@ def coefficients(pieces: Pieces, data: Array, values: Array) -> Array:
 
 
 def piece_costs(pieces: Pieces, data: Array) -> Array:
-    """(n, n_axes) integral of the squared k-th derivative over each piece, from its end data."""
+    """(n, n_axes) [axis^2/s^(2k - 1)] integral of the squared k-th derivative over each piece.
+
+    data (2k, n, n_axes) [axis]: as of `end_data`.
+    """
     unit_cost = np.einsum("ijk,ijk->jk", data, _times(hermite_cost(pieces.k), data))
     return unit_cost * (pieces.durations * pieces.unit)[:, None] ** (1 - 2 * pieces.k)
 
 
 def cost_slopes(pieces: Pieces, values: Array) -> tuple[Array, Array]:
-    """Partial derivatives of the cost: by duration (n,), and by node derivative (k, n + 1, n_axes).
+    """Partial derivatives of the cost: by duration (n,) [axis^2/s^2k], and by node derivative
+    (k, n + 1, n_axes) [axis/s^(2k - 1 - d)], at node derivatives: values (k, n + 1, n_axes) [axis/s^d].
 
     At the optimum the slope by every free derivative is zero, so these are also the total derivatives of the
     optimal cost by the durations and by the fixed derivatives (envelope theorem).

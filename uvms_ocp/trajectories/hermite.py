@@ -2,7 +2,7 @@
 
 A piece of degree 2k - 1 is fixed by its value and first k - 1 derivatives at both ends, the *end data*
 ``z = [p(0), p'(0), ..., p(1), p'(1), ...]`` (2k,). Derivatives are per unit-interval time, so an end derivative of
-order d in real time is multiplied by duration^d.
+order d in real time is multiplied by duration^d. All matrices are [-].
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ def monomial_cost(k: int) -> Array:
 
 
 def monomial_row(u: float, derivative: int, n_coefficients: int) -> Array:
-    """(n_coefficients,) the derivative-th derivative of ``1, u, u^2, ...`` at u."""
+    """(n_coefficients,) the derivative-th derivative of ``1, u, u^2, ...`` at u [-]."""
     return np.array([_falling(i, derivative) * u ** max(i - derivative, 0) for i in range(n_coefficients)])
 
 
 def basis(u: Array, derivative: int, k: int) -> Array:
-    """(n, 2k) derivative-th derivative at unit times u (n,) as a linear map of the end data."""
+    """(n, 2k) derivative-th derivative at unit times u (n,) [-] as a linear map of the end data."""
     rows = np.array([monomial_row(float(x), derivative, 2 * k) for x in u])
     return rows @ hermite_matrix(k)
 

@@ -1,4 +1,7 @@
-"""Minimum-snap (jerk, acceleration, ...) trajectories through way points, [Gao2022] eqs (59)-(75)."""
+"""Minimum-snap (jerk, acceleration, ...) trajectories through way points, [Gao2022] eqs (59)-(75).
+
+`[axis]` is the unit of an axis, such as m or rad; derivatives of order d are [axis/s^d].
+"""
 
 from __future__ import annotations
 
@@ -27,13 +30,13 @@ class CostGradients:
     """Derivatives of the optimal cost."""
 
     times: Array
-    """(n + 1,) by the time of each way point."""
+    """(n + 1,) [axis^2/s^2k] by the time of each way point."""
     durations: Array
-    """(n,) by the duration of each piece, the others unchanged."""
+    """(n,) [axis^2/s^2k] by the duration of each piece, the others unchanged."""
     waypoints: Array
-    """(n + 1, n_axes) by the position of each way point."""
+    """(n + 1, n_axes) [axis/s^(2k - 1)] by the position of each way point."""
     node_derivatives: Array
-    """(k, n + 1, n_axes) by every derivative at every way point; zero where it is free."""
+    """(k, n + 1, n_axes) [axis/s^(2k - 1 - d)] by every derivative at every way point; zero where it is free."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -42,9 +45,9 @@ class MinSnap:
 
     trajectory: PiecewisePolynomial
     node_derivatives: Array
-    """(k, n + 1, n_axes) derivatives 0 .. k - 1 at the way points."""
+    """(k, n + 1, n_axes) [axis/s^d] derivatives 0 .. k - 1 at the way points."""
     cost: float
-    """Integral of the squared k-th derivative, summed over the axes."""
+    """[axis^2/s^(2k - 1)] Integral of the squared k-th derivative, summed over the axes."""
 
     def gradients(self) -> CostGradients:
         """How the optimal cost changes with the data; linear in the number of pieces (envelope theorem)."""
@@ -57,13 +60,9 @@ class MinSnap:
 def min_snap(waypoints: ArrayLike, times: ArrayLike, specification: CurveSpecification = MINIMUM_SNAP) -> MinSnap:
     """Minimise the integral of the squared derivative through way points, in time linear in their number.
 
-    Args:
-        waypoints: (n + 1, n_axes) positions; (n + 1,) is one axis.
-        times: (n + 1,) [s] increasing times of the way points.
-        specification: Which derivative, and what holds besides; by default snap, from rest to rest.
-
-    Raises:
-        InvalidInput: as ``node_problem``; or too little fixed to determine the curve.
+    waypoints (n + 1, n_axes) [axis]: positions, (n + 1,) for one axis. times (n + 1,) [s]: increasing. specification: which
+    derivative, and what holds besides; by default snap, from rest to rest. Raises `InvalidInput` as `node_problem`, and
+    where too little is fixed to determine the curve.
     """
     problem = node_problem(waypoints, times, specification)
     pieces = pieces_of(np.diff(problem.times), problem.k)
@@ -71,7 +70,7 @@ def min_snap(waypoints: ArrayLike, times: ArrayLike, specification: CurveSpecifi
 
 
 def solution_of(times: Array, pieces: Pieces, values: Array) -> MinSnap:
-    """The trajectory with the given node derivatives (k, n + 1, n_axes)."""
+    """The trajectory through node derivatives: values (k, n + 1, n_axes) [axis/s^d] at times (n + 1,) [s]."""
     data = end_data(pieces, values)
     trajectory = PiecewisePolynomial(breaks=times, coefficients=coefficients(pieces, data, values))
     cost = float(piece_costs(pieces, data).sum())

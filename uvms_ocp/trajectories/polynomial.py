@@ -1,7 +1,8 @@
 """Piecewise polynomials in time, any degree and any number of axes.
 
 Each piece is written in its own unit interval, ``u = (t - breaks[j]) / durations[j]``: powers of absolute time lose
-all digits for very long or very short pieces.
+all digits for very long or very short pieces. `[axis]` is the unit of an axis, such as m or rad,
+derivatives of order d are [axis/s^d].
 """
 
 from __future__ import annotations
@@ -25,14 +26,13 @@ _EXTREMUM_GRID = np.linspace(0.0, 1.0, 65)
 class PiecewisePolynomial:
     """A curve ``t -> R^n_axes`` made of polynomials; as a callable it is a ``Reference``, ``t -> (value, rate)``.
 
-    Raises:
-        InvalidInput: wrong shapes, NaN, or breaks that do not increase (the first offending index is named).
+    Raises `InvalidInput` for wrong shapes, NaN, or breaks that do not increase (the first offending index is named).
     """
 
     breaks: Array
     """(n_pieces + 1,) [s] strictly increasing times at which the pieces begin and end."""
     coefficients: Array
-    """(degree + 1, n_pieces, n_axes), ascending powers of the unit-interval time of each piece."""
+    """(degree + 1, n_pieces, n_axes) [axis] of ascending powers of the unit-interval time of each piece."""
 
     def __post_init__(self) -> None:
         breaks, coefficients = frozen(self.breaks), frozen(self.coefficients)
@@ -74,7 +74,7 @@ class PiecewisePolynomial:
         return np.diff(self.breaks)
 
     def __call__(self, t: float) -> tuple[Array, Array]:
-        """Value (n_axes,) and rate (n_axes,) at t; before the start and after the end the curve rests at its ends."""
+        """Value (n_axes,) [axis] and rate (n_axes,) [axis/s] at t [s]; outside of its times the curve rests at its ends."""
         inside = min(max(t, self.start), self.end)
         piece = min(int(np.searchsorted(self.breaks, inside, side="right")) - 1, self.n_pieces - 1)
         duration = self.breaks[piece + 1] - self.breaks[piece]
@@ -83,7 +83,10 @@ class PiecewisePolynomial:
         return value, rate / duration if inside == t else np.zeros(self.n_axes)
 
     def evaluate(self, t: ArrayLike, derivative: int = 0) -> Array:
-        """The derivative-th derivative at times t (...,), shape (..., n_axes); t outside is clipped to the ends."""
+        """The derivative-th derivative (..., n_axes) [axis/s^derivative] at times t (...) [s], clipped to the ends.
+
+        Raises `InvalidInput` for a negative derivative.
+        """
         if derivative < 0:
             raise InvalidInput(f"derivative is {derivative}; allowed is 0 or more.")
         times = np.clip(np.asarray(t, dtype=float), self.start, self.end)
@@ -98,7 +101,10 @@ class PiecewisePolynomial:
         return PiecewisePolynomial(breaks=self.breaks, coefficients=_differentiated(self.coefficients, order) * scale)
 
     def sample(self, period: float, derivatives: int = 0) -> tuple[Array, Array]:
-        """Times (n,) every ``period`` [s], end included, and values (n, derivatives + 1, n_axes)."""
+        """Times (n,) [s] every ``period`` [s], end included, and values (n, derivatives + 1, n_axes) [axis/s^d].
+
+        Raises `InvalidInput` for a period that is not positive.
+        """
         if not period > 0.0:
             raise InvalidInput(f"period is {period}; it must be positive [s].")
         n = max(int(np.ceil(self.duration / period - 1e-9)), 1) + 1
@@ -106,18 +112,18 @@ class PiecewisePolynomial:
         return times, np.stack([self.evaluate(times, d) for d in range(derivatives + 1)], axis=1)
 
     def jumps(self, derivative: int) -> Array:
-        """(n_pieces - 1, n_axes) value just after minus just before each inner break."""
+        """(n_pieces - 1, n_axes) [axis/s^derivative] value just after minus just before each inner break."""
         scaled = _differentiated(self.coefficients, derivative)
         rate = self.durations[:, None] ** -derivative
         return scaled[0, 1:] * rate[1:] - scaled[:, :-1].sum(axis=0) * rate[:-1]
 
     def peak(self, derivative: int = 0) -> Array:
-        """(n_axes,) largest absolute value of the derivative-th derivative over the whole curve."""
+        """(n_axes,) [axis/s^derivative] largest absolute value of the derivative-th derivative over the whole curve."""
         scaled = _differentiated(self.coefficients, derivative)
         return np.max(_unit_peaks(scaled) / self.durations[:, None] ** derivative, axis=0)
 
     def scaled(self, factor: float) -> PiecewisePolynomial:
-        """The same path, ``factor`` times slower, with the same start time."""
+        """The same path, ``factor`` [-] times slower, with the same start time. Raises `InvalidInput` unless it is positive."""
         if not factor > 0.0:
             raise InvalidInput(f"time factor is {factor}; it must be positive.")
         breaks = self.start + factor * (self.breaks - self.start)
@@ -136,7 +142,8 @@ class PiecewisePolynomial:
     ) -> tuple[tuple[str, ...], Array]:
         """Column names and rows ``t, d0_axis0, d0_axis1, ..., d1_axis0, ...`` every ``period`` [s].
 
-        ``names`` (n_axes,) take the place of ``axis0, axis1, ...``.
+        ``names`` (n_axes,) take the place of ``axis0, axis1, ...``. Raises `InvalidInput` for another number of them, and as
+        `sample`.
         """
         times, values = self.sample(period, derivatives)
         axes = [f"axis{axis}" for axis in range(self.n_axes)] if names is None else names
@@ -146,10 +153,9 @@ class PiecewisePolynomial:
         return ("t", *columns), np.column_stack([times, values.reshape(times.size, -1)])
 
     def to_csv(self, path: Path | str, period: float, derivatives: int = 4, names: Sequence[str] | None = None) -> None:
-        """Write ``table`` as comma-separated text.
+        """Write ``table``, with a row every ``period`` [s], as comma-separated text.
 
-        Raises:
-            OutputError: the file cannot be written.
+        Raises `OutputError` where the file cannot be written, `InvalidInput` as ``table``.
         """
         columns, rows = self.table(period, derivatives, names)
         try:
@@ -158,11 +164,7 @@ class PiecewisePolynomial:
             raise OutputError(f"{path}: cannot write the trajectory ({error.strerror}).") from error
 
     def to_numpy(self, path: Path | str) -> None:
-        """Write breaks and coefficients to one ``.npz`` file, without loss.
-
-        Raises:
-            OutputError: the file cannot be written.
-        """
+        """Write breaks and coefficients to one ``.npz`` file, without loss. Raises `OutputError` where that fails."""
         try:
             np.savez(path, breaks=self.breaks, coefficients=self.coefficients)
         except OSError as error:
@@ -170,7 +172,7 @@ class PiecewisePolynomial:
 
     @staticmethod
     def from_numpy(path: Path | str) -> PiecewisePolynomial:
-        """Read what ``to_numpy`` wrote."""
+        """Read what ``to_numpy`` wrote. Raises `InvalidInput` for any other file, or none."""
         try:
             with np.load(path) as data:
                 return PiecewisePolynomial(breaks=data["breaks"], coefficients=data["coefficients"])
@@ -181,8 +183,7 @@ class PiecewisePolynomial:
 def concatenate(curves: Sequence[PiecewisePolynomial]) -> PiecewisePolynomial:
     """One curve after the other, each shifted to begin where the one before ends; lower degrees are padded.
 
-    Raises:
-        InvalidInput: no curve, or numbers of axes that differ (the offending index is named).
+    Raises `InvalidInput` for no curve, or numbers of axes that differ (the offending index is named).
     """
     if not curves:
         raise InvalidInput("no curve to concatenate; give at least one.")
@@ -197,7 +198,7 @@ def concatenate(curves: Sequence[PiecewisePolynomial]) -> PiecewisePolynomial:
 
 
 def frozen(values: ArrayLike) -> Array:
-    """A read-only array of floats: the one given where nobody can write to it, else a copy."""
+    """A read-only array of the values (...) [any]: the one given where nobody can write to it, else a copy."""
     given = np.asarray(values, dtype=float)
     if given is not values or given.flags.writeable or given.base is not None:
         given = np.array(values, dtype=float)

@@ -1,6 +1,7 @@
 """The same minimum-derivative problem as an equality-constrained QP in coefficients, [Gao2022] eqs (74)-(75).
 
 Slower than the free-derivative form and used to check it; it takes bounds on derivatives at way points as well.
+`[axis]` is the unit of an axis, such as m or rad.
 """
 
 from __future__ import annotations
@@ -25,9 +26,13 @@ class Bound:
     """Limits on one derivative at one way point, for all axes."""
 
     node: int
+    """Index of the way point; negative counts from the end."""
     derivative: int
+    """0 .. k - 1."""
     lower: float = -np.inf
+    """[axis/s^derivative]"""
     upper: float = np.inf
+    """[axis/s^derivative]"""
 
 
 def min_snap_qp(
@@ -39,10 +44,10 @@ def min_snap_qp(
     plugin: str = "qrqp",
     options: Mapping[str, object] | None = None,
 ) -> MinSnap:
-    """As ``min_snap``, by a CasADi ``conic`` plugin.
+    """As ``min_snap``, by a CasADi ``conic`` plugin: waypoints (n + 1, n_axes) [axis] at times (n + 1,) [s].
 
-    Raises:
-        InvalidInput: as ``min_snap``; or the solver finds no solution (contradictory bounds).
+    Raises `InvalidInput` as ``min_snap``, for a bound that does not exist, and where the solver finds no solution, as with
+    bounds that contradict each other.
     """
     problem = node_problem(waypoints, times, specification)
     qp = _Qp(problem.k, np.diff(problem.times), tuple(bounds), plugin, dict(options or _QUIET.get(plugin, {})))

@@ -1,4 +1,7 @@
-"""Times of the way points: a trapezoidal guess, scaling to limits, and the optimum of time plus snap."""
+"""Times of the way points: a trapezoidal guess, scaling to limits, and the optimum of time plus snap.
+
+`[axis]` is the unit of an axis, such as m or rad; derivatives of order d are [axis/s^d].
+"""
 
 from __future__ import annotations
 
@@ -19,13 +22,15 @@ from uvms_ocp.trajectories.specification import MINIMUM_SNAP, CurveSpecification
 class MotionLimits:
     """Largest absolute derivatives, a number or one per axis; infinity is no limit.
 
-    Raises:
-        InvalidInput: a limit of zero, negative or NaN (the axis is named).
+    Raises `InvalidInput` for a limit of zero, negative or NaN (the axis is named).
     """
 
     velocity: ArrayLike = np.inf
+    """() or (n_axes,) [axis/s]"""
     acceleration: ArrayLike = np.inf
+    """() or (n_axes,) [axis/s2]"""
     jerk: ArrayLike = np.inf
+    """() or (n_axes,) [axis/s3]"""
 
     def __post_init__(self) -> None:
         for name in ("velocity", "acceleration", "jerk"):
@@ -37,7 +42,7 @@ class MotionLimits:
             object.__setattr__(self, name, limit)
 
     def rows(self, n_axes: int) -> Array:
-        """(3, n_axes) limits of derivatives 1, 2, 3."""
+        """(3, n_axes) [axis/s^d] limits of derivatives d = 1, 2, 3. Raises `InvalidInput` where they are of other shape."""
         given = (np.asarray(self.velocity), np.asarray(self.acceleration), np.asarray(self.jerk))
         for name, limit in zip(("velocity", "acceleration", "jerk"), given, strict=True):
             if limit.shape not in ((), (n_axes,)):
@@ -45,7 +50,7 @@ class MotionLimits:
         return np.stack([np.broadcast_to(limit, (n_axes,)) for limit in given])
 
     def ratio(self, trajectory: PiecewisePolynomial) -> float:
-        """Largest ratio of a derivative to its limit; at most 1 when all limits are kept."""
+        """Largest ratio [-] of a derivative to its limit; at most 1 when all limits are kept."""
         peaks = np.stack([trajectory.peak(d) for d in (1, 2, 3)])
         return float(np.max(peaks / self.rows(trajectory.n_axes)))
 
@@ -53,11 +58,9 @@ class MotionLimits:
 def trapezoidal_times(waypoints: ArrayLike, limits: MotionLimits) -> Array:
     """(n + 1,) [s] times at which every leg, from rest to rest, lasts as long as its slowest axis needs.
 
-    An axis needs a trapezoidal velocity profile within its velocity and acceleration limits, of which at least
-    one must be finite for each axis that moves.
-
-    Raises:
-        InvalidInput: equal consecutive way points, or no finite limit.
+    waypoints (n + 1, n_axes) [axis], (n + 1,) for one axis. An axis needs a trapezoidal velocity profile within its velocity
+    and acceleration limits. Raises `InvalidInput` for way points as `checked_waypoints`, and for an axis that moves without
+    a finite limit.
     """
     points = checked_waypoints(waypoints)
     velocity, acceleration = limits.rows(points.shape[1])[:2]
@@ -72,10 +75,8 @@ def trapezoidal_times(waypoints: ArrayLike, limits: MotionLimits) -> Array:
 def scale_to_limits(trajectory: PiecewisePolynomial, limits: MotionLimits) -> PiecewisePolynomial:
     """The same path as fast as a uniform change of time allows: the largest ratio to a limit becomes 1.
 
-    A trajectory that starts or ends in motion changes its end velocities with it.
-
-    Raises:
-        InvalidInput: no finite limit concerns an axis that moves.
+    A trajectory that starts or ends in motion changes its end velocities with it. Raises `InvalidInput`
+    where no finite limit concerns an axis that moves.
     """
     peaks = np.stack([trajectory.peak(d) for d in (1, 2, 3)])
     order = np.array([1.0, 2.0, 3.0])[:, None]
@@ -99,12 +100,9 @@ def optimal_times(
     The derivatives are eliminated exactly for each set of durations, whose gradient is then linear in time; what is
     left is a smooth problem in the logarithms of the durations, solved by L-BFGS.
 
-    Args:
-        times: (n + 1,) [s] first guess.
-        time_weight: k_T, cost of one second.
-
-    Raises:
-        InvalidInput: as ``min_snap``; or a time weight that is not positive.
+    waypoints (n + 1, n_axes) [axis]; times (n + 1,) [s]: first guess; time_weight [axis^2/s^2k]: k_T, the cost of one second;
+    tolerance [-]: largest slope of the cost, as a share of its first value, by the logarithm of a duration. Raises
+    `InvalidInput` as ``min_snap``, and for a time weight that is not positive.
     """
     if not 0.0 < time_weight < np.inf:
         raise InvalidInput(f"time_weight is {time_weight}; it must be positive and finite.")

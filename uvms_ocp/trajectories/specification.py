@@ -1,4 +1,7 @@
-"""What a minimum-snap curve must obey besides its way points and times, checked and laid out node by node."""
+"""What a minimum-snap curve must obey besides its way points and times, checked and laid out node by node.
+
+`[axis]` is the unit of an axis, such as m or rad; derivatives of order d are [axis/s^d].
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,9 @@ class Boundary:
     """
 
     start: ArrayLike | None = 0.0
+    """() or (n_given, n_axes) [axis/s^d]"""
     end: ArrayLike | None = 0.0
+    """() or (n_given, n_axes) [axis/s^d]"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -32,7 +37,7 @@ class Constraint:
     derivative: int
     """1 .. k - 1."""
     value: ArrayLike = 0.0
-    """Number or one per axis listed."""
+    """() or (n_listed,) [axis/s^derivative]: for all axes concerned, or one per axis."""
     axes: tuple[int, ...] | None = None
     """Axes concerned; None is all of them."""
 
@@ -41,8 +46,7 @@ class Constraint:
 class CurveSpecification:
     """Which derivative is made least, and what holds at the way points besides their positions.
 
-    Raises:
-        InvalidInput: a derivative below 1.
+    Raises `InvalidInput` for a derivative below 1.
     """
 
     derivative: int = 4
@@ -72,7 +76,7 @@ class NodeProblem:
     times: Array
     """(n + 1,) [s]"""
     values: Array
-    """(k, n + 1, n_axes) derivatives at the nodes; where not fixed, a starting guess."""
+    """(k, n + 1, n_axes) [axis/s^d] derivatives at the nodes; where not fixed, a starting guess."""
     fixed: Mask
     """(k, n + 1, n_axes)"""
 
@@ -84,13 +88,9 @@ class NodeProblem:
 def node_problem(waypoints: ArrayLike, times: ArrayLike, specification: CurveSpecification) -> NodeProblem:
     """Lay out per node what is fixed.
 
-    Args:
-        waypoints: (n + 1, n_axes) positions; (n + 1,) is one axis.
-        times: (n + 1,) [s] increasing times of the way points.
-
-    Raises:
-        InvalidInput: wrong shapes, NaN, times that do not increase, equal consecutive way points without ``dwell``, or a
-            free position or constraint that does not exist or contradicts another.
+    waypoints (n + 1, n_axes) [axis]: positions, (n + 1,) for one axis. times (n + 1,) [s]: increasing. Raises `InvalidInput`
+    as `checked_waypoints` and `checked_times`, for a boundary of the wrong shape or not finite, and for a free position or
+    constraint that does not exist or contradicts another.
     """
     points = checked_waypoints(waypoints, dwell=specification.dwell)
     knots = checked_times(times, points.shape[0])
@@ -111,7 +111,11 @@ def node_problem(waypoints: ArrayLike, times: ArrayLike, specification: CurveSpe
 
 
 def checked_waypoints(waypoints: ArrayLike, *, dwell: bool = False) -> Array:
-    """(n + 1, n_axes) finite, at least two, consecutive ones different unless ``dwell``."""
+    """(n + 1, n_axes) [axis] from waypoints (n + 1, n_axes), or (n + 1,) for one axis [axis].
+
+    Raises `InvalidInput` for another shape, fewer than two, numbers that are not finite, and, unless ``dwell``, for
+    consecutive ones that are equal.
+    """
     points = np.asarray(waypoints, dtype=float)
     points = points[:, None] if points.ndim == 1 else points
     if points.ndim != 2 or points.shape[0] < 2 or points.shape[1] < 1:
@@ -129,7 +133,7 @@ def checked_waypoints(waypoints: ArrayLike, *, dwell: bool = False) -> Array:
 
 
 def checked_times(times: ArrayLike, n: int) -> Array:
-    """(n,) [s] finite and increasing."""
+    """times (n,) [s], read-only. Raises `InvalidInput` for another shape, and where they are not finite or do not increase."""
     knots = frozen(times)
     if knots.shape != (n,):
         raise InvalidInput(f"times have shape {knots.shape}; {n} way points need ({n},) [s].")

@@ -27,9 +27,9 @@ class Block:
     S: ca.MX
     """(n_parameters, n)"""
     columns: np.ndarray
-    """(n, n_z) see `VariableLayout.columns`"""
+    """(n, n_z) [-] see `VariableLayout.columns`"""
     numbers: np.ndarray
-    """(n, m) raw rows of each node"""
+    """(n, m) [-] raw rows of each node."""
 
     def mapped(self, function: ca.Function, *more: ca.MX) -> ca.MX:
         """Outputs (m, n) of a function at all nodes."""
@@ -50,11 +50,11 @@ class Horizon:
     """(n_p,)"""
     nodes: NodeVariables
     columns: np.ndarray
-    """(N + 1, n_z) see `VariableLayout.columns`"""
+    """(N + 1, n_z) [-] see `VariableLayout.columns`"""
     water: ca.MX
     """(3,) [m/s]"""
     start: ca.MX
-    """(n_state,) q and v that are given"""
+    """(n_state,) q and v that are given."""
     blocks: tuple[Block, ...]
 
     @property
@@ -149,7 +149,7 @@ class Horizon:
         return entries
 
     def derivative_functions(self, index: int, raw_rows: np.ndarray, *, plugin: str) -> dict[str, ca.Function]:
-        """What NLP solvers ask for, of the cost of one level and of the chosen rows."""
+        """What NLP solvers ask for, of the cost of one level and of the rows numbered raw_rows (m,) [-]."""
         x, p, n = self.x, self.p, self.n_levels
         f, g = self.costs[index], self.rows[raw_rows.tolist()]
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", len(raw_rows))

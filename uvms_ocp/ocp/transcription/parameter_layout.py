@@ -1,4 +1,4 @@
-"""The parameters of the NLP: start, current, lengths of the steps, and goals of all terms, in this order."""
+"""The parameters of the NLP, in this order: start, current, lengths of the steps, and goals of all terms in their units."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ class ParameterLayout:
     problem: OcpProblem
     blocks: tuple[TermBlock, ...]
     start: slice
-    """q and v of the first node"""
+    """q [m, rad] and v [m/s, rad/s] of the first node."""
     water: slice
-    """Velocity of the water"""
+    """[m/s] Velocity of the water."""
     steps: slice
-    """Lengths of the steps"""
+    """[s] Lengths of the steps."""
     goals: tuple[slice, ...]
-    """Of each block, node after node"""
+    """Of each block, node after node."""
 
     @property
     def n(self) -> int:
         return self.goals[-1].stop
 
     def values(self, given: OcpProblem, *, t0: float, start: State | None) -> np.ndarray:
-        """Parameters (n,); see `Transcription.parameters`."""
+        """Parameters (n,) with the first node at t0 [s]; see `Transcription.parameters`."""
         times = t0 + given.nominal_times()
         state = start or given.start
         parts = [state.q, state.v, given.current, np.diff(times)]

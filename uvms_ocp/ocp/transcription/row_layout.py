@@ -29,29 +29,29 @@ class RowLayout:
     """Numbers of the raw rows of each group, and what every row is."""
 
     dynamics: np.ndarray
-    """(N, n_dynamics)"""
+    """(N, n_dynamics) [-]"""
     start: np.ndarray
-    """(n_state,)"""
+    """(n_state,) [-]"""
     equal_steps: np.ndarray
-    """(N - 1,), or none where durations are fixed"""
+    """(N - 1,) [-], or none where durations are fixed."""
     terms: tuple[np.ndarray, ...]
-    """(n_nodes, n_rows) of each block"""
+    """(n_nodes, n_rows) [-] of each block."""
     costs: np.ndarray
-    """(n_levels,)"""
+    """(n_levels,) [-]"""
     stage: np.ndarray
-    """(n_rows,) node or step of each row, by which they are sorted"""
+    """(n_rows,) [-] node or step of each row, by which they are sorted."""
     lower: np.ndarray
-    """(n_rows,)"""
+    """(n_rows,) [unit of the row]"""
     upper: np.ndarray
-    """(n_rows,)"""
+    """(n_rows,) [unit of the row]"""
     names: tuple[str, ...]
-    """(n_rows,) of what each row stands for, in reports"""
+    """(n_rows,) of what each row stands for, in reports."""
     constraints: np.ndarray
-    """Rows that are constraints, in ascending order"""
+    """(n_constraints,) [-] rows that are constraints, in ascending order."""
     levels: tuple[np.ndarray, ...]
-    """Rows of each level, in ascending order"""
+    """(m,) [-] rows of each level, in ascending order."""
     held: tuple[np.ndarray, ...]
-    """Rows that keep what each level has reached: its own, or its cost where the level may be relaxed"""
+    """(m,) [-] rows that keep what each level has reached: its own, or its cost where the level may be relaxed."""
 
     @property
     def n_rows(self) -> int:

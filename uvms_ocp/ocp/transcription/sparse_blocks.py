@@ -16,12 +16,12 @@ class Entries:
     values: ca.MX
     """(n,)"""
     rows: np.ndarray
-    """(n,)"""
+    """(n,) [-]"""
     columns: np.ndarray
-    """(n,)"""
+    """(n,) [-]"""
 
     def selected(self, position: np.ndarray, none: int) -> Entries:
-        """The same with row i moved to ``position[i]``; those moved to `none` count for nothing."""
+        """The same with row i moved to entry i of position (n_rows,) [-]; those moved to `none` count for nothing."""
         rows = position[self.rows]
         return Entries(values=self.values, rows=rows, columns=np.where(rows == none, -1, self.columns))
 
@@ -38,6 +38,6 @@ def assemble(entries: Sequence[Entries], shape: tuple[int, int]) -> ca.MX:
 
 
 def scatter(values: ca.MX, places: np.ndarray, n: int) -> ca.MX:
-    """Dense vector (n,) with `values` at `places`, no two the same; negative places count for nothing."""
+    """Dense vector (n,) with `values` (m,) at places (m,) [-], no two the same; negative places count for nothing."""
     entries = Entries(values=values, rows=places, columns=np.where(places >= 0, 0, -1))
     return ca.densify(assemble([entries], (n, 1)))

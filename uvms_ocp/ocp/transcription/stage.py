@@ -5,9 +5,10 @@ inside the functions, so their derivatives stay short (a Hessian of forward dyna
 of a step are those at its middle, so that a step is right to second order in its length (those at its beginning with
 `Integrator.EULER`).
 
-Variables of a step: ``z = [q, v, h, a, f, m]`` with the length of the step h [s], thrust f and joint torque m in shares
-of their limits. Where every velocity has a force of its own that nothing limits, and there is no water, f and m are
-expressions in the others instead: a third of the variables and rows less.
+Variables of a step: ``z = [q, v, h, a, f, m]`` with q [m, rad], v [m/s, rad/s], the length of the step h [s],
+a [m/s2, rad/s2], thrust f and joint torque m in shares of their limits [-]. Where every velocity has a force of its own
+that nothing limits, and there is no water, f and m are expressions in the others instead: a third of the variables and
+rows less.
 """
 
 from __future__ import annotations

@@ -30,17 +30,17 @@ class TermRows:
     functions: Derivatives
     terms: tuple[Term, ...]
     sizes: tuple[int, ...]
-    """Parameters of each term"""
+    """Parameters of each term."""
     level: np.ndarray
-    """(m,) level of each row, or CONSTRAINT"""
+    """(m,) [-] level of each row, or CONSTRAINT."""
     lower: np.ndarray
-    """(m,)"""
+    """(m,) [-] weighted."""
     upper: np.ndarray
-    """(m,)"""
+    """(m,) [-] weighted."""
     state_only: np.ndarray
-    """(m,) bool"""
+    """(m,) [-] True for rows without inputs."""
     names: tuple[str, ...]
-    """(m,) term of each row"""
+    """(m,) term of each row."""
 
     def parameters(self, t: float, *, active: bool) -> np.ndarray:
         """Parameters at time t [s]."""
@@ -61,7 +61,7 @@ class TermBlock:
 
     rows: TermRows
     nodes: np.ndarray
-    """(n,)"""
+    """(n,) [-]"""
 
 
 def term_blocks(model: StageModel) -> tuple[TermBlock, ...]:

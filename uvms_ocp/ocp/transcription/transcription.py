@@ -63,7 +63,7 @@ class Transcription:
         return self._variables.pack(trajectory)
 
     def unpack(self, x: np.ndarray) -> Trajectory:
-        """The trajectory of variables (n_x,)."""
+        """The trajectory of variables x (n_x,) [unit of x]."""
         return self._variables.unpack(x)
 
     @cached_property
@@ -72,7 +72,10 @@ class Transcription:
         return ca.Function("constraints", [self._horizon.x, self._horizon.p], [rows])
 
     def violations(self, x: np.ndarray, p: np.ndarray) -> dict[str, float]:
-        """Largest violation of every group of constraints at x (n_x,) for parameters p, in the units of its rows."""
+        """Largest violation [unit of the row] of every group of constraints at x (n_x,) [unit of x].
+
+        p (n_p,) [unit of the parameter]: see `parameters`.
+        """
         g, rows = np.array(self._constraint_values(x, p)).ravel(), self._rows.constraints
         broken = excess(g, self._rows.lower[rows], self._rows.upper[rows])
         worst: dict[str, float] = {}

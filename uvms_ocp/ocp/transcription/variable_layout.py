@@ -1,4 +1,4 @@
-"""The variables of the NLP: those of step after step, then the state of the last node."""
+"""The variables of the NLP: those of step after step, then the state of the last node; units are those of z."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ class VariableLayout:
         return x
 
     def unpack(self, x: np.ndarray) -> Trajectory:
-        """The trajectory of variables (n_x,)."""
+        """The trajectory of variables x (n_x,) [unit of x]."""
         layout, actuators = self.model.layout, self.model.actuators
         Z = np.zeros((self.N + 1, layout.n_z))
         for k in range(self.N + 1):

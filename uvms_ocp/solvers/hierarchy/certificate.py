@@ -1,4 +1,7 @@
-"""Independent check of lexicographic optimality, from the Karush-Kuhn-Tucker conditions of every level."""
+"""Independent check of lexicographic optimality, from the Karush-Kuhn-Tucker conditions of every level.
+
+`[velocity]` is the unit of an entry of v.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import nnls
 
-from uvms_ocp.solvers.hierarchy.level import Array, Level, gated_bounds
+from uvms_ocp.arrays import Array
+from uvms_ocp.solvers.hierarchy.level import Level, gated_bounds
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 from uvms_ocp.solvers.intervals import distance
 
@@ -16,7 +20,7 @@ from uvms_ocp.solvers.intervals import distance
 def certificate(levels: Sequence[Level], v: Array) -> float:
     """Largest ``|J' s + C' lambda| / (|J| |s| + 1)`` of any level, over the multipliers that the signs allow.
 
-    s is the slack of the level at v and C the rows of the levels above that cannot move without worsening
+    s is the slack of the level at v (n,) [velocity] and C the rows of the levels above that cannot move without worsening
     those: equalities and violated rows with any multiplier, rows at a bound with one that pushes outwards. 0 means that
     no level can be improved without worsening one above it; nothing of the solver's report is used. The + 1 asks for rows
     of the order of 1: of levels whose rows are all tiny it says little.

@@ -1,6 +1,6 @@
 """Rows ``lower <= J v <= upper`` with gates, for NumPy arrays and CasADi expressions alike; entry.c is the twin in C.
 
-J (M, n); lower, upper and gate (M,), the gate in [0, 1]: 0 removes a row, 1 keeps it exactly.
+A gate of 0 removes a row, 1 keeps it exactly. `[rate]` is the unit of a row, `[velocity]` that of an entry of v.
 """
 
 from __future__ import annotations
@@ -13,7 +13,10 @@ from uvms_ocp.solvers.intervals import distance
 
 
 def is_valid(J: Array, lower: Array, upper: Array, gate: Array) -> Array:
-    """True if a solver can take the rows: J of sensible size, an interval for every row, gates in [0, 1]; no NaN."""
+    """True if a solver can take the rows: J of sensible size, an interval for every row, gates in [0, 1]; no NaN.
+
+    J (M, n) [rate/velocity]; lower and upper (M,) [rate]; gate (M,) [-].
+    """
     # Comparisons with NaN are false.
     open_outwards = both(lower < np.inf, upper > -np.inf)
     ordered = both(lower <= upper, open_outwards)
@@ -24,7 +27,10 @@ def is_valid(J: Array, lower: Array, upper: Array, gate: Array) -> Array:
 
 
 def gated(J: Array, lower: Array, upper: Array, gate: Array) -> tuple[Array, Array]:
-    """Bounds (M,) that leave to infinity as the gate goes from 1 to 0; ``sum |J_row|`` is J v's range for |v| <= 1."""
+    """Bounds (M,) [rate] that leave to infinity as the gate goes from 1 to 0; ``sum |J_row|`` is J v's range for |v| <= 1.
+
+    J (M, n) [rate/velocity]; lower and upper (M,) [rate]; gate (M,) [-].
+    """
     removed = gate <= 0.0
     gate = where(removed, 1.0, gate)
     width = (1.0 - gate) / gate * row_sums(abs(J))
@@ -32,5 +38,8 @@ def gated(J: Array, lower: Array, upper: Array, gate: Array) -> tuple[Array, Arr
 
 
 def residual(J: Array, v: Array, lower: Array, upper: Array, gate: Array) -> Array:
-    """Signed distance (M,) of ``J v`` to [lower, upper] as given, 0 where the gate is 0."""
+    """Signed distance (M,) [rate] of ``J v`` to [lower, upper] as given, 0 where the gate is 0.
+
+    J (M, n) [rate/velocity]; v (n,) [velocity]; lower and upper (M,) [rate]; gate (M,) [-].
+    """
     return where(gate > 0.0, distance(J @ v, lower, upper), 0.0)

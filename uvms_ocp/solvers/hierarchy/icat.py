@@ -1,4 +1,7 @@
-"""Regularised task-priority pseudo-inverse with activation functions ([SimettiCasalino2016])."""
+"""Regularised task-priority pseudo-inverse with activation functions ([SimettiCasalino2016]).
+
+`[rate]` is the unit of a row, `[velocity]` that of an entry of v.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +13,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.solvers.hierarchy.gated_rows import residual
-from uvms_ocp.solvers.hierarchy.level import Array, Level, row_slices, stack
+from uvms_ocp.solvers.hierarchy.level import Level, row_slices, stack
 from uvms_ocp.solvers.hierarchy.solution import Solution, Status
 from uvms_ocp.solvers.hierarchy.stacked import solved
 from uvms_ocp.solvers.hierarchy.tick import (
@@ -30,21 +34,21 @@ class Icat:
     """[Gao2022] eq. (27): a fold over the levels, reading ``rate`` and ``activation`` only."""
 
     damping: float = 1e-4
-    """Largest regularisation of a small singular value."""
+    """[rate^4/velocity^4] Largest regularisation of a small singular value, added to its square."""
     threshold: float = 0.01
-    """Singular values below it are regularised, along a cosine bell."""
+    """[rate^2/velocity^2] Singular values below it are regularised, along a cosine bell."""
     weight: float = 10.0
-    """Cost of motion that the levels above have already used up."""
+    """[rate^2/velocity^2] Cost of motion that the levels above have already used up."""
 
     def __post_init__(self) -> None:
-        """Raise ``InvalidInput`` for a number that is not positive."""
+        """Raises `InvalidInput` for a number that is not positive."""
         if not (self.damping > 0.0 and self.threshold > 0.0 and self.weight > 0.0):
             raise InvalidInput(
                 f"damping {self.damping}, threshold {self.threshold}, weight {self.weight}; give positive numbers"
             )
 
     def solve(self, levels: Sequence[Level]) -> Solution:
-        """Raise ``InvalidInput`` where ``levels`` is empty or of mixed width."""
+        """Raises `InvalidInput` where ``levels`` is empty or of mixed width."""
         return solved(levels, self._of_levels)
 
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> Tick:
@@ -55,7 +59,7 @@ class Icat:
         return _IcatTick(self, BufferedFunction(function), tuple(sizes), levels_function.size2_out(0))
 
     def velocity(self, J: Array, rate: Array, activation: Array, sizes: Sequence[int]) -> Array:
-        """(n,) from J (M, n), rate (M,), activation (M,); all finite."""
+        """(n,) [velocity] from J (M, n) [rate/velocity], rate (M,) [rate] and activation (M,) [-], all finite."""
         n = J.shape[1]
         rho, Q = np.zeros(n), np.eye(n)
         for rows in row_slices(sizes):

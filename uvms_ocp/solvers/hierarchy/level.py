@@ -1,4 +1,7 @@
-"""One priority level of a hierarchy of linear velocity objectives, and the stacking of levels."""
+"""One priority level of a hierarchy of linear velocity objectives, and the stacking of levels.
+
+`[rate]` is the unit of a row, `[velocity]` that of an entry of v; each may have its own.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +9,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.hierarchy.gated_rows import gated
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -22,17 +24,17 @@ class Level:
     """
 
     jacobian: Array
-    """(m, n), maps the generalized velocity to the rates of the rows."""
+    """(m, n) [rate/velocity] maps the generalized velocity to the rates of the rows."""
     lower: Array
-    """(m,) smallest rate, default -inf."""
+    """(m,) [rate] smallest, default -inf."""
     upper: Array
-    """(m,) largest rate, default +inf."""
+    """(m,) [rate] largest, default +inf."""
     rate: Array
-    """(m,) reference rate of ``Icat``, default 0 clipped into [lower, upper]."""
+    """(m,) [rate] reference of ``Icat``, default 0 clipped into [lower, upper]."""
     activation: Array
-    """(m,) weight in [0, 1] for ``Icat``, default 1 for equalities and where 0 is out of bounds, else 0."""
+    """(m,) [-] weight in [0, 1] for ``Icat``, default 1 for equalities and where 0 is out of bounds, else 0."""
     gate: Array
-    """(m,) 0 removes a row, 1 keeps it exactly, default 1; read by the strict solvers."""
+    """(m,) [-] 0 removes a row, 1 keeps it exactly, default 1; read by the strict solvers."""
     name: str
     """Used in error messages only."""
 
@@ -47,7 +49,10 @@ class Level:
         gate: ArrayLike = 1.0,
         name: str = "",
     ) -> None:
-        """Raise ``InvalidInput`` naming the level and the field that is wrong."""
+        """From jacobian (m, n) [rate/velocity]; lower, upper and rate () or (m,) [rate]; activation and gate () or (m,) [-].
+
+        Raises `InvalidInput` naming the level and the field that is wrong.
+        """
         J = _jacobian(name, jacobian)
         m = len(J)
         low, up = _rows(name, "lower", lower, m), _rows(name, "upper", upper, m)
@@ -83,23 +88,23 @@ class Stack:
     """All levels on top of each other, M rows in total."""
 
     jacobian: Array
-    """(M, n)"""
+    """(M, n) [rate/velocity]"""
     lower: Array
-    """(M,)"""
+    """(M,) [rate]"""
     upper: Array
-    """(M,)"""
+    """(M,) [rate]"""
     rate: Array
-    """(M,)"""
+    """(M,) [rate]"""
     activation: Array
-    """(M,)"""
+    """(M,) [-]"""
     gate: Array
-    """(M,)"""
+    """(M,) [-]"""
     sizes: tuple[int, ...]
     """Rows of each level; their sum is M."""
 
 
 def stack(levels: Sequence[Level]) -> Stack:
-    """Raise ``InvalidInput`` where ``levels`` is empty or the levels differ in their number of columns."""
+    """The levels in their order. Raises `InvalidInput` where there are none or their numbers of columns differ."""
     if not levels:
         raise InvalidInput("levels is empty; give at least one Level, its columns tell the number of velocities")
     n = levels[0].n_velocities
@@ -121,7 +126,7 @@ def stack(levels: Sequence[Level]) -> Stack:
 
 
 def gated_bounds(level: Level) -> tuple[Array, Array]:
-    """(m,) bounds of a level as its gates leave them."""
+    """(m,) [rate] bounds of a level as its gates leave them."""
     return gated(level.jacobian, level.lower, level.upper, level.gate)
 
 

@@ -1,4 +1,4 @@
-"""What a hierarchy solver returns."""
+"""What a hierarchy solver returns; `[rate]` is the unit of a row, `[velocity]` that of an entry of v."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.solvers.hierarchy.certificate import certificate
 from uvms_ocp.solvers.hierarchy.gated_rows import residual
-from uvms_ocp.solvers.hierarchy.level import Array, Level
+from uvms_ocp.solvers.hierarchy.level import Level
 from uvms_ocp.status import AdvisedStatus
 
 
@@ -56,30 +57,30 @@ class Solution:
     """Velocity that solves a hierarchy of levels."""
 
     v: Array
-    """(n,) generalized velocity, always finite."""
+    """(n,) [velocity] always finite."""
     status: Status
     """How far v can be relied on."""
     residuals: tuple[Array, ...]
-    """Per level (m,): signed distance of J v to [lower, upper]; 0 where the gate is 0."""
+    """(m,) [rate] per level: signed distance of J v to [lower, upper]; 0 where the gate is 0."""
     solve_time: float
     """[s]"""
 
     @property
     def level_residuals(self) -> Array:
-        """(levels,) Euclidean norm of each level's residual."""
+        """(levels,) [rate] Euclidean norm of each level's residual."""
         return np.array([np.linalg.norm(residual) for residual in self.residuals])
 
     def certificate(self, levels: Sequence[Level]) -> float:
-        """Violation of the optimality conditions of any level at v; see ``certificate.certificate``."""
+        """Violation [-] of the optimality conditions of any level at v; see ``certificate.certificate``."""
         return certificate(levels, self.v)
 
 
 def row_residuals(levels: Sequence[Level], v: Array) -> tuple[Array, ...]:
-    """Signed distance of ``J v`` to [lower, upper], one array (m,) per level; 0 where the gate is 0."""
+    """Signed distance of ``J v`` to [lower, upper] at v (n,) [velocity], (m,) [rate] per level; 0 where the gate is 0."""
     return tuple(read_only(residual(level.jacobian, v, level.lower, level.upper, level.gate)) for level in levels)
 
 
 def read_only(array: Array) -> Array:
-    """The same array, locked."""
+    """The same array (...) [any], locked."""
     array.flags.writeable = False
     return array

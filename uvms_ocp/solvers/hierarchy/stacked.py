@@ -9,7 +9,8 @@ from time import perf_counter
 
 import casadi as ca
 
-from uvms_ocp.solvers.hierarchy.level import Array, Level, stack
+from uvms_ocp.arrays import Array
+from uvms_ocp.solvers.hierarchy.level import Level, stack
 from uvms_ocp.solvers.hierarchy.solution import Solution, Status, row_residuals
 from uvms_ocp.solvers.hierarchy.tick import LEVEL_OUTPUTS, Tick
 
@@ -29,7 +30,7 @@ def solved(levels: Sequence[Level], velocity: Callable[[Sequence[Level]], tuple[
 def tick_velocity(bind: Bind, levels: Sequence[Level]) -> tuple[Array, Status]:
     """v (n,) and status, from a tick whose inputs are the stacked levels; it is bound once for all calls of one shape.
 
-    ``bind`` is a method of a solver. Raise ``InvalidInput`` where ``levels`` is empty or of mixed width.
+    ``bind`` is a method of a solver. Raises `InvalidInput` where ``levels`` is empty or of mixed width.
     """
     rows = stack(levels)
     tick = _stack_tick(bind, rows.jacobian.shape[1], rows.sizes)

@@ -1,4 +1,7 @@
-"""What a bound solver is: a callable from the inputs of the levels' Function to one result."""
+"""What a bound solver is: a callable from the inputs of the levels' Function to one result.
+
+`[rate]` is the unit of a row, `[velocity]` that of an entry of v.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,8 @@ from typing import Protocol
 import casadi as ca
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.solvers.hierarchy.level import Array
 from uvms_ocp.solvers.hierarchy.solution import Status
 
 LEVEL_OUTPUTS = ("J", "lower", "upper", "rate", "activation", "gate")
@@ -21,13 +24,13 @@ class TickResult:
     """Outcome of one tick; the arrays belong to the caller."""
 
     v: Array
-    """(n,) generalized velocity, always finite."""
+    """(n,) [velocity] always finite."""
     status: Status
     """How far v can be relied on."""
     residual: Array
-    """(M,) signed distance of J v to [lower, upper], 0 where the gate is 0."""
+    """(M,) [rate] signed distance of J v to [lower, upper], 0 where the gate is 0."""
     extras: tuple[Array, ...]
-    """Outputs of the levels' Function after the six of the levels, in its order."""
+    """(m,) or (m, n) [any] outputs of the levels' Function after the six of the levels, in its order."""
     solve_time: float
     """[s], evaluation of the levels included."""
 
@@ -36,11 +39,11 @@ class Tick(Protocol):
     """A solver bound to a Function that computes the levels."""
 
     def __call__(self, *inputs: ArrayLike) -> TickResult:
-        """Inputs in the order of the levels' Function; raise ``InvalidInput`` for a wrong number or shape."""
+        """Inputs in the order of the levels' Function. Raises `InvalidInput` for a wrong number or shape."""
 
 
 def check_levels_function(levels: ca.Function, sizes: Sequence[int]) -> None:
-    """Raise ``InvalidInput`` unless ``levels`` starts with ``LEVEL_OUTPUTS`` and has the rows of ``sizes``."""
+    """Raises `InvalidInput` unless ``levels`` starts with ``LEVEL_OUTPUTS`` and has the rows of ``sizes``."""
     given = tuple(levels.name_out()[: len(LEVEL_OUTPUTS)])
     if given != LEVEL_OUTPUTS:
         raise InvalidInput(f"levels function returns {given}; its first outputs must be {LEVEL_OUTPUTS}")

@@ -7,12 +7,17 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Tolerances:
-    """What counts as rounding, and what does not. The size of a row is ``|a| + |bound|``."""
+    """What counts as rounding, and what does not. The size of a row is ``|a| + |bound|``.
+
+    `[rate]` is the unit of a row, `[velocity]` that of an entry of v.
+    """
 
     largest: float = 1e15
-    """[-] Entry of a Jacobian from which on rows are invalid: beside it, rounding alone is as large as an ordinary row."""
+    """[rate/velocity] Entry of a Jacobian from which on rows are invalid: beside it, rounding alone is as large as an ordinary
+    row."""
     endless: float = 1e300
-    """[-] A bound from here on is no size to measure rounding by, and a velocity none to return: sums and squares overflow."""
+    """[rate, velocity] A bound from here on is no size to measure rounding by, and a velocity none to return: sums and squares
+    overflow."""
     vanished: float = 1e-13
     """[-] Of the largest row: smaller rows are what is left of a cancellation, and count as nothing."""
     even: float = 1e3

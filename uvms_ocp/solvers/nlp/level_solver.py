@@ -21,11 +21,11 @@ class NlpPoint:
     """Where an NLP starts or ended. Without multipliers a start is cold."""
 
     x: np.ndarray
-    """(n_x,)"""
+    """(n_x,) [unit of x]"""
     x_multipliers: np.ndarray | None = None
-    """(n_x,) of the bounds of x."""
+    """(n_x,) [1/unit of x] of the bounds of x."""
     row_multipliers: np.ndarray | None = None
-    """(n_rows,) in the numbering of the program."""
+    """(n_rows,) [1/unit of the row] in the numbering of the program."""
 
     @property
     def warm(self) -> bool:
@@ -57,7 +57,7 @@ class Deadline:
         self._clock, self._end = clock, np.inf
 
     def set(self, seconds: float) -> None:
-        """[s] from now on."""
+        """It is over in `seconds` [s] from now."""
         self._end = self._clock() + seconds
 
     @property
@@ -76,7 +76,7 @@ class LevelSolver:
         self._cold, self._warm = (self._solver(f"level_{index}", equal, warm=warm) for warm in (False, True))
 
     def __call__(self, start: NlpPoint, p: np.ndarray, bounds: RowBounds) -> Outcome:
-        """Solve from `start`, warm if it has multipliers."""
+        """Solve from `start`, warm if it has multipliers, with parameters p (n_p,) [unit of the parameter]."""
         rows = self._nlp.rows
         if self._deadline.over:
             return Outcome(point=start, status=NlpStatus.TIME_LIMIT, iterations=0, violation=np.inf)

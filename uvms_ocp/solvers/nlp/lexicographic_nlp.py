@@ -30,21 +30,21 @@ class LexicographicResult:
     """Solution of a lexicographic program."""
 
     x: np.ndarray
-    """(n,) always finite; the start where nothing better was found."""
+    """(n,) [unit of x] always finite; the start where nothing better was found."""
     status: NlpStatus
     """Of the worst level."""
     level_status: tuple[NlpStatus, ...]
     """One per level."""
     values: tuple[np.ndarray, ...]
-    """Rows y of every level at x."""
+    """(m,) [unit of the row] rows y of every level at x."""
     residuals: tuple[np.ndarray, ...]
-    """Signed distance of the rows to their range."""
+    """(m,) [unit of the row] signed distance of the rows of every level to their range."""
     iterations: tuple[int, ...]
     """Per level; with anticipation all of them belong to the last."""
     anticipated: bool
     """True if all levels above the last are met in full."""
     violation: float
-    """Largest violation of constraints, bounds and frozen rows at x."""
+    """[-] Largest violation of constraints, bounds and frozen rows at x."""
     points: tuple[NlpPoint, ...]
     """Where each level ended; a warm start for the next solve."""
     solve_time: float
@@ -52,7 +52,7 @@ class LexicographicResult:
 
     @property
     def level_residuals(self) -> np.ndarray:
-        """(levels,) Euclidean norm of each level's residual."""
+        """(levels,) [-] Euclidean norm of each level's residual."""
         return np.array([np.linalg.norm(residual) for residual in self.residuals])
 
 
@@ -74,10 +74,10 @@ class LexicographicNlp:
         x_upper: np.ndarray | float = np.inf,
         time_limit: float | None = None,
     ) -> LexicographicResult:
-        """Solve from a guess (n,), cold, or from an earlier result, warm in primal and dual variables.
+        """Solve from a start that is a guess (n,) [unit of x], cold, or an earlier result, warm in primal and dual variables.
 
-        time_limit [s]: at most that of the options, which is the default. Raises `InvalidInput` for a start or
-        parameters that are not finite.
+        p (n_p,) [unit of the parameter]; x_lower and x_upper (n,), or one for all variables [unit of x]; time_limit [s]: at
+        most that of the options, which is the default. Raises `InvalidInput` for a start or parameters that are not finite.
         """
         begin = perf_counter()
         points = self._starts(start)
@@ -102,7 +102,7 @@ class LexicographicNlp:
         return tuple(NlpPoint(x=x) for _ in self.program.levels)
 
     def rows_at(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Rows y of every level at x."""
+        """Rows y of every level at x (n,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
         return tuple(np.array(y).ravel() for y in self.program.values.call([x, p]))
 
 

@@ -15,7 +15,7 @@ PLUGINS = ("ipopt", "fatrop")
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NlpOptions:
-    """How the NLPs are solved."""
+    """How the NLPs are solved. Raises `NameNotFound` for another plugin, `InvalidInput` for a number out of its range."""
 
     plugin: str = "ipopt"
     """``ipopt`` or ``fatrop``."""
@@ -38,12 +38,12 @@ class NlpOptions:
 
     @property
     def feasibility(self) -> float:
-        """Largest violation of scaled rows with which a point counts as usable."""
+        """[-] Largest violation of scaled rows with which a point counts as usable."""
         return max(1e-5, self.convergence)
 
     @property
     def freezing(self) -> float:
-        """`tolerance`, 0 where rows are frozen as equalities."""
+        """[-] `tolerance`, 0 where rows are frozen as equalities."""
         return 0.0 if self.plugin == "fatrop" else self.tolerance
 
     def __post_init__(self) -> None:

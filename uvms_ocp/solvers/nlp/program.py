@@ -4,6 +4,9 @@ Level k minimises ``1/2 |y_k - clip(y_k, lower_k, upper_k)|^2``, the squared dis
 the rows of the levels above stay where those levels left them. All rows of the program are numbered once: first
 the constraints, then those that freeze level 0, level 1 and so on. Bounds and multipliers use that numbering at every
 level, so that they carry over.
+
+Variables and rows may have any units. Scale rows to the order of 1: those of a level add up as squares, and one tolerance
+holds for all, so that costs, norms and violations are `[-]`.
 """
 
 from __future__ import annotations
@@ -28,11 +31,11 @@ class NlpLevel:
     """One level of a small program, as expressions: rows `y` within ``[lower, upper]``."""
 
     y: Expression
-    """(m,)"""
+    """(m,) [unit of the row]"""
     lower: float | np.ndarray = 0.0
-    """(m,) or one for all rows."""
+    """(m,), or one for all rows [unit of the row]."""
     upper: float | np.ndarray = 0.0
-    """(m,) or one for all rows."""
+    """(m,), or one for all rows [unit of the row]."""
     relax: float | None = None
     """[-] None freezes the rows of the level; a share such as 0.01 freezes its cost at ``(1 + relax)`` times the best, which
     leaves lower levels some freedom below costs that fix every variable, such as energy."""
@@ -42,14 +45,17 @@ class NlpLevel:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LevelRows:
-    """What the solver must know of one level: the range of its rows, and which rows of the program freeze it."""
+    """What the solver must know of one level: the range of its rows, and which rows of the program freeze it.
+
+    Raises `InvalidInput` for bounds that are NaN or in the wrong order, and for a share that is not positive.
+    """
 
     name: str
     """Told in errors and reports."""
     lower: np.ndarray
-    """(m,)"""
+    """(m,) [unit of the row]"""
     upper: np.ndarray
-    """(m,)"""
+    """(m,) [unit of the row]"""
     relax: float | None
     """[-] As in `NlpLevel`."""
     frozen: slice
@@ -62,13 +68,13 @@ class LevelRows:
             raise InvalidInput(f"level {self.name!r}: relax = {self.relax}; give None or a share > 0")
 
     def distance(self, y: np.ndarray) -> np.ndarray:
-        """Signed distance (m,) of the rows to their range."""
+        """Signed distance (m,) of the rows y (m,) [unit of the row] to their range."""
         return np.asarray(distance(y, self.lower, self.upper))
 
     def frozen_bounds(self, y: np.ndarray, cost: float, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds of the rows that keep the level where it is, at y and `cost`.
+        """Bounds of the rows that keep the level where it is, at y (m,) [unit of the row] and `cost` [-].
 
-        `tolerance`: by which the norm of its residual may rise. The rows get half of it, the solver's own accuracy the
+        `tolerance` [-]: by which the norm of its residual may rise. The rows get half of it, the solver's own accuracy the
         rest.
         """
         if self.relax is None:
@@ -90,7 +96,7 @@ class LevelNlp:
     nlp: Mapping[str, Expression]
     """x, p, f and g."""
     rows: np.ndarray
-    """(n_g,) which rows of the program those of g are."""
+    """(n_g,) [-] which rows of the program those of g are."""
     functions: Mapping[str, ca.Function] = field(default_factory=dict)
     """Derivative functions by the names the NLP solver asks for (``nlp_jac_g``, ...), as far as there are any."""
 
@@ -106,9 +112,9 @@ class LexicographicProgram:
     values: ca.Function
     """``x, p -> y`` of every level, one output each."""
     lower: np.ndarray
-    """(n_constraints,) of the shared constraints."""
+    """(n_constraints,) [unit of the row] of the shared constraints."""
     upper: np.ndarray
-    """(n_constraints,)"""
+    """(n_constraints,) [unit of the row]"""
 
     @property
     def n_rows(self) -> int:
@@ -117,7 +123,10 @@ class LexicographicProgram:
 
 
 def half_square(y: Expression, lower: np.ndarray, upper: np.ndarray) -> Expression:
-    """``1/2 |distance to [lower, upper]|^2``; rows with lower = upper stay twice differentiable everywhere."""
+    """``1/2 |distance to [lower, upper]|^2``; rows with lower = upper stay twice differentiable everywhere.
+
+    y, lower and upper (m,) [unit of the row].
+    """
     equal = lower == upper
     target = ca.DM(np.where(equal, lower, 0.0))
     exact = ca.DM(equal.astype(float)) * (y - target)
@@ -142,7 +151,8 @@ def lexicographic_program(
 ) -> LexicographicProgram:
     """Program of a few expressions in x (n,): levels from the highest to the lowest, subject to g in its bounds.
 
-    Raises `InvalidInput` without levels, and for bounds that do not fit.
+    g_lower and g_upper (n_constraints,), or one for all constraints [unit of the row]. Raises `InvalidInput` without levels,
+    and for bounds that do not fit.
     """
     if not levels:
         raise InvalidInput("a lexicographic program needs levels; give at least one")

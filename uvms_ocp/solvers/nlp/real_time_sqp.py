@@ -26,7 +26,10 @@ QP_PLUGINS = ("hpipm", "proxqp", "piqp")
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class SqpOptions:
-    """How a step is made, and when another one is."""
+    """How a step is made, and when another one is.
+
+    Raises `NameNotFound` for another plugin, `InvalidInput` for one that this CasADi lacks or a number that is not positive.
+    """
 
     plugin: str = "hpipm"
     """``hpipm``, the fastest, knows horizons only; ``proxqp`` and ``piqp`` take any program."""
@@ -37,7 +40,7 @@ class SqpOptions:
     tolerance: float = 1e-3
     """[-] By which the linearised residual of a level may rise."""
     damping: float = 1e-6
-    """[-] Added to the diagonal of the Hessian, so that what no term determines does not move."""
+    """[1/unit of x^2] Added to the diagonal of the Hessian, so that what no term determines does not move."""
 
     def __post_init__(self) -> None:
         if self.plugin not in QP_PLUGINS:
@@ -54,7 +57,7 @@ class SqpResult:
     """The best point of all steps: the first that keeps the constraints, or else the one that breaks them least."""
 
     x: np.ndarray
-    """(n,) finite."""
+    """(n,) [unit of x] finite."""
     status: NlpStatus
     """SOLVED where x keeps the constraints to `SqpOptions.accuracy`; no word on optimality."""
     violation: float
@@ -85,7 +88,10 @@ class RealTimeSqp:
         time_limit: float = np.inf,
         clock: Callable[[], float] = perf_counter,
     ) -> SqpResult:
-        """From x (n,): one step, and more while the constraints are broken and `time_limit` [s] allows another."""
+        """From x (n,) [unit of x]: one step, and more while the constraints are broken and `time_limit` [s] allows another.
+
+        p (n_p,) [unit of the parameter]; x_lower and x_upper (n,), or one for all variables [unit of x].
+        """
         begin, steps = clock(), 0
         bounds = row_bounds(self.program, x_lower, x_upper, len(x))
         best, least, status = x, np.inf, NlpStatus.ITERATION_LIMIT
@@ -137,11 +143,11 @@ class _Linear:
     f: float
     """[-] Cost."""
     gradient: np.ndarray
-    """(n,) of the cost."""
+    """(n,) [1/unit of x] of the cost."""
     H: ca.DM
     """(n, n) Gauss-Newton Hessian, damped."""
     g: np.ndarray
-    """(m,) rows."""
+    """(m,) [unit of the row] rows."""
     A: ca.DM
     """(m, n) their Jacobian."""
 

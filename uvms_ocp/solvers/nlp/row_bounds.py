@@ -15,22 +15,22 @@ class RowBounds:
     """Of the variables and of all rows of the program; rows of levels that are not frozen yet are infinite."""
 
     x_lower: np.ndarray
-    """(n_x,)"""
+    """(n_x,) [unit of x]"""
     x_upper: np.ndarray
-    """(n_x,)"""
+    """(n_x,) [unit of x]"""
     lower: np.ndarray
-    """(n_rows,)"""
+    """(n_rows,) [unit of the row]"""
     upper: np.ndarray
-    """(n_rows,)"""
+    """(n_rows,) [unit of the row]"""
 
     def with_rows(self, rows: slice, bounds: tuple[np.ndarray, np.ndarray]) -> RowBounds:
-        """The same with other bounds for some rows."""
+        """The same with other bounds, lower and upper (m,) [unit of the row], for the given rows."""
         lower, upper = self.lower.copy(), self.upper.copy()
         lower[rows], upper[rows] = bounds
         return replace(self, lower=lower, upper=upper)
 
     def violation(self, x: np.ndarray, g: np.ndarray, rows: np.ndarray) -> float:
-        """Largest violation at x, where the given rows are g."""
+        """Largest violation [-] at x (n_x,) [unit of x], where the rows numbered `rows` (m,) [-] are g (m,) [unit of the row]."""
         broken = excess(g, self.lower[rows], self.upper[rows]).max(initial=0.0)
         return float(max(broken, excess(x, self.x_lower, self.x_upper).max(initial=0.0)))
 
@@ -38,7 +38,7 @@ class RowBounds:
 def row_bounds(
     program: LexicographicProgram, x_lower: np.ndarray | float, x_upper: np.ndarray | float, n_x: int
 ) -> RowBounds:
-    """Bounds with no level frozen; scalars apply to all variables."""
+    """Bounds with no level frozen; x_lower and x_upper (n_x,), or one for all variables [unit of x]."""
     lower, upper = np.full(program.n_rows, -np.inf), np.full(program.n_rows, np.inf)
     m = len(program.lower)
     lower[:m], upper[:m] = program.lower, program.upper

@@ -1,4 +1,7 @@
-"""The algorithm of equalities.c in NumPy: least squares of the active rows, level by level; keep both in step."""
+"""The algorithm of equalities.c in NumPy: least squares of the active rows, level by level; keep both in step.
+
+`[rate]` is the unit of a row, `[velocity]` that of an entry of v.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.solvers.hierarchy.active_set.codes import EQUAL, FREE, LOWER
-from uvms_ocp.solvers.hierarchy.level import Array, row_slices
+from uvms_ocp.solvers.hierarchy.level import row_slices
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 
 
@@ -17,23 +21,23 @@ class Work:
     """What a run works on: M rows, n velocities."""
 
     A: Array
-    """(M, n) rows."""
+    """(M, n) [rate/velocity] rows."""
     lower: Array
-    """(M,)"""
+    """(M,) [rate]"""
     upper: Array
-    """(M,)"""
+    """(M,) [rate]"""
     norm: Array
-    """(M,) of the rows; 0 for a row that counts as nothing."""
+    """(M,) [rate/velocity] of the rows; 0 for a row that counts as nothing."""
     tolerance: Array
-    """(M,) by how much a row may be violated."""
+    """(M,) [rate] by how much a row may be violated."""
     levels: list[slice]
     """Rows of each level."""
     state: Array
-    """(M,) `RowState` of each row."""
+    """(M,) [-] `RowState` of each row."""
     v: Array
-    """(n,) where the run is."""
+    """(n,) [velocity] where the run is."""
     tabu: Array
-    """(M,) True for rows that must not be dropped any more."""
+    """(M,) [-] True for rows that must not be dropped any more."""
     skipped: bool = False
     """A row should have been dropped, but is tabu."""
     unbalanced: float = 0.0
@@ -47,9 +51,9 @@ class Block:
     """Active rows of one level, pivots first, in the coordinates of the factorisation."""
 
     rows: Array
-    """(m,) their numbers."""
+    """(m,) [-] their numbers."""
     T: Array
-    """(m, n)"""
+    """(m, n) [rate/velocity]"""
     column: int
     """First coordinate that the levels above left free."""
     rank: int
@@ -67,15 +71,18 @@ class Equalities:
     blocks: list[Block]
     """One per level."""
     target: Array
-    """(n,) velocity of least norm among the optima."""
+    """(n,) [velocity] of least norm among the optima."""
     slack: Array
-    """(M,) by how much active rows miss their bound there."""
+    """(M,) [rate] by how much active rows miss their bound there."""
     rejected: float
     """[-] Largest `Block.rejected`."""
 
 
 def load(J: Array, lower: Array, upper: Array, state: Array, sizes: Sequence[int]) -> Work:
-    """A run that starts with the rows of ``state`` (M,) active, as far as their bounds are finite."""
+    """A run that starts with the rows of ``state`` (M,) [-] active, as far as their bounds are finite.
+
+    J (M, n) [rate/velocity]; lower and upper (M,) [rate]; sizes: rows of each level.
+    """
     norm = np.sqrt((J * J).sum(axis=1))
     size = np.fmax(_size(lower), _size(upper))
     given = np.sign(state)
@@ -100,7 +107,7 @@ def _size(bound: Array) -> Array:
 
 
 def bounds_of(work: Work, rows: Array) -> Array:
-    """(k,) the bound at which each of k active rows is held."""
+    """(k,) [rate] the bound at which each of the active rows (k,) [-] is held."""
     return np.asarray(np.where(work.state[rows] == LOWER, work.lower[rows], work.upper[rows]))
 
 

@@ -10,13 +10,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.solvers.hierarchy.active_set.codes import Outcome
 from uvms_ocp.solvers.hierarchy.active_set.numpy_core import lexicographic_least_squares
 from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
 from uvms_ocp.solvers.hierarchy.certificate import certificate
 from uvms_ocp.solvers.hierarchy.gated_rows import gated, is_valid, residual
-from uvms_ocp.solvers.hierarchy.level import Array, Level, row_slices
+from uvms_ocp.solvers.hierarchy.level import Level, row_slices
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.solvers.hierarchy.tick import TickResult
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
@@ -46,9 +47,9 @@ class ActiveSetFunctions:
 @dataclass(frozen=True, slots=True, eq=False)
 class _Run:
     v: Array
-    """(n,)"""
+    """(n,) [velocity]"""
     active_set: Array
-    """(M,) where the run has ended."""
+    """(M,) [-] where the run has ended."""
     outcome: Outcome
     """What the run says of itself."""
     status: Status
@@ -65,11 +66,11 @@ class ActiveSetTick:
         self._tick = None if functions.tick is None else BufferedFunction(functions.tick)
         self._core = None if functions.core is None else BufferedFunction(functions.core)
         self._levels = BufferedFunction(functions.levels)
-        self.reset()
+        self._active_set = np.zeros(sum(functions.sizes))
 
     def reset(self) -> None:
         """Forget the active set: the next tick starts cold."""
-        self._active_set = np.zeros(sum(self._functions.sizes))
+        self._active_set = np.zeros_like(self._active_set)
 
     @property
     def compiled(self) -> bool:
@@ -77,7 +78,7 @@ class ActiveSetTick:
         return self._tick is not None
 
     def __call__(self, *inputs: ArrayLike) -> TickResult:
-        """Raise ``InvalidInput`` for a wrong number or shape of inputs."""
+        """Raises `InvalidInput` for a wrong number or shape of inputs."""
         start = perf_counter()
         if self._tick is None:
             return self._recovered(inputs, start)

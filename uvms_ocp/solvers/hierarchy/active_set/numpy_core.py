@@ -1,4 +1,7 @@
-"""The algorithm of active_set.c in NumPy, for machines without a C compiler; keep both in step."""
+"""The algorithm of active_set.c in NumPy, for machines without a C compiler; keep both in step.
+
+`[rate]` is the unit of a row, `[velocity]` that of an entry of v.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +10,10 @@ from enum import IntEnum
 
 import numpy as np
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.solvers.hierarchy.active_set.codes import EQUAL, FREE, LOWER, UPPER, Outcome
 from uvms_ocp.solvers.hierarchy.active_set.equalities import Equalities, Work, bounds_of, load, solve_equalities
 from uvms_ocp.solvers.hierarchy.active_set.patience import Patience, patience
-from uvms_ocp.solvers.hierarchy.level import Array
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 
 _WEAKLY, _FIRMLY = 1, 2
@@ -25,7 +28,10 @@ class _Rule(IntEnum):
 def lexicographic_least_squares(
     J: Array, lower: Array, upper: Array, state: Array, sizes: Sequence[int]
 ) -> tuple[Array, Array, Outcome, int]:
-    """v (n,), active set (M,), outcome and number of iterations; see active_set.c for the algorithm."""
+    """v (n,) [velocity], active set (M,), outcome and number of iterations; see active_set.c for the algorithm.
+
+    J (M, n) [rate/velocity]; lower and upper (M,) [rate]; state (M,) [-]: `RowState` of each row to start with.
+    """
     work = load(J, lower, upper, state, sizes)
     equalities = solve_equalities(work)
     work.v = equalities.target

@@ -42,12 +42,12 @@ class LexicographicActiveSet:
     """[s] after which a call begins no further fallback; the runs themselves are limited in iterations."""
 
     def __post_init__(self) -> None:
-        """Raise ``InvalidInput`` for a time limit that is not positive."""
+        """Raises `InvalidInput` for a time limit that is not positive."""
         if not self.time_limit > 0.0:
             raise InvalidInput(f"time_limit = {self.time_limit} s; give a time > 0, math.inf for none")
 
     def solve(self, levels: Sequence[Level]) -> Solution:
-        """From a cold start; raise ``InvalidInput`` where ``levels`` is empty or of mixed width."""
+        """From a cold start. Raises `InvalidInput` where ``levels`` is empty or of mixed width."""
         return solved(levels, partial(tick_velocity, self._bind_cold))
 
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> ActiveSetTick:

@@ -4,7 +4,7 @@ Level k is ``min |s|^2 + proximal |z|^2`` over (z, s) with ``v = v_0 + P z``, su
 and to the rows of the levels above. v_0 is the result of the levels above and P the projector on what their fixed
 rows (equalities and rows that had to be violated) leave free, so z = 0 is feasible exactly and the constraints
 of the program are inequalities only: that is what keeps an active-set plugin from cycling.
-Equalities of the level itself enter the objective.
+Equalities of the level itself enter the objective. `[rate]` is the unit of a row.
 """
 
 from __future__ import annotations
@@ -144,7 +144,10 @@ def level_step(settings: QpSettings, n: int, held: int, size: int) -> LevelStep:
 
 
 def fixed_rows(y: Array, lower: Array, upper: Array) -> Array:
-    """True for the rows that cannot move any more at ``J v = y``: equalities, and rows that had to be violated."""
+    """True for rows that cannot move any more at y (m,) [rate]: equalities, and rows that had to be violated.
+
+    lower and upper (m,) [rate].
+    """
     return either(lower >= upper, excess(y, lower, upper) > _VIOLATED)
 
 

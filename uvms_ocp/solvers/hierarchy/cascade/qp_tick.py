@@ -12,10 +12,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.solvers.hierarchy.cascade.qp_graph import LevelStep, fixed_rows
 from uvms_ocp.solvers.hierarchy.gated_rows import residual
-from uvms_ocp.solvers.hierarchy.level import Array
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.solvers.hierarchy.tick import TickResult
 
@@ -54,7 +54,7 @@ class QpTick:
             self._set_up()
 
     def __call__(self, *inputs: ArrayLike) -> TickResult:
-        """Raise ``InvalidInput`` for a wrong number or shape of inputs."""
+        """Raises `InvalidInput` for a wrong number or shape of inputs."""
         start = perf_counter()
         # Plugins report their troubles through Python's stdout, whatever their options say.
         with contextlib.redirect_stdout(io.StringIO()):

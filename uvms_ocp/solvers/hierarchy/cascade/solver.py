@@ -52,14 +52,15 @@ class LexicographicQp:
     options: Mapping[str, object] = field(default_factory=dict)
     """Options of the plugin, on top of our defaults."""
     proximal: float = 1e-10
-    """Weight of the distance to the velocity of the levels above, which makes each program strictly convex."""
+    """[-] Weight of the distance to the velocity of the levels above, relative to the mean square of the rows: it makes each
+    program strictly convex."""
     tolerance: float = 1e-9
-    """Largest accepted violation of a higher level, relative to its row."""
+    """[-] Largest accepted violation of a higher level, relative to its row."""
     attempts: int = 3
     """Programs per level at most; a further one starts where the last one ended."""
 
     def __post_init__(self) -> None:
-        """Raise ``NameNotFound`` for an unknown plugin, ``InvalidInput`` for a number out of range."""
+        """Raises `NameNotFound` for an unknown plugin, `InvalidInput` for a number out of range."""
         if not _exists(self.plugin):
             raise NameNotFound("conic plugin", self.plugin, conic_plugins())
         if not (self.proximal > 0.0 and self.tolerance > 0.0 and self.attempts >= 1):
@@ -68,7 +69,7 @@ class LexicographicQp:
             )
 
     def solve(self, levels: Sequence[Level]) -> Solution:
-        """Raise ``InvalidInput`` where ``levels`` is empty or of mixed width."""
+        """Raises `InvalidInput` where ``levels`` is empty or of mixed width."""
         return solved(levels, partial(tick_velocity, self.bind))
 
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> Tick:
