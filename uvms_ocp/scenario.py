@@ -27,8 +27,8 @@ from uvms_ocp.report.meta import Ending, run_meta
 from uvms_ocp.run_meta import RunMeta
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.loop import Controller, Plant, Progress, StateEstimator, simulate
-from uvms_ocp.sim.plant import KinematicPlant
+from uvms_ocp.sim.loop import Controller, Progress, StateEstimator, simulate
+from uvms_ocp.sim.plant import KinematicPlant, Plant
 from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 

@@ -26,7 +26,7 @@ class RecordedTick:
     """One tick of a run."""
 
     inputs: tuple[np.ndarray, ...]
-    """Of the levels function, in its order."""
+    """(n,) [each in its unit] of the levels function, in its order."""
     v: np.ndarray
     """(n_v,) [m/s, rad/s] that the solver found."""
     start: bool

@@ -17,7 +17,8 @@ DONE, ABORT = "done", "abort"
 class Below:
     """True once a measured quantity, named ``task.quantity``, is below `limit`, until it reaches `release` again.
 
-    Without `release` there is no hysteresis: both are the same.
+    Without `release` there is no hysteresis: both are the same. Raises `InvalidInput` for a limit that is not > 0 and a
+    release below it.
     """
 
     sign: ClassVar[str] = "<"
@@ -25,9 +26,9 @@ class Below:
     quantity: str
     """``task.quantity``"""
     limit: float
-    """In the quantity's unit, more than 0."""
+    """[unit of the quantity] more than 0."""
     release: float | None = None
-    """At least the limit."""
+    """[unit of the quantity] at least the limit."""
 
     def __post_init__(self) -> None:
         _check_threshold(self.quantity, self.limit)
@@ -35,27 +36,30 @@ class Below:
             raise InvalidInput(f"release of {self.quantity} = {self.release}; give at least the limit {self.limit:g}")
 
     def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
-        """Whether it is true now, given whether it was `held` to be true before."""
+        """Whether it is true of the quantities [in their units], given whether it was `held` to be true before."""
         limit = self.limit if self.release is None or not held else self.release
         return quantities[self.quantity] < limit
 
     def describe(self, quantities: Mapping[str, float]) -> str:
-        """One clause with the measured value, true or not."""
+        """One clause with the value among the quantities [in their units], true or not."""
         return _described(self, quantities)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Above:
-    """True once a measured quantity exceeds `limit`, and until it falls to `release`; mirror of `Below`."""
+    """True once a measured quantity exceeds `limit`, and until it falls to `release`; mirror of `Below`.
+
+    Raises `InvalidInput` for a limit that is not > 0 and a release above it.
+    """
 
     sign: ClassVar[str] = ">"
     """Between quantity and limit."""
     quantity: str
     """``task.quantity``"""
     limit: float
-    """In the quantity's unit, more than 0."""
+    """[unit of the quantity] more than 0."""
     release: float | None = None
-    """At most the limit."""
+    """[unit of the quantity] at most the limit."""
 
     def __post_init__(self) -> None:
         _check_threshold(self.quantity, self.limit)
@@ -63,12 +67,12 @@ class Above:
             raise InvalidInput(f"release of {self.quantity} = {self.release}; give at most the limit {self.limit:g}")
 
     def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
-        """Whether it is true now, given whether it was `held` to be true before."""
+        """Whether it is true of the quantities [in their units], given whether it was `held` to be true before."""
         limit = self.limit if self.release is None or not held else self.release
         return quantities[self.quantity] > limit
 
     def describe(self, quantities: Mapping[str, float]) -> str:
-        """One clause with the measured value, true or not."""
+        """One clause with the value among the quantities [in their units], true or not."""
         return _described(self, quantities)
 
 
@@ -80,7 +84,8 @@ class Transition:
     """Leads to phase `to` (or `DONE`, or `ABORT`) once every condition has held for `hold` seconds without a gap.
 
     A transition to an earlier phase is a back-step. It fires at most `retries` times; the next time the mission is
-    given up, with that as the reason.
+    given up, with that as the reason. Raises `InvalidInput` where `when` is not a tuple or empty, and for a hold or retries
+    below 0.
     """
 
     to: str
@@ -103,9 +108,11 @@ class Transition:
             raise InvalidInput(f"transition to {self.to!r}: retries = {self.retries}; give 0 or more")
 
     def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
+        """Whether all conditions are true of the quantities [in their units], given whether they were `held` to be."""
         return all(condition.holds(quantities, held) for condition in self.when)
 
     def describe(self, quantities: Mapping[str, float]) -> str:
+        """The clauses of its conditions, with the quantities [in their units]."""
         return ", ".join(condition.describe(quantities) for condition in self.when)
 
 

@@ -12,7 +12,7 @@ from uvms_ocp.tasks.hierarchy import Hierarchy
 
 
 def text_table(hierarchy: Hierarchy, phases: Sequence[Phase], targets: np.ndarray) -> str:
-    """Tasks by phases, from the external activations (n_phases, n_tasks)."""
+    """Tasks by phases, from their targets (n_phases, n_tasks) [-], the external activations."""
     width = max(len(name) for name in (*hierarchy.names, "task"))
     columns = [max(len(phase.name), 4) for phase in phases]
     head = [phase.name.rjust(size) for phase, size in zip(phases, columns, strict=True)]

@@ -22,7 +22,8 @@ from uvms_ocp.tasks.task import Task
 class Mission:
     """Phases over one hierarchy; the first phase begins at t = 0.
 
-    Raises `NameNotFound` for an unknown task or phase name, and `InvalidInput` for quantities that no task measures.
+    Raises `NameNotFound` for an unknown task or phase name, and `InvalidInput` without phases, for a ramp below 0, and for
+    a goal of a task that has none.
     """
 
     hierarchy: Hierarchy
@@ -66,14 +67,14 @@ class Mission:
         return self._enter(0, 0.0, np.zeros(len(self.hierarchy.tasks)))
 
     def gates(self, state: MissionState, t: float) -> np.ndarray:
-        """External activation (n_tasks,) of each task at time t [s] ([Gao2022] eq. 22 in time)."""
+        """External activation (n_tasks,) [-] of each task at time t [s] ([Gao2022] eq. 22 in time)."""
         if t - state.since >= self.ramp:
             return self._targets[state.phase].copy()
         blend = float(Bell(0.0, self.ramp).increasing(t - state.since))
         return (1 - blend) * state.gates_before + blend * self._targets[state.phase]
 
     def idle(self, state: MissionState, gates: np.ndarray) -> np.ndarray:
-        """Which tasks (n_tasks,) are off, by the `gates` (n_tasks,) of now, and stay off in this phase."""
+        """Which tasks (n_tasks,) are off, by the `gates` (n_tasks,) [-] of now, and stay off in this phase."""
         return np.asarray((self._targets[state.phase] == 0) & (gates == 0))
 
     def references(self, state: MissionState, t: float) -> list[np.ndarray]:
@@ -81,7 +82,7 @@ class Mission:
         return [task.reference(self._clock(state, task, t)) for task in self._tasks[state.phase]]
 
     def step(self, state: MissionState, t: float, quantities: Mapping[str, float]) -> tuple[MissionState, Event | None]:
-        """The state after the quantities measured at t, and the event if a transition fired."""
+        """The state after the quantities [in their units] measured at t [s], and the event if a transition fired."""
         if state.over:
             return state, None
         phase = self.phases[state.phase]
@@ -94,7 +95,7 @@ class Mission:
         return replace(state, held_since=held), None
 
     def pending(self, state: MissionState, quantities: Mapping[str, float]) -> str:
-        """What the current phase still waits for, or why the mission was given up."""
+        """What the phase still waits for, with the quantities [in their units], or why the mission was given up."""
         if state.aborted:
             return f"given up, {state.aborted}"
         return " or ".join(tr.describe(quantities) for tr in self.phases[state.phase].transitions)

@@ -14,7 +14,10 @@ from uvms_ocp.mission.conditions import Transition
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Phase:
-    """One action: the external activation of each task, and what ends it."""
+    """One action: the external activation of each task, and what ends it.
+
+    Raises `InvalidInput` where the transitions are not a tuple, and for an activation outside [0, 1].
+    """
 
     name: str
     """Unique in a mission."""

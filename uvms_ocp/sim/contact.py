@@ -17,7 +17,10 @@ from uvms_ocp.model.robot import Robot
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ContactModel:
-    """Stiffness and damping per corner. The values are assumed: no public measurement of a skid on sediment."""
+    """Stiffness and damping per corner. Raises `InvalidInput` for a number that is not > 0.
+
+    The values are assumed: no public measurement of a skid on sediment.
+    """
 
     stiffness: float = 2e4
     """[N/m]"""
@@ -62,7 +65,7 @@ def skid_points(robot: Robot) -> np.ndarray:
 
 
 def _box_corners(shape: object) -> np.ndarray:
-    """Corners (8, 3) of a shape's own bounding box, in the frame of the vehicle."""
+    """Corners (8, 3) [m] of a shape's own bounding box, in the frame of the vehicle."""
     shape.geometry.computeLocalAABB()  # type: ignore[attr-defined]
     box = shape.geometry.aabb_local  # type: ignore[attr-defined]
     ends = np.array([box.min_, box.max_])

@@ -18,15 +18,23 @@ _BLOCK = 256  # nodes of a gust that are drawn at a time
 class Current(Protocol):
     """A field of water velocity."""
 
+    __slots__ = ()
+
     def velocity(self, p_W: np.ndarray, t: float) -> np.ndarray:
-        """Velocity (n, 3) [m/s] in W at points p_W (n, 3) [m] and time t [s]."""
+        """Velocity (n, 3) [m/s] in W at points p_W (n, 3) [m] and time t [s].
+
+        Raises `InvalidInput` for a time that the field does not cover.
+        """
 
     def acceleration(self, p_W: np.ndarray, t: float) -> np.ndarray:
-        """Its derivative with respect to time (n, 3) [m/s2] at fixed points."""
+        """Its derivative with respect to time (n, 3) [m/s2], at fixed points p_W (n, 3) [m] and time t [s].
+
+        Raises `InvalidInput` where `velocity` does.
+        """
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class StillWater:
+class StillWater(Current):
     """No current."""
 
     def velocity(self, p_W: np.ndarray, t: float) -> np.ndarray:
@@ -37,8 +45,11 @@ class StillWater:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class UniformCurrent:
-    """The same velocity (3,) [m/s] everywhere and always."""
+class UniformCurrent(Current):
+    """The same velocity (3,) [m/s] everywhere and always.
+
+    Raises `InvalidInput` for a velocity that is not finite or faster than any sea.
+    """
 
     value: np.ndarray
     """(3,) [m/s] in W."""
@@ -54,8 +65,11 @@ class UniformCurrent:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class ShearedCurrent:
-    """A steady current that varies with depth: linear between the given heights, constant beyond them."""
+class ShearedCurrent(Current):
+    """A steady current that varies with depth: linear between the given heights, constant beyond them.
+
+    Raises `InvalidInput` for heights that do not increase, or velocities that are not finite or faster than any sea.
+    """
 
     z: np.ndarray
     """(k,) [m] heights in W, increasing."""
@@ -72,9 +86,10 @@ class ShearedCurrent:
 
     @staticmethod
     def over_floor(velocity: ArrayLike, *, floor_z: float, thickness: float) -> ShearedCurrent:
-        """Power law ``velocity (height / thickness)^(1/7)`` of a turbulent boundary layer, `velocity` (3,) above it.
+        """Power law ``velocity (height / thickness)^(1/7)`` of a turbulent boundary layer, `velocity` (3,) [m/s] above it.
 
-        floor_z [m] in W, thickness [m] of the layer.
+        floor_z [m] in W, thickness [m] of the layer. Raises `InvalidInput` for a thickness that is not > 0, and as the
+        class does.
         """
         if not (math.isfinite(thickness) and thickness > 0):
             raise InvalidInput(f"thickness of a boundary layer = {thickness} m; give a finite length > 0")
@@ -90,7 +105,7 @@ class ShearedCurrent:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OnsetCurrent:
+class OnsetCurrent(Current):
     """A uniform current that sets in: from rest to its velocity by a cosine step, as when the tide turns."""
 
     value: np.ndarray
@@ -101,6 +116,10 @@ class OnsetCurrent:
     """[s] that the step takes."""
 
     def __init__(self, velocity: ArrayLike, *, start: float, rise: float) -> None:
+        """velocity (3,) [m/s] once it has set in; start, rise [s] as the fields.
+
+        Raises `InvalidInput` for a velocity that is not finite or faster than any sea, and a rise that is not > 0.
+        """
         object.__setattr__(self, "value", _flow("velocity of the current", velocity, (3,)))
         if not (math.isfinite(start) and math.isfinite(rise) and rise > 0):
             raise InvalidInput(f"onset of a current: start = {start} s, rise = {rise} s; give finite times, rise > 0")
@@ -119,11 +138,12 @@ class OnsetCurrent:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class GustyCurrent:
+class GustyCurrent(Current):
     """A first-order Gauss-Markov process on top of another current, the same everywhere.
 
     The process is drawn at nodes `step` apart and joined by cubics, so that velocity and acceleration are continuous.
     A pure function of t >= 0: nodes are drawn in their order whatever the order of the questions, then kept.
+    Raises `InvalidInput` for a sigma below 0 or a time that is not > 0.
     """
 
     base: Current = field(default_factory=StillWater)

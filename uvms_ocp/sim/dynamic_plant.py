@@ -17,12 +17,13 @@ from uvms_ocp.model.thrusters import thruster_matrix
 from uvms_ocp.sim.contact import ContactModel, skid_points
 from uvms_ocp.sim.dynamic_step import JointStops, StepModel, step_function
 from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.plant import Plant
 from uvms_ocp.sim.thrusters import ThrusterBank, joint_power
 
 BRAKE_FRICTION = 1e6  # [N m s/rad] of a locked joint, which creeps by less than a milliradian in a minute (assumed)
 
 
-class DynamicPlant:
+class DynamicPlant(Plant):
     """Robot, thrusters, water and floor at `max_step` or finer; see `uvms_ocp.sim.dynamic_step` for the equations."""
 
     def __init__(
@@ -36,7 +37,10 @@ class DynamicPlant:
         contact: ContactModel | None = None,
         stops: JointStops | None = None,
     ) -> None:
-        """q0 (n_q,) is the start, at rest. max_step [s]. Raises what `Robot.check_configuration` raises."""
+        """q0 (n_q,) [m, rad]: the start, at rest. max_step [s].
+
+        Raises `InvalidInput` for a max_step that is not > 0, and as `Robot.check_configuration`.
+        """
         if not (math.isfinite(max_step) and max_step > 0):
             raise InvalidInput(f"max_step = {max_step} s; give a finite time > 0")
         self._robot, self._dynamics, self._environment, self._max_step = robot, dynamics, environment, max_step
@@ -61,7 +65,10 @@ class DynamicPlant:
         self.state = State(q=robot.check_configuration(q0), v=np.zeros(robot.n_v))
 
     def step(self, command: Command, dt: float) -> None:
-        """Advance by dt [s]. Water and floor are sampled once, thrust and motion in steps of at most `max_step`."""
+        """Advance by dt [s]. Water and floor are sampled once, thrust and motion in steps of at most `max_step`.
+
+        Raises `InvalidInput` for a command without thrust or torque.
+        """
         thrust, self._torque = self._efforts(command)
         water, floor = self._water(dt), self._floor()
         n_steps = math.ceil(dt / self._max_step - 1e-9)
@@ -78,7 +85,6 @@ class DynamicPlant:
         self.state = State(q=q, v=v)
 
     def telemetry(self) -> dict[str, Any]:
-        """What the plant knows beside its state, for the record."""
         return {
             "thrust": self._bank.thrust.copy(),
             "torque": self._torque,
@@ -94,7 +100,7 @@ class DynamicPlant:
         return command.thrust, np.clip(command.torque, -effort, effort)
 
     def _water(self, dt: float) -> tuple[np.ndarray, np.ndarray]:
-        """Velocity and acceleration (3, n_links) of the water as the moving links feel it."""
+        """Velocity [m/s] and acceleration [m/s2] (3, n_links) of the water as the moving links feel it."""
         positions, current = self._dynamics.link_positions(self.state.q), self._environment.current
         before = positions if self._positions is None else self._positions
         self._positions = positions
@@ -103,7 +109,7 @@ class DynamicPlant:
         return velocity.T, (current.acceleration(positions, self._t) + carried).T
 
     def _floor(self) -> tuple[np.ndarray, np.ndarray]:
-        """Height (n_points,) and normal (3, n_points) of the floor below the contact points."""
+        """Height (n_points,) [m] and normal (3, n_points) [-] of the floor below the contact points."""
         q = self.state.q
         corners = self._points @ quaternion_to_matrix(q[3:7]).T + q[:3] if len(self._points) else self._points
         floor = self._environment.seafloor

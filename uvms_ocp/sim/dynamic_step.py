@@ -52,10 +52,10 @@ class StepModel:
 def step_function(model: StepModel) -> ca.Function:
     """Function ``q, v, tau, u, u_dot, floor_z, floor_normal, brake, dt -> q_next, v_next, contact``.
 
-    tau (n_v,): generalized force of thrusters and motors. u, u_dot (3, n_links): water at the links. floor_z
-    (n_points,) and floor_normal (3, n_points): height and normal of the floor below the contact points. brake [N m s/rad]:
-    friction of the brakes on every joint. contact (n_points,) [N]:
-    the vertical force of the floor on each point.
+    tau (n_v,) [N, N m]: generalized force of thrusters and motors. u (3, n_links) [m/s] and u_dot (3, n_links) [m/s2]:
+    water at the links. floor_z (n_points,) [m] and floor_normal (3, n_points) [-]: height and normal of the floor below
+    the contact points. brake [N m s/rad]: friction of the brakes on every joint. dt [s]. contact (n_points,) [N]: the
+    vertical force of the floor on each point.
     """
     robot, n_links, n_points = model.robot, len(model.dynamics.links), len(model.points)
     q, v, tau = (ca.SX.sym(name, n) for name, n in (("q", robot.n_q), ("v", robot.n_v), ("tau", robot.n_v)))
@@ -80,7 +80,7 @@ def step_function(model: StepModel) -> ca.Function:
 
 
 def _stops(model: StepModel, q: ca.SX, v: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Generalized force (n_v,) of joints beyond their limits, and what it adds to G (n_v,)."""
+    """Generalized force (n_v,) [N, N m] of joints beyond their limits, and what it adds to G (n_v,)."""
     force, slope = ca.SX.zeros(model.robot.n_v), ca.SX.zeros(model.robot.n_v)
     k, d = model.stops.stiffness, model.stops.damping
     for joint, lower, upper in bounded_joints(model.robot.joints, model.robot.limits):
@@ -94,7 +94,7 @@ def _stops(model: StepModel, q: ca.SX, v: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.S
 def _contact(
     model: StepModel, q: ca.SX, v: ca.SX, floor_z: ca.SX, normal: ca.SX, dt: ca.SX
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Vertical force [N] per point, the generalized force (n_v,) of all, and what they add to G (n_v, n_v)."""
+    """Vertical force [N] per point, the generalized force (n_v,) [N, N m] of all, and what they add to G (n_v, n_v)."""
     n_v = model.robot.n_v
     total, slope = ca.SX.zeros(n_v), ca.SX(n_v, n_v)
     if not len(model.points):

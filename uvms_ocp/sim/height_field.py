@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.sim.seafloor import Seafloor
 
 _LEVEL = 1e-9  # sine of the angle to the horizon below which a ray counts as level
 _SAMPLES_PER_RADIUS = 12  # of the smallest protuberance, when a ray looks for the floor
@@ -18,12 +19,15 @@ _RANGE_TOLERANCE = 1e-10  # [m]
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Relief:
-    """How rough a floor is: the ranges from which its protuberances are drawn."""
+    """How rough a floor is: the ranges from which its protuberances are drawn.
+
+    Raises `InvalidInput` unless 0 < lowest <= highest, and for a spacing that is not > 0.
+    """
 
     height: tuple[float, float]
-    """[m]"""
+    """[m] lowest and highest."""
     radius: tuple[float, float]
-    """[m]"""
+    """[m] smallest and largest."""
     spacing: float
     """[m] mean distance between neighbours."""
 
@@ -45,10 +49,11 @@ RELIEFS = {
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class HeightField:
+class HeightField(Seafloor):
     """A plane with bumps ``h (1 - (d/r)^2)^3`` where the distance d to the bump's centre is below r.
 
-    Twice continuously differentiable; overlapping bumps add up.
+    Twice continuously differentiable; overlapping bumps add up. Raises `InvalidInput` for numbers that are not finite,
+    arrays that do not fit together, and heights or radii that are not > 0.
     """
 
     z: float
@@ -91,7 +96,8 @@ class HeightField:
     ) -> HeightField:
         """Protuberances drawn from `relief` (or its name in `RELIEFS`) over a square of side `extent` [m].
 
-        z [m] is the height of the plane between and around them. Raises `NameNotFound` and `InvalidInput`.
+        z [m]: height of the plane between and around them. centre [m]: x, y of the square in W. Raises `NameNotFound` for
+        an unknown name and `InvalidInput` for an extent that is not > 0.
         """
         if isinstance(relief, str):
             if relief not in RELIEFS:
@@ -112,11 +118,11 @@ class HeightField:
         return self.z + float(_elevation(self._bumps, x, y))
 
     def heights_at(self, points: np.ndarray) -> np.ndarray:
-        """z (m,) [m] of the floor at x, y (m, 2) [m] in W."""
+        """z (m,) [m] of the floor at points (m, 2) [m], x, y in W."""
         return self.z + _elevation(self._bumps, points[:, :1], points[:, 1:])
 
     def gradient(self, x: float, y: float) -> np.ndarray:
-        """Slope (2,) [-] along x and y in W."""
+        """Slope (2,) [-] along x and y in W, at the point (x, y) [m]."""
         dx, dy, height, scale = self._bumps[0] - x, self._bumps[1] - y, self._bumps[2], self._bumps[3]
         rest = np.maximum(1.0 - (dx * dx + dy * dy) * scale, 0.0)
         slope = 6.0 * height * rest * rest * scale
@@ -127,7 +133,7 @@ class HeightField:
         return upwards / np.linalg.norm(upwards)
 
     def range_along(self, origin: np.ndarray, direction: np.ndarray) -> float:
-        """See `Seafloor`. Marches with a fraction of the smallest radius, then refines by Brent's method."""
+        # Marches with a fraction of the smallest radius, then refines by Brent's method.
         descent = -float(direction[2])
         above = float(origin[2]) - self.height(float(origin[0]), float(origin[1]))
         if above <= 0:

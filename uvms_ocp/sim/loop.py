@@ -6,12 +6,13 @@ The parts know nothing of each other: what they exchange is `uvms_ocp.model.stat
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from uvms_ocp.model.state import Command, Measurement, Readings, State
 from uvms_ocp.record import Recorder
+from uvms_ocp.sim.plant import Plant
 
 Sensors = Callable[[State, float], Readings]
 """True state and time [s] to readings."""
@@ -21,19 +22,6 @@ Controller = Callable[[Measurement, float], Command]
 """Measurement and time [s] to a command."""
 Progress = Callable[[float, Command], None]
 """Told the time [s] and the command of a tick."""
-
-
-class Plant(Protocol):
-    """Something with a true state that a command advances."""
-
-    state: State
-    """The true one."""
-
-    def step(self, command: Command, dt: float) -> None:
-        """Advance by dt [s]."""
-
-    def telemetry(self) -> dict[str, Any]:
-        """What it knows beside its state, for the record."""
 
 
 def simulate(

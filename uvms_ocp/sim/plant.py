@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -11,16 +11,28 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, State
 
 
-class KinematicPlant:
+class Plant(Protocol):
+    """Something with a true state that a command advances."""
+
+    state: State
+    """The true one."""
+
+    def step(self, command: Command, dt: float) -> None:
+        """Advance by dt [s]."""
+
+    def telemetry(self) -> dict[str, Any]:
+        """What it knows beside its state, for the record."""
+
+
+class KinematicPlant(Plant):
     """The paper's plant: velocities follow the command at once."""
 
     def __init__(self, robot: Robot, q0: np.ndarray) -> None:
-        """q0 (n_q,) is the start; raises what `Robot.check_configuration` raises."""
+        """q0 (n_q,) [m, rad]: the start. Raises `InvalidInput`, as `Robot.check_configuration`."""
         self._model = robot.model
         self.state = State(q=robot.check_configuration(q0), v=np.zeros(robot.n_v))
 
     def step(self, command: Command, dt: float) -> None:
-        """Advance by dt [s]."""
         self.state = State(q=pin.integrate(self._model, self.state.q, command.v * dt), v=command.v)
 
     def telemetry(self) -> dict[str, Any]:

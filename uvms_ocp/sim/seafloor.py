@@ -22,21 +22,23 @@ _SLAB = 2.0  # [m] thickness of a flat floor as an obstacle
 class Seafloor(Protocol):
     """A floor that can be seen by an altimeter and stood upon."""
 
+    __slots__ = ()
+
     def height(self, x: float, y: float) -> float:
         """z [m] of the floor below or above the point (x, y) [m] in W."""
 
     def normal(self, x: float, y: float) -> np.ndarray:
-        """Unit normal (3,) of the floor at (x, y) [m], upwards."""
+        """Unit normal (3,) [-] of the floor at (x, y) [m], upwards, in W."""
 
     def range_along(self, origin: np.ndarray, direction: np.ndarray) -> float:
-        """Distance [m] from `origin` (3,) along the unit vector `direction` (3,) to the floor; nan without a hit.
+        """Distance [m] from `origin` (3,) [m] along the unit vector `direction` (3,) [-] in W to the floor; nan without a hit.
 
         0 or negative where the origin is at or below the floor and the ray points down.
         """
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class FlatSeafloor:
+class FlatSeafloor(Seafloor):
     """A horizontal plane. Raises `InvalidInput` for a height that is not finite."""
 
     z: float
@@ -53,7 +55,6 @@ class FlatSeafloor:
         return np.array([0.0, 0.0, 1.0])
 
     def range_along(self, origin: np.ndarray, direction: np.ndarray) -> float:
-        """See `Seafloor`."""
         descent = -float(direction[2])
         return (float(origin[2]) - self.z) / descent if descent > _LEVEL else math.nan
 
@@ -72,7 +73,8 @@ def floor_mesh(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (n, 3) [m] in W and triangles (m, 3), counter-clockwise from above, of a square of the floor.
 
-    extent [m] is its side, spacing [m] the distance between vertices.
+    centre [m] is x, y of the square, extent [m] its side, spacing [m] the distance between vertices. Raises `InvalidInput`
+    unless 0 < spacing <= extent.
     """
     if not (math.isfinite(extent) and math.isfinite(spacing) and 0 < spacing <= extent):
         raise InvalidInput(f"mesh of extent {extent} m and spacing {spacing} m; give 0 < spacing <= extent")
@@ -88,7 +90,10 @@ def floor_mesh(
 def floor_obstacle(
     seafloor: Seafloor, *, centre: tuple[float, float], extent: float, spacing: float = 0.25
 ) -> Obstacle:
-    """A square of the floor as an obstacle named ``seafloor``: a slab if it is flat, else a mesh (`floor_mesh`)."""
+    """A square of the floor as an obstacle named ``seafloor``: a slab if it is flat, else a mesh.
+
+    centre, extent, spacing [m] as `floor_mesh` takes them; raises what it raises.
+    """
     if isinstance(seafloor, FlatSeafloor):
         middle = np.array([*centre, seafloor.z - 0.5 * _SLAB])
         return Obstacle(name="seafloor", shape=coal.Box(extent, extent, _SLAB), X_WO=pin.SE3(np.eye(3), middle))

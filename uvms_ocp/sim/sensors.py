@@ -23,13 +23,13 @@ Disturb = Callable[[Any, np.ndarray], Any]
 
 
 class Altimeter:
-    """Range along -z of a frame of the robot to the seafloor, without noise."""
+    """Range along -z of a frame of the robot to the seafloor, without noise. Raises `FrameNotFound` for an unknown frame."""
 
     def __init__(self, robot: Robot, seafloor: Seafloor, frame: str = "altimeter") -> None:
         self._beam, self._seafloor = AltimeterBeam(robot, frame), seafloor
 
     def measure(self, q: np.ndarray) -> float:
-        """Range [m] at configuration q (n_q,); nan without an echo."""
+        """Range [m] at configuration q (n_q,) [m, rad]; nan without an echo."""
         beam = self._beam.at(q)
         return self._seafloor.range_along(beam.origin, beam.direction)
 

@@ -61,7 +61,10 @@ class ThrusterBank:
         return self._factor * np.abs(self.thrust) ** self._exponent
 
     def step(self, command: ArrayLike, dt: float) -> np.ndarray:
-        """Hold a command (n,) [N] for dt [s] and return the thrust (n,) [N] at the end. Raises InvalidInput."""
+        """Hold a command (n,) [N] for dt [s] and return the thrust (n,) [N] at the end.
+
+        Raises `InvalidInput` for a command that is not n finite numbers, or a dt that is not > 0.
+        """
         target, saturated = self._target(_checked_command(command, self.thrust.shape))
         step = self._of_length(dt)
         distance = self.thrust - target
@@ -72,7 +75,10 @@ class ThrusterBank:
         return self.thrust
 
     def step_signals(self, signals: ArrayLike, dt: float) -> np.ndarray:
-        """`step` for command signals (n,) [-], turned into thrust by the curve of each thruster."""
+        """`step` over dt [s] for command signals (n,) [-], turned into thrust by the curve of each thruster.
+
+        Raises `InvalidInput` where `step` does.
+        """
         checked = _checked_command(signals, self.thrust.shape)
         return self.step(thrust_of_signals(self._robot, checked), dt)
 
@@ -88,9 +94,9 @@ class ThrusterBank:
 
 
 def joint_power(tau: np.ndarray, rate: np.ndarray, efficiency: float) -> np.ndarray:
-    """Electrical power (n_joints,) [W] of drives with effort tau [N m, N] at rate [rad/s, m/s].
+    """Electrical power (n_joints,) [W] of drives with effort tau (n_joints,) [N m or N] at rate (n_joints,) [rad/s or m/s].
 
-    ``|tau rate| / efficiency``: braking gives nothing back, standing still is free.
+    ``|tau rate|`` divided by the efficiency [-]: braking gives nothing back, standing still is free.
     """
     return np.abs(tau * rate) / efficiency
 

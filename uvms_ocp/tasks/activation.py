@@ -12,25 +12,25 @@ from uvms_ocp.exceptions import InvalidInput
 
 @dataclass(frozen=True, slots=True)
 class Bell:
-    """A cosine step over ``[start, end]``: C1 everywhere, 0 or 1 outside.
+    """A cosine step over ``start <= x <= end``: C1 everywhere, 0 or 1 outside.
 
     Raises `InvalidInput` unless ``start < end`` and both are finite.
     """
 
     start: float
-    """In the unit of its argument."""
+    """[unit of x]"""
     end: float
-    """In the unit of its argument."""
+    """[unit of x]"""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.start) and math.isfinite(self.end) and self.start < self.end):
             raise InvalidInput(f"Bell({self.start}, {self.end}): start and end must be finite and start < end")
 
     def increasing(self, x: ca.SX | float) -> ca.SX:
-        """0 below `start`, 1 above `end`."""
+        """0 where x [its unit] is below `start`, 1 where it is above `end`."""
         phase = ca.fmin(ca.fmax((x - self.start) / (self.end - self.start), 0), 1)
         return 0.5 - 0.5 * ca.cos(math.pi * phase)
 
     def decreasing(self, x: ca.SX | float) -> ca.SX:
-        """1 below `start`, 0 above `end`: the mirror of `increasing`."""
+        """1 where x [its unit] is below `start`, 0 where it is above `end`: the mirror of `increasing`."""
         return 1 - self.increasing(x)

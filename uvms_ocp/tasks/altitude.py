@@ -36,7 +36,7 @@ def altitude_of(symbols: TickSymbols, frame: str) -> ca.SX:
 
 
 def altitude_row(symbols: TickSymbols, frame: str) -> ca.SX:
-    """World-z velocity of the sensor point, (1, n_v)."""
+    """Row (1, n_v) [-, m] of the world-z velocity of the sensor point."""
     return symbols.kinematics.jacobian(frame)[2, :]
 
 

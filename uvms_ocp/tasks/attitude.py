@@ -91,9 +91,13 @@ class HorizontalAttitude(AngleTask):
     name: str = "HA"
     task_class: TaskClass = TaskClass.SAFETY
     gain: float = 0.2
+    """[1/s]"""
     saturation: float = 0.5
+    """[rad/s]"""
     bell: Bell = Bell(0.025, 0.1)
+    """[rad]"""
     aim: float = 0.025
+    """[rad]"""
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """Tilt <= `aim` [rad]."""
@@ -113,7 +117,7 @@ class Alignment(AngleTask):
 
     theta takes a = body x axis to b = d / |d|, d the horizontal part of target minus vehicle position, and
     ``d theta / dt = -n . (omega_W + [d x] diag(1,1,0) v_W / |d|^2)``. A target straight above or below has no
-    direction: the row is zero then and the quantity ``overhead`` is 1.
+    direction: the row is zero then and the quantity ``overhead`` is 1. Raises `InvalidInput` for a goal that is no position.
     """
 
     name: str = "AT"
@@ -121,9 +125,13 @@ class Alignment(AngleTask):
     goal: VectorGoal
     """(3,) [m] target position in W."""
     gain: float = 0.6
+    """[1/s]"""
     saturation: float = 0.2
+    """[rad/s]"""
     bell: Bell = Bell(0.0, 0.07)
+    """[rad]"""
     aim: float = 0.035
+    """[rad]"""
 
     def __post_init__(self) -> None:
         AngleTask.__post_init__(self)
@@ -172,7 +180,8 @@ class FieldOfView(AngleTask):
 
     theta takes the optical axis to the direction d / |d| of the point, and
     ``d theta / dt = -n . (omega_W + d x v_W / |d|^2)`` with the velocity of the camera's frame. A point at the camera
-    itself has no direction: the row is zero then.
+    itself has no direction: the row is zero then. Raises `InvalidInput` for a goal that is no position or an axis that is
+    no unit vector.
     """
 
     name: str = "FV"
@@ -182,9 +191,13 @@ class FieldOfView(AngleTask):
     axis: tuple[float, float, float] = (1.0, 0.0, 0.0)
     """(3,) [-] optical axis in `frame`, of length 1."""
     gain: float = 0.6
+    """[1/s]"""
     saturation: float = 0.3
+    """[rad/s]"""
     bell: Bell = Bell(0.3, 0.5)
+    """[rad]"""
     aim: float = 0.4
+    """[rad]"""
 
     def __post_init__(self) -> None:
         AngleTask.__post_init__(self)

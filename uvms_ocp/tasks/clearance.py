@@ -65,7 +65,6 @@ class Clearance(Task):
         return self._pairs.n_parameters
 
     def reference(self, t: float) -> np.ndarray:
-        """Pairs that are far away and do not move."""
         return self._pairs.far_away()
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:

@@ -12,7 +12,8 @@ class Hierarchy:
     """Tasks from the highest priority to the lowest.
 
     Without `order` the classes decide (`TaskClass`), ties keep the given order. `order` names every task once, highest
-    first, and overrides the classes. Raises `InvalidInput` for duplicate names or an incomplete order.
+    first, and overrides the classes. Raises `InvalidInput` for what is not a task, duplicate names or an incomplete order,
+    and `NameNotFound` for a name in it that no task has.
     """
 
     __slots__ = ("tasks",)

@@ -34,6 +34,7 @@ class JointLimits(Task):
     """JL: every bounded joint stays inside its range, one row per joint ([Gao2022] Case 2).
 
     The activation rises over the last `margin` of the range on each side; the rate leads back to that guard.
+    Raises `InvalidInput` for a margin of 0.5 or more.
     """
 
     equality: ClassVar[bool] = False
@@ -44,7 +45,7 @@ class JointLimits(Task):
     gain: float = 0.2
     """[1/s]"""
     saturation: float = 0.5
-    """[rad/s]"""
+    """[rad/s or m/s]"""
 
     def __post_init__(self) -> None:
         require_positive(self.name, margin=self.margin, gain=self.gain, saturation=self.saturation)
@@ -103,7 +104,10 @@ class JointLimits(Task):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class JointTracking(Task):
-    """MP: chosen joints follow a trajectory or hold a preferred posture ([Gao2022] Case 2)."""
+    """MP: chosen joints follow a trajectory or hold a preferred posture ([Gao2022] Case 2).
+
+    Raises `InvalidInput` for a goal that does not give each joint one number.
+    """
 
     name: str = "MP"
     task_class: TaskClass = TaskClass.OPTIMIZATION
@@ -114,7 +118,7 @@ class JointTracking(Task):
     gain: float = 0.5
     """[1/s]"""
     saturation: float = 0.5
-    """[rad/s]"""
+    """[rad/s or m/s]"""
 
     def __post_init__(self) -> None:
         require_positive(self.name, gain=self.gain, saturation=self.saturation)
@@ -145,7 +149,8 @@ class JointTracking(Task):
 class Manipulability(Task):
     """MU: the manipulability ``mu = sqrt(det(J J'))`` of the arm stays away from 0.
 
-    J is the Jacobian of `frame` with the arm's joints alone. Rate ``gain (target - mu)``.
+    J is the Jacobian of `frame` with the arm's joints alone. Rate ``gain (target - mu)``. For six revolute joints mu
+    is in [m^3].
     """
 
     equality: ClassVar[bool] = False
@@ -156,9 +161,9 @@ class Manipulability(Task):
     gain: float = 0.1
     """[1/s]"""
     target: float = 0.12
-    """Manipulability that the rate leads to, in units of the Jacobian's product."""
+    """[unit of mu] that the rate leads to."""
     bell: Bell = Bell(0.02, 0.05)
-    """In units of `target`: activation falls over this range."""
+    """[unit of mu] activation falls over this range."""
 
     def __post_init__(self) -> None:
         require_positive(self.name, gain=self.gain, target=self.target)

@@ -20,7 +20,8 @@ def approach_speed(distance: ca.SX, *, gain: float, deceleration: float | ca.SX,
     still fits: in sampled time the stop after speed s takes at most ``s dt + s^2 / (2 a)``. If s keeps that inequality,
     s - a dt keeps it one tick later, so a hierarchy with acceleration limits on top can always obey.
 
-    distance [m or rad] any shape; gain [1/s]; deceleration [1/s^2]; dt [s]; saturation [1/s] caps both directions.
+    distance [m or rad] any shape; gain [1/s]; deceleration [m/s2 or rad/s2]; dt [s]; saturation [m/s or rad/s] caps both
+    directions.
     """
     damper = ca.fmin(ca.fmax(gain * distance, -saturation), saturation)
     return ca.fmin(damper, stopping_speed(distance, deceleration=deceleration, dt=dt))
@@ -29,7 +30,7 @@ def approach_speed(distance: ca.SX, *, gain: float, deceleration: float | ca.SX,
 def stopping_speed(distance: Array, *, deceleration: Array, dt: float) -> Array:
     """Largest speed from which a full stop within `distance` is possible in sampled time; 0 beyond the limit.
 
-    Of expressions or of numbers, of shapes that go together. distance [m or rad]; deceleration [m/s2 or rad/s2]; dt [s].
+    Of expressions, or of arrays: distance (..., m) [m or rad]; deceleration (m,) [m/s2 or rad/s2]; dt [s].
     """
     symbolic = is_symbolic(distance, deceleration)
     sqrt, larger, smaller = (ca.sqrt, ca.fmax, ca.fmin) if symbolic else (np.sqrt, np.maximum, np.minimum)
@@ -38,11 +39,11 @@ def stopping_speed(distance: Array, *, deceleration: Array, dt: float) -> Array:
 
 
 def saturate(x: ca.SX, limit: float) -> ca.SX:
-    """`x` scaled so that its norm is at most `limit`; the direction is kept."""
+    """`x` scaled so that its norm is at most `limit` [unit of x]; the direction is kept."""
     return x * limit / ca.fmax(ca.norm_2(x), limit)
 
 
 def row_acceleration(J: ca.SX, limit: np.ndarray) -> ca.SX:
-    """Rate of change (m,) of ``J v`` along each row's own gradient when the first axis is at its `limit` (n_v,)."""
+    """Rate of change (m,) of ``J v`` along each row's own gradient, as the first axis reaches its limit (n_v,) [m/s2, rad/s2]."""
     effort = functools.reduce(ca.fmax, ca.horzsplit(ca.fabs(J) @ ca.diag(ca.DM(1 / limit))))
     return ca.sum2(J**2) / ca.fmax(effort, 1 / _ABRUPT)

@@ -28,7 +28,7 @@ class PairSymbols:
     closing: ca.SX
     """(m,) [m/s] speed of approach whose stop just leaves the threshold; `FAR` where the pair is nearest now."""
     jacobian: ca.SX
-    """(m, n_v) gradient of each distance at the place where it is smallest."""
+    """(m, n_v) [-, m] gradient of each distance at the place where it is smallest."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -67,7 +67,10 @@ class NearestPairs:
     def parameters(
         self, *, smallest: float, distance: np.ndarray, closing: np.ndarray, gradient: np.ndarray
     ) -> np.ndarray:
-        """What is measured, as `PairSymbols` has it, as one vector (n_parameters,); gradient (m, n_v)."""
+        """What is measured, as `PairSymbols` has it, as one vector (n_parameters,).
+
+        smallest [m], distance (m,) [m], closing (m,) [m/s], gradient (m, n_v) [-, m].
+        """
         return np.concatenate([[smallest], distance, closing, gradient.ravel(order="F")])
 
     def far_away(self) -> np.ndarray:

@@ -92,7 +92,9 @@ class VehiclePose(PoseTask):
     task_class: TaskClass = TaskClass.ACTION
     frame: str = "base_link"
     gain_linear: float = 0.2
+    """[1/s]"""
     gain_angular: float = 0.5
+    """[1/s]"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -103,7 +105,9 @@ class ToolPose(PoseTask):
     task_class: TaskClass = TaskClass.ACTION
     frame: str = "tool"
     gain_linear: float = 0.6
+    """[1/s]"""
     gain_angular: float = 0.6
+    """[1/s]"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -144,5 +148,5 @@ class ToolPosition(Task):
 
 
 def pose_parameters(pose: pin.SE3, rate: np.ndarray) -> np.ndarray:
-    """Pose and rate as the flat vector (18,) that `PoseTask.rows` reads."""
+    """Pose [m] and rate (6,) [m/s, rad/s] as the flat vector (18,) that `PoseTask.rows` reads."""
     return np.concatenate([pose.translation, pose.rotation.ravel(order="F"), rate])

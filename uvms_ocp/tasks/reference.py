@@ -21,7 +21,7 @@ PoseGoal: TypeAlias = pin.SE3 | PoseReference
 
 
 def evaluate_vector(name: str, goal: VectorGoal, t: float) -> tuple[np.ndarray, np.ndarray]:
-    """Value (n,) and rate (n,) of a vector goal at time t [s]; raises `InvalidInput` where it is not finite."""
+    """Value (n,) and rate (n,) [its unit / s] of a vector goal at time t [s]; raises `InvalidInput` where not finite."""
     value, rate = goal(t) if callable(goal) else (np.asarray(goal, dtype=float), np.zeros(np.shape(goal)))
     if not _finite(value, rate):
         raise InvalidInput(f"{name}: goal {value} with rate {rate} at t = {t} s; give finite numbers")
@@ -29,7 +29,10 @@ def evaluate_vector(name: str, goal: VectorGoal, t: float) -> tuple[np.ndarray, 
 
 
 def evaluate_pose(name: str, goal: PoseGoal, t: float) -> tuple[pin.SE3, np.ndarray]:
-    """Pose in W and its rate (6,) in W, linear first, at time t [s]; raises `InvalidInput` where not finite."""
+    """Pose [m] in W and its rate (6,) [m/s, rad/s] in W, linear first, at time t [s].
+
+    Raises `InvalidInput` for a goal that is not finite or no pose.
+    """
     pose, rate = goal(t) if callable(goal) else (goal, np.zeros(6))
     if not isinstance(pose, pin.SE3):
         raise InvalidInput(f"{name}: goal of type {type(pose).__name__}; give a pinocchio.SE3 or a function of time")

@@ -47,7 +47,7 @@ class TickSymbols:
     kinematics: SymbolicKinematics
     """Forward kinematics at q."""
     q: ca.SX
-    """(n_q,) configuration."""
+    """(n_q,) [m, rad] configuration."""
     velocity: ca.SX
     """(n_v,) [m/s, rad/s] measured generalized velocity."""
     altimeter_range: ca.SX
@@ -62,16 +62,16 @@ class TickSymbols:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Rows:
-    """What a task asks of v: ``jacobian @ v`` at `rate`, or within ``[lower, upper]``, in units of the task per second."""
+    """What a task asks of v: ``jacobian @ v`` at `rate`, or within ``[lower, upper]``."""
 
     jacobian: ca.SX
-    """(m, n_v)"""
+    """(m, n_v) [unit of the task / m, or / rad]"""
     rate: ca.SX
-    """(m,)"""
+    """(m,) [unit of the task / s]"""
     lower: ca.SX
-    """(m,)"""
+    """(m,) [unit of the task / s]"""
     upper: ca.SX
-    """(m,)"""
+    """(m,) [unit of the task / s]"""
     activation: ca.SX
     """(m,) [-] internal bell in [0, 1]."""
     quantities: Mapping[str, ca.SX] = field(default_factory=dict)
@@ -90,11 +90,11 @@ class Residual:
     """
 
     value: ca.SX
-    """(m,), in units of the task."""
+    """(m,) [unit of the task]"""
     lower: np.ndarray
-    """(m,)"""
+    """(m,) [unit of the task]"""
     upper: np.ndarray
-    """(m,)"""
+    """(m,) [unit of the task]"""
 
     @property
     def n_rows(self) -> int:
@@ -103,7 +103,10 @@ class Residual:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Task(ABC):
-    """Base of all tasks. Fields of every task can be changed with `dataclasses.replace`."""
+    """Base of all tasks. Fields of every task can be changed with `dataclasses.replace`.
+
+    Gains, saturations and margins that are not > 0, and goals that are not finite, raise `InvalidInput`.
+    """
 
     name: str
     """Unique in a hierarchy."""
@@ -181,7 +184,7 @@ def zero_residual(value: ca.SX) -> Residual:
 
 
 def bounded_residual(value: ca.SX, *, lower: float = -np.inf, upper: float = np.inf) -> Residual:
-    """A residual that asks for ``lower <= value <= upper``, row by row."""
+    """A residual that asks for ``lower <= value <= upper`` [unit of the task], row by row."""
     m = value.shape[0]
     return Residual(value=value, lower=np.full(m, lower), upper=np.full(m, upper))
 

@@ -21,7 +21,10 @@ from uvms_ocp.tasks.task import (
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class VehicleVelocity(Task):
-    """Shared part of tasks on chosen vehicle axes (0-2 linear, 3-5 angular, in B)."""
+    """Shared part of tasks on chosen vehicle axes (0-2 linear, 3-5 angular, in B).
+
+    Raises `InvalidInput` for other axes or none.
+    """
 
     reactive: ClassVar[bool] = False
     task_class: TaskClass = TaskClass.CONSTRAINT

@@ -58,6 +58,7 @@ class ThrusterLag:
     """Model of first-order thrusters, and the thrust command that makes them `lead` times faster."""
 
     def __init__(self, robot: Robot, lead: float, dt: float) -> None:
+        """lead [-] and dt [s] as `Actuators` takes them."""
         time_constants = np.array([thruster.time_constant for thruster in robot.description.thrusters])
         self._decay = np.exp(-dt / np.maximum(time_constants, 1e-9))
         self._lower, self._upper = thrust_limits(robot)
@@ -67,7 +68,7 @@ class ThrusterLag:
         """(n_thrusters,) [N] modelled, now."""
 
     def drive(self, wanted: np.ndarray, *, hurry: bool) -> np.ndarray:
-        """Command (n_thrusters,) [N] for the wanted thrust; advances the model by one tick."""
+        """Command (n_thrusters,) [N] for the wanted (n_thrusters,) [N]; advances the model by one tick."""
         lead = self._lead if hurry else 1.0
         command = np.clip(self.thrust + lead * (wanted - self.thrust), self._lower, self._upper)
         self.thrust = command + (self.thrust - command) * self._decay

@@ -40,8 +40,8 @@ class Allocation:
     """Thrust of n thrusters for a wrench on the vehicle: bounded weighted least squares, then least power.
 
     Minimises ``|diag(wrench_weight) (B thrust - wrench)|`` inside the limits; among equal wrenches it minimises
-    the electrical power, to about 1e-4 of it. See `allocation_of` for a robot's. Raises InvalidInput. Not for use
-    from two threads at once.
+    the electrical power, to about 1e-4 of it. See `allocation_of` for a robot's. Raises `InvalidInput` for numbers
+    that are not finite or out of range. Not for use from two threads at once.
     """
 
     matrix: np.ndarray
@@ -61,7 +61,7 @@ class Allocation:
     _power: PowerLaw = field(init=False, repr=False)
     """That of all thrusters."""
     _unbounded: BufferedFunction = field(init=False, repr=False)
-    """Wrench (6,) to the thrust (n,) of least power, limits aside."""
+    """Wrench (6,) [N, N m] to the thrust (n,) [N] of least power, limits aside."""
     _is_redundant: bool = field(init=False, repr=False)
     """Whether several thrusts give one wrench."""
     _has_dead_zone: bool = field(init=False, repr=False)
@@ -78,7 +78,7 @@ class Allocation:
         object.__setattr__(self, "_has_dead_zone", bool((self.dead_zone > 0.0).any()))
 
     def allocate(self, wrench: ArrayLike) -> AllocationResult:
-        """Thrust for a wrench (6,) [N, N m] about the origin of B, in B. Raises InvalidInput for NaN."""
+        """Thrust for a wrench (6,) [N, N m] about the origin of B, in B. Raises `InvalidInput` unless it is finite."""
         w = _six(wrench)
         thrust = self._unbounded(w)[0]
         inside = _all(thrust >= self.lower) and _all(thrust <= self.upper)  # not so for NaN
@@ -111,7 +111,7 @@ class Allocation:
         return bounded_least_squares(A, self.wrench_weight * w, lower, upper, weight, start)
 
     def _inverse(self, weight: np.ndarray) -> np.ndarray:
-        """Wrench to the thrust (n, 6) of least weighted squares without limits."""
+        """Wrench to the thrust (n, 6) [N/N, N/(N m)] of least weighted squares without limits."""
         scale = np.sqrt(weight)
         weighted = self.wrench_weight[:, None] * self.matrix / scale
         return np.linalg.pinv(weighted, rcond=1e-9) * self.wrench_weight / scale[:, None]

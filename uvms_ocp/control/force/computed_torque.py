@@ -69,7 +69,7 @@ class ComputedTorque:
     def command(
         self, state: State, *, q: np.ndarray, v: np.ndarray, a: np.ndarray, disturbance: np.ndarray | float = 0.0
     ) -> Command:
-        """Command for a measured state and the planned q (n_q,), v (n_v,) [m/s, rad/s] and a (n_v,) [m/s2, rad/s2].
+        """Command for a measured state and the planned q (n_q,) [m, rad], v (n_v,) [m/s, rad/s] and a (n_v,) [m/s2, rad/s2].
 
         disturbance (n_v,) [N, N m]: force to work against.
         """

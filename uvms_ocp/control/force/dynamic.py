@@ -20,7 +20,10 @@ _ENCODER_SILENCE = 0.05  # [s] after which joints are no longer fed back; a join
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class VelocityGains:
-    """Gains of the velocity loop, in units of the closed loop: the model takes care of mass and water."""
+    """Gains of the velocity loop, in units of the closed loop: the model takes care of mass and water.
+
+    Raises `InvalidInput` for a gain below 0 or a lead below 1.
+    """
 
     vehicle: float = 3.0
     """[1/s] proportional."""
@@ -105,7 +108,7 @@ class DynamicController:
         return replace(command, thrust=thrust, torque=realized.torque, brakes=not trusted[-1], telemetry=telemetry)
 
     def _force(self, q: np.ndarray, v: np.ndarray, error: np.ndarray) -> np.ndarray:
-        """Generalized force (n_v,) of the reference v (n_v,), whose change since the last tick counts, corrected by PI."""
+        """Generalized force (n_v,) [N, N m] of the reference v (n_v,), whose last change counts, corrected by PI."""
         a = (v - self._reference) / self._dt + self._K_p * (error + self._reset * self._integral)
         return self._dynamics.inverse_dynamics(q, v, a)
 
@@ -135,7 +138,7 @@ def _per_axis(robot: Robot, vehicle: float, joints: float) -> np.ndarray:
 
 
 def observer_of(robot: Robot, dynamics: Dynamics, gains: VelocityGains, dt: float) -> DisturbanceObserver | None:
-    """The observer that `gains` ask for; None where its bandwidth is 0."""
+    """The observer that `gains` ask for, at control period dt [s]; None where its bandwidth is 0."""
     if not gains.observer_vehicle:
         return None
     wrench = np.abs(allocation_of(robot).matrix) @ np.array([t.maximum for t in robot.description.thrusters])

@@ -35,13 +35,16 @@ class PowerLaw:
         return self.factor * self.largest ** (self.exponent - 2.0)
 
     def touching(self, thrust: np.ndarray) -> np.ndarray:
-        """Weights (n,) [W/N^2] of the parabolas that have the slope of the power at a thrust (n,)."""
+        """Weights (n,) [W/N^2] of the parabolas that have the slope of the power at a thrust (n,) [N]."""
         size = thrust**2 + (_SMALL * self.largest) ** 2
         return 0.5 * self.factor * self.exponent * size ** (0.5 * self.exponent - 1.0)
 
 
 def least_power_function(matrix: np.ndarray, inverse: np.ndarray, power: PowerLaw) -> ca.Function:
-    """Function ``wrench (6,) -> thrust (n,)``: that of `inverse` (n, 6), moved in the null space of `matrix` (6, n)."""
+    """Function ``wrench (6,) -> thrust (n,)``, [N, N m] to [N].
+
+    It is that of `inverse` (n, 6) [N/N, N/(N m)], moved in the null space of `matrix` (6, n) [N/N, N m/N].
+    """
     wrench = ca.SX.sym("wrench", 6)
     thrust = ca.mtimes(sparse(inverse), wrench)
     N = null_space(matrix)
@@ -65,7 +68,10 @@ def _touching(power: PowerLaw, thrust: ca.SX) -> ca.SX:
 
 
 def null_space(matrix: np.ndarray) -> np.ndarray:
-    """Basis (n, n - rank) with an identity in some rows: fewer products than an orthonormal one."""
+    """Basis (n, n - rank) [-] of what `matrix` (6, n) [N/N, N m/N] takes to 0, with an identity in some rows.
+
+    That needs fewer products than an orthonormal one.
+    """
     basis = scipy.linalg.null_space(matrix, rcond=1e-9)
     if not basis.shape[1]:
         return basis

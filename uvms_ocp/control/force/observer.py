@@ -15,7 +15,10 @@ class DisturbanceObserver:
     """
 
     def __init__(self, dynamics: Dynamics, *, bandwidth: np.ndarray, limit: np.ndarray, dt: float) -> None:
-        """bandwidth w (n_v,) [rad/s] below 1 / dt; limit (n_v,) of \\|d\\| [N, N m]; dt [s]. Raises `InvalidInput`."""
+        """bandwidth w (n_v,) [rad/s]; limit (n_v,) [N, N m] of d, both ways; dt [s].
+
+        Raises `InvalidInput` for a bandwidth that is not between 0 and 1 / dt.
+        """
         if not (np.isfinite(bandwidth).all() and (bandwidth > 0).all() and (bandwidth * dt < 1).all()):
             raise InvalidInput(f"observer bandwidth {bandwidth} rad/s; give values between 0 and 1 / dt = {1 / dt:g}")
         self._dynamics, self._bandwidth, self._limit, self._dt = dynamics, bandwidth, limit, dt
@@ -30,8 +33,9 @@ class DisturbanceObserver:
             self.estimate[:] = 0.0
 
     def update(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """The estimate (n_v,) after a tick with measured q, v, while tau (n_v,) acted since the last one.
+        """The estimate (n_v,) [N, N m] after a tick with measured q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
 
+        tau (n_v,) [N, N m] has acted since the last one.
         Drag is that of the measured velocity: what it damps is no disturbance, and must not be compensated.
         """
         if self._v_hat is None:

@@ -80,7 +80,10 @@ class Estimator:
         self._t: float | None = None
 
     def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
-        """The estimate at time t [s]; `command` has been acting since the last call."""
+        """The estimate at time t [s]; `command` has been acting since the last call.
+
+        Raises `InvalidInput` for a time before that of the last call.
+        """
         dt = 0.0 if self._t is None else t - self._t
         if dt < 0:
             raise InvalidInput(f"estimator called at t = {t} s after t = {self._t} s; give increasing times")
@@ -95,7 +98,7 @@ class Estimator:
         return Measurement(q=q, v=v, altimeter_range=echo, age=age, joint_age=joint_age)
 
     def _follow(self, command: Command, dt: float) -> np.ndarray:
-        """The velocity (n_v,) that the command has brought about, were there nothing else."""
+        """The velocity (n_v,) [m/s, rad/s] that the command has brought about, were there nothing else."""
         self._response = command.v + math.exp(-dt / self._response_time) * (self._response - command.v)
         return self._response
 

@@ -20,7 +20,7 @@ _STEP = 5.0  # standard deviations beyond which an echo is taken for a step of t
 
 
 def sigma_of(spec: SensorSpec | None) -> float:
-    """Standard deviation of a channel's noise for a filter."""
+    """Standard deviation [unit of the channel] of a channel's noise for a filter."""
     return _SMALLEST_SIGMA if spec is None else max(spec.sigma, _SMALLEST_SIGMA)
 
 
@@ -68,7 +68,7 @@ class VehicleFilter:
 
     @property
     def quaternion(self) -> np.ndarray:
-        """Quaternion xyzw (4,) of R_WB."""
+        """Quaternion xyzw (4,) [-] of R_WB."""
         return self._quaternion.coeffs()
 
     def velocity(self) -> np.ndarray:
@@ -77,7 +77,7 @@ class VehicleFilter:
         return np.concatenate([v_B, self._angular_velocity()])
 
     def predict(self, dt: float, asked: np.ndarray | None) -> None:
-        """Advance by dt [s]; `asked` (6,) is the commanded twist, whose changes the vehicle is taken to follow."""
+        """Advance by dt [s]; `asked` (6,) [m/s, rad/s] is the commanded twist, whose changes the vehicle is taken to follow."""
         if asked is not None:
             self._follow(asked)
         before = self._spin.x[:, 0]
@@ -144,16 +144,16 @@ class JointFilter:
 
     @property
     def position(self) -> np.ndarray:
-        """The joint part of q."""
+        """The joint part of q [rad or m]."""
         return self._q[self._joint_q]
 
     @property
     def velocity(self) -> np.ndarray:
-        """The joint part of v."""
+        """The joint part of v (n_joints,) [rad/s or m/s]."""
         return self._track.x[:, 1]
 
     def predict(self, dt: float, asked: np.ndarray | None) -> None:
-        """Advance by dt [s]; `asked` (n_joints,) is the command, whose changes the joints are taken to follow."""
+        """Advance by dt [s]; `asked` (n_joints,) [rad/s or m/s] is the command, whose changes the joints follow."""
         if asked is not None:
             self._track.x[:, 1] += asked - self._asked
             self._asked = asked
@@ -196,7 +196,10 @@ class AltitudeFilter:
         self._news = News()
 
     def update(self, q: np.ndarray, v: np.ndarray, readings: Readings, t: float, dt: float) -> float:
-        """The filtered range [m] at time t [s], dt [s] after the last update, with the robot at q moving with v."""
+        """The filtered range [m] at time t [s], dt [s] after the last update.
+
+        q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s]: where the robot is and how it moves.
+        """
         beam, velocity = self._beam.moving(q, v)
         self._altitude += dt * float(velocity[2])
         self._variance += dt * (self._settling**2 + self._roughness**2 * float(velocity[0] ** 2 + velocity[1] ** 2))

@@ -67,7 +67,7 @@ class LastEcho:
         return self.carried(measurement.q)
 
     def carried(self, q: np.ndarray) -> float:
-        """[m] at q (n_q,), from the last echo."""
+        """[m] at q (n_q,) [m, rad], from the last echo."""
         if self._beam is None or not np.isfinite(self._height):
             return self._range
         beam = self._beam.at(q)

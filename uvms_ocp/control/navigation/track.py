@@ -16,7 +16,10 @@ class Track:
     """
 
     def __init__(self, n: int, *, sigma: tuple[float, ...], density: tuple[float, ...]) -> None:
-        """sigma (m,): standard deviation at the start. density (m,): noise of each derivative, [its unit / sqrt(s)]."""
+        """sigma (m,) [its unit]: standard deviation of each derivative at the start.
+
+        density (m,) [its unit / sqrt(s)]: noise that drives each derivative.
+        """
         self.x = np.zeros((n, len(sigma)))
         self.P = np.tile(np.diag(np.square(sigma)), (n, 1, 1))
         self._density = density
@@ -29,7 +32,10 @@ class Track:
         self._elapsed += dt
 
     def correct(self, order: int, innovation: np.ndarray, sigma: float, axes: slice = slice(None)) -> None:
-        """Use a measurement of the derivative `order` of some axes: measured minus predicted, its noise."""
+        """Use a measurement of the derivative `order` of the n axes, or of some.
+
+        innovation (n,) [its unit]: measured minus predicted. sigma [its unit]: standard deviation of its noise.
+        """
         if self._elapsed:
             self._predict_covariance()
         P = self.P[axes]

@@ -22,7 +22,10 @@ class Freshness(enum.IntEnum):
 
 @dataclass(slots=True)
 class Watchdog:
-    """Judges the age of measurements and logs every change of its verdict in `alarms`."""
+    """Judges the age of measurements and logs every change of its verdict in `alarms`.
+
+    Raises `InvalidInput` unless 0 < hold_after < stop_after.
+    """
 
     hold_after: float = 0.6
     """[s] three periods of the slowest sensor that an estimate needs, a 5 Hz DVL."""

@@ -79,7 +79,8 @@ class Nmpc:
     ) -> None:
         """problem: fixed durations; the measured state replaces its start, its Hessian is that of Gauss and Newton.
 
-        dt, period [s]: of control and planning. clock [s]: by which deadlines are judged.
+        dt, period [s]: of control and planning. clock [s]: by which deadlines are judged. Raises `InvalidInput` unless
+        0 < dt <= period, and for a problem with free durations.
         """
         if not (np.isfinite([dt, period]).all() and 0 < dt <= period):
             raise InvalidInput(f"dt = {dt} s, period = {period} s; give 0 < dt <= period")

@@ -59,9 +59,9 @@ class Mismatch:
 
 
 def mismatch(trajectory: Trajectory, t: np.ndarray, q: np.ndarray, *, robot: Robot, frame: str) -> Mismatch:
-    """The pose of a frame at the times t (n,) [s] of the trajectory and the recorded q (n, n_q), against the planned pose.
+    """The pose of a frame at the recorded q (n, n_q) [m, rad] against the planned one at the times t (n,) [s].
 
-    Raises `FrameNotFound`.
+    Raises `FrameNotFound` for an unknown frame.
     """
     data, index = robot.model.createData(), robot.frame_id(frame)
 

@@ -49,7 +49,10 @@ class KinematicController:
         dt: float,
         watchdog: Watchdog | None = None,
     ) -> None:
-        """dt [s] is the control period. Raises what `build_levels` and `Mission.check_quantities` raise."""
+        """dt [s]: control period.
+
+        Raises `InvalidInput` where it is not > 0, and what `build_levels` and `Mission.check_quantities` raise.
+        """
         if not (np.isfinite(dt) and dt > 0):
             raise InvalidInput(f"control period dt = {dt} s; give a finite time > 0")
         self.robot, self.mission, self.dt = robot, mission, dt
@@ -107,7 +110,7 @@ class KinematicController:
         return self.mission.pending(self.state, self.quantities)
 
     def evaluate(self, measurement: Measurement, t: float) -> dict[str, float]:
-        """All quantities at a measurement, such as the true state after a run; the mission stays where it is."""
+        """All quantities at a measurement at time t [s], such as the true state after a run; the mission stays where it is."""
         echo = measurement.altimeter_range
         tick = TickState(
             begin=perf_counter(),

@@ -20,8 +20,8 @@ def mission_parameters(
 ) -> np.ndarray:
     """Parameters of all tasks at time t [s], one after the other.
 
-    gates (n_tasks,): of now; nothing is measured for tasks that are off, and stay off. q (n_q,): as measured. stop: the
-    stop from the present velocity, where it could come near a limit.
+    gates (n_tasks,) [-]: of now. Nothing is measured for tasks that are off, and stay off. q (n_q,) [m, rad]: as measured.
+    stop: the stop from the present velocity, where it could come near a limit.
     """
     given = zip(mission.tasks_of(state.phase), mission.references(state, t), mission.idle(state, gates), strict=True)
     return np.concatenate(
@@ -30,7 +30,7 @@ def mission_parameters(
 
 
 def parameters_of(task: Task, reference: np.ndarray, q: np.ndarray, stop: StopAhead | None = None) -> np.ndarray:
-    """A task's reference (n_parameters,) with the distances that it asks for, measured at q (n_q,), in its last entries."""
+    """A task's reference (n_parameters,) [its units], at its end the distances that it asks for at q (n_q,) [m, rad]."""
     pairs = task.nearest_pairs
     if pairs is None:
         return reference
@@ -38,7 +38,7 @@ def parameters_of(task: Task, reference: np.ndarray, q: np.ndarray, stop: StopAh
 
 
 def measured(pairs: NearestPairs, q: np.ndarray, stop: StopAhead | None = None) -> np.ndarray:
-    """The smallest distance now; of the nearest pairs distance, largest closing speed, and gradient.
+    """The smallest distance now, at q (n_q,) [m, rad]; of the nearest pairs distance, largest closing speed, and gradient.
 
     Distance and gradient are those of the place on the way to rest where the pair is nearest: on a curved path, or
     with a face that turns, that is nearer than the gradient of here and now tells. The speed is the one whose stop

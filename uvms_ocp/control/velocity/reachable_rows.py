@@ -13,7 +13,7 @@ _NOTHING = 1e-9  # keeps divisions by a row of zeros or a change of zero finite
 
 
 def reachable_rows(rows: Rows, *, equality: bool, symbols: TickSymbols, previous: ca.SX, gate: ca.SX) -> Rows:
-    """The rows with bounds that can be followed from the previous velocity (n_v,).
+    """The rows with bounds that can be followed from the previous velocity (n_v,) [m/s, rad/s].
 
     A row asks for no more change of its rate per tick than its least-norm motion gives within the acceleration
     limits. Otherwise every degree of freedom that moves the row would join in at its limit, whatever it was meant for.

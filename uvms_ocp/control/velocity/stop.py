@@ -31,7 +31,7 @@ class StopAhead:
     durations: np.ndarray
     """(k,) [s] at the present velocity, as each of them is away."""
     configurations: tuple[np.ndarray, ...]
-    """k of (n_q,)."""
+    """k of (n_q,) [m, rad]."""
 
 
 class Stop:
@@ -49,11 +49,17 @@ class Stop:
         self._bounds = np.array([bounds for _, *bounds in joints]).reshape(-1, 2).T
 
     def slower(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """v (n_v,) one tick nearer to rest; joints brake harder where their position limit, not far from q, asks for it."""
+        """v (n_v,) [m/s, rad/s] one tick nearer to rest.
+
+        Joints brake harder where their position limit, not far from q (n_q,) [m, rad], asks for it.
+        """
         return self._slower(q, v, self._time(v))
 
     def path(self, q: np.ndarray, v: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Configuration at the end of every tick and velocity during it, from q with v until rest."""
+        """Configuration at the end of every tick and velocity during it, until rest.
+
+        From q (n_q,) [m, rad] with v (n_v,) [m/s, rad/s].
+        """
         time = self._time(v)
         while True:
             q = pin.integrate(self._model, q, v * self._dt)
@@ -65,7 +71,7 @@ class Stop:
                 return
 
     def ahead(self, q: np.ndarray, v: np.ndarray) -> StopAhead | None:
-        """The proportional stop alone, which is one motion along v; None at rest."""
+        """The proportional stop alone, from q (n_q,) [m, rad] in one motion along v (n_v,) [m/s, rad/s]; None at rest."""
         length = 0.5 * self._time(v)
         if length < self._dt:
             return None
@@ -74,7 +80,7 @@ class Stop:
         return StopAhead(velocity=v, durations=durations, configurations=configurations)
 
     def travel(self, v: np.ndarray) -> np.ndarray:
-        """(n_v,) upper bound on how far each axis moves from v until it stands still."""
+        """Upper bound (n_v,) [m, rad] on how far each axis moves from v (n_v,) [m/s, rad/s] until it stands still."""
         return np.asarray(np.abs(v) * (self._dt + 0.5 * self._time(v)))
 
     def _slower(self, q: np.ndarray, v: np.ndarray, time: float) -> np.ndarray:
@@ -89,6 +95,6 @@ class Stop:
         return float((np.abs(v) / self._acceleration).max())
 
     def _joint_speeds(self, q: np.ndarray) -> np.ndarray:
-        """Speeds (2, n_bounded) down and up from which each bounded joint can still stop before its limit."""
+        """Speeds (2, n_bounded) [rad/s or m/s] down and up from which each bounded joint can still stop before its limit."""
         room = _INWARDS * (q[self._idx_q] - self._bounds)
         return np.asarray(stopping_speed(room, deceleration=self._braking, dt=self._dt))

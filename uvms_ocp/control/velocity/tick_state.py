@@ -41,7 +41,7 @@ class Motion:
     """The velocity of one tick, and where it began."""
 
     q: np.ndarray
-    """(n_q,) configuration as far as it is known: measured, or along the stop since."""
+    """(n_q,) [m, rad] configuration as far as it is known: measured, or along the stop since."""
     v: np.ndarray
     """(n_v,) [m/s, rad/s] commanded."""
     near: bool

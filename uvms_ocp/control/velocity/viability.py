@@ -65,7 +65,7 @@ class Viability:
     """The rule for a robot and the tasks of its hierarchy."""
 
     def __init__(self, *, robot: Robot, tasks: Sequence[Task], quantity_names: Sequence[str], dt: float) -> None:
-        """dt [s] is the control period; quantity_names: of the vector of quantities, "task.quantity"."""
+        """dt [s]: control period. quantity_names: of the vector of quantities, "task.quantity"."""
         self.stop, self._dt = Stop(robot, dt), dt
         self._guards = [
             _Guard(
@@ -81,11 +81,11 @@ class Viability:
     def kept(
         self, *, q: np.ndarray, previous: np.ndarray, wanted: np.ndarray, gates: np.ndarray, quantities: np.ndarray
     ) -> Kept:
-        """The velocity for this tick in place of `wanted` (n_v,).
+        """The velocity for this tick in place of `wanted` (n_v,) [m/s, rad/s].
 
-        q (n_q,) now; previous (n_v,): velocity of the tick before; gates (n_tasks,): a limit counts while its task is on
-        at all; quantities as measured at q. A position that the stop from `previous` would not keep either may fall as
-        far as it does there, no farther.
+        q (n_q,) [m, rad]: now. previous (n_v,) [m/s, rad/s]: of the tick before. gates (n_tasks,) [-]: a limit counts while
+        its task is on at all. quantities (n_quantities,) [in their units]: as measured at q. A position that the stop from
+        `previous` would not keep either may fall as far as it does there, no farther.
         """
         travel = self.stop.travel(wanted)
         if not self._within(travel, gates, quantities):
