@@ -12,22 +12,18 @@ import pinocchio as pin
 from uvms_ocp.campaign.study import Row, Study, seeds_from
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.mission.conditions import DONE, Above, Transition
-from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Phase
-from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.collision_model import CollisionModel
 from uvms_ocp.model.shapes.obstacles import Obstacle
 from uvms_ocp.record import Record
 from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios.parts import always_underactuated, on, underactuation
-from uvms_ocp.sim.environment import Environment
+from uvms_ocp.scenarios.parts import mission_of, on
+from uvms_ocp.scenarios.run_options import run_options
 from uvms_ocp.sim.seafloor import FlatSeafloor, floor_obstacle
-from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.attitude import HorizontalAttitude
 from uvms_ocp.tasks.clearance import Clearance
-from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.joints import JointLimits, JointTracking
 from uvms_ocp.tasks.pose import ToolPose, VehiclePose
 
@@ -55,12 +51,13 @@ def close_quarters(
     Start, obstacles, goals and tasks of the phases are drawn from `seed`. Joint limits, minimum altitude and clearance
     of obstacles, floor and the robot itself hold at the start and are on throughout.
     """
-    rng, machine = np.random.default_rng(seed), load_robot(robot)
+    options = {"robot": robot, "solver": solver, "plant": "kinematic", "dt": dt}
+    run = run_options(options | {"duration": _LONGEST * _N_PHASES + 1.0}, seabed=_FLOOR)
+    rng, machine = np.random.default_rng(seed), run.robot
     obstacles = (floor_obstacle(FlatSeafloor(z=_FLOOR), centre=(0.0, 0.0), extent=40.0), *_obstacles(rng))
     clear = Clearance(model=CollisionModel(machine, obstacles, self_collision=False), threshold=_CLEARANCE)
     itself = Clearance(name="SC", model=CollisionModel(machine), threshold=_SELF, margin=_SELF)
     tasks = [
-        *underactuation(machine),
         JointLimits(),
         MinimumAltitude(threshold=_ALTITUDE),
         HorizontalAttitude(),
@@ -71,16 +68,12 @@ def close_quarters(
         JointTracking(joints=machine.joint_names, goal=machine.home),
     ]
     phases = tuple(_phase(machine, rng, index) for index in range(_N_PHASES))
-    return Scenario(
+    return run.scenario(
         name=f"limits{seed}",
-        robot=machine,
-        mission=Mission(hierarchy=Hierarchy(tasks), phases=always_underactuated(machine, phases)),
-        environment=Environment(seafloor=FlatSeafloor(z=_FLOOR), obstacles=obstacles[1:]),
+        mission=mission_of(machine, tasks, phases),
         start=_start(machine, rng, (clear, itself)),
-        solver=solver or LexicographicActiveSet(),
-        plant="kinematic",
-        dt=dt,
-        duration=_LONGEST * _N_PHASES + 1.0,
+        obstacles=obstacles[1:],
+        markers={},
     )
 
 

@@ -96,7 +96,8 @@ class ToolPath:
 
     robot: Robot
     frame: str
-    base: np.ndarray  # (n_q,) configuration whose joints are replaced
+    base: np.ndarray
+    """(n_q,) [m, rad] configuration whose joints are replaced."""
     joints: PiecewisePolynomial
 
     def __call__(self, t: float) -> tuple[pin.SE3, np.ndarray]:
