@@ -37,7 +37,10 @@ _WAYS = (("PC", "MP"), ("T", "MP"), ("PC", "T"))
 
 
 def random_limits(*, n: int = 1000, seed: int = 0, robot: str = "girona_maris7_full", dt: float = 1 / 200) -> Study:
-    """`n` runs on the kinematic plant with the seeds `seed`, `seed` + 1, ..., see `close_quarters`."""
+    """`n` runs on the kinematic plant with the seeds `seed`, `seed` + 1, ..., see `close_quarters`.
+
+    dt [s]: control period. Raises `InvalidInput` for no runs or a negative seed.
+    """
     cases = [{"seed": drawn, "robot": robot, "dt": dt} for drawn in seeds_from(seed, n)]
     title = f"{n} random starts and goals among obstacles"
     return Study(name="random_limits", title=title, cases=cases, run_case=run_limits, summarize=largest)
@@ -49,7 +52,7 @@ def close_quarters(
     """Four phases of 1 to 4 s towards goals that nobody checked, from rest, among spheres, capsules and boxes.
 
     Start, obstacles, goals and tasks of the phases are drawn from `seed`. Joint limits, minimum altitude and clearance
-    of obstacles, floor and the robot itself hold at the start and are on throughout.
+    of obstacles, floor and the robot itself hold at the start and are on throughout. dt [s]: control period.
     """
     options = {"robot": robot, "solver": solver, "plant": "kinematic", "dt": dt}
     run = run_options(options | {"duration": _LONGEST * _N_PHASES + 1.0}, seabed=_FLOOR)

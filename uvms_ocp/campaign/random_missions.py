@@ -35,7 +35,8 @@ def random_missions(
 ) -> Study:
     """`n` missions drawn with the seeds `seed`, `seed` + 1, ...: Case 1 with everything about the place drawn.
 
-    force: run those too that pre-flight refuses, which tells the refusals that were false.
+    dt [s]: control period. force: run those too that pre-flight refuses, which tells the refusals that were false.
+    Raises `InvalidInput` for no missions or a negative seed.
     """
     cases = [{"seed": drawn, "plant": plant, "dt": dt, "force": force} for drawn in seeds_from(seed, n)]
     title = f"{n} random missions on the {plant} plant"
@@ -47,7 +48,7 @@ def random_mission(*, seed: int, plant: str = "dynamic", dt: float = 0.02) -> Sc
 
     The floor is flat or has protuberances of up to 0.1 m; the current is uniform and below 0.3 m/s; the way point is
     1.2 to 1.8 m from the target, not always near enough. The boulder lies in the way of the hull, though not straight
-    ahead, and the clearance task is on in all phases.
+    ahead, and the clearance task is on in all phases. dt [s]: control period.
     """
     rng = np.random.default_rng(seed)
     floor = _floor(rng)

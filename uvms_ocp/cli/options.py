@@ -61,7 +61,10 @@ def given(**options: Any) -> dict[str, Any]:
 
 
 def build_scenario(name: str, options: Mapping[str, Any], solver: str | None = None) -> Scenario:
-    """The scenario with the options of the command line; raises `UvmsError` where one is wrong."""
+    """The scenario with the options of the command line.
+
+    Raises `NameNotFound` for an unknown scenario or solver, and `UvmsError` where an option is wrong.
+    """
     if name not in SCENARIOS:
         raise NameNotFound("scenario", name, (*SCENARIOS, *STUDIES))
     if solver is None:

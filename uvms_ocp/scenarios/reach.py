@@ -68,7 +68,7 @@ def _random_target(origin: pin.SE3, seed: int) -> np.ndarray:
 
 
 def facing(origin: pin.SE3, target: np.ndarray, start: Kinematics) -> pin.SE3:
-    """Vehicle pose, level and facing the target, from which the tool at its present posture is just there."""
+    """Vehicle pose, level and facing the target (3,) [m] in W, from which the tool at its present posture is just there."""
     p_BT = start.pose("base_link").actInv(start.pose("tool").translation)
     d = target - origin.translation
     R_WB = pin.rpy.rpyToMatrix(0.0, 0.0, float(np.arctan2(d[1], d[0])))
