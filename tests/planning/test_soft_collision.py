@@ -6,7 +6,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from closed_forms import ClosedFormDistances, collision_density, density_hessian
+from curves.closed_forms import ClosedFormDistances, collision_density, density_hessian
 
 from uvms_ocp.collision.capsules import capsule_robot
 from uvms_ocp.collision.coal_distances import CoalDistances

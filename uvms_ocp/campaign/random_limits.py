@@ -28,10 +28,13 @@ from uvms_ocp.tasks.joints import JointLimits, JointTracking
 from uvms_ocp.tasks.pose import ToolPose, VehiclePose
 
 _FLOOR = -4.0  # [m]
-_ALTITUDE, _CLEARANCE, _SELF = 1.0, 0.05, 0.03  # [m] thresholds of MAC, CL and SC
-_N_OBSTACLES, _N_PHASES = 6, 4
+_ALTITUDE = 1.0  # [m]
+CLEARANCE, SELF_CLEARANCE = 0.05, 0.03
+"""[m] kept from obstacles and floor, and between the links of the robot."""
+N_OBSTACLES, N_PHASES = 6, 4
 _SHORTEST, _LONGEST = 1.0, 4.0  # [s] of a phase
-_TOLERANCE = 1e-6  # [m, rad] below which a violation is rounding
+TOLERANCE = 1e-6
+"""[m, rad] below which a violation is rounding."""
 _WAYS = (("PC", "MP"), ("T", "MP"), ("PC", "T"))
 """Tasks of a phase besides the limits."""
 
@@ -55,11 +58,11 @@ def close_quarters(
     of obstacles, floor and the robot itself hold at the start and are on throughout. dt [s]: control period.
     """
     options = {"robot": robot, "solver": solver, "plant": "kinematic", "dt": dt}
-    run = run_options(options | {"duration": _LONGEST * _N_PHASES + 1.0}, seabed=_FLOOR)
+    run = run_options(options | {"duration": _LONGEST * N_PHASES + 1.0}, seabed=_FLOOR)
     rng, machine = np.random.default_rng(seed), run.robot
     obstacles = (floor_obstacle(FlatSeafloor(z=_FLOOR), centre=(0.0, 0.0), extent=40.0), *_obstacles(rng))
-    clear = Clearance(model=CollisionModel(machine, obstacles, self_collision=False), threshold=_CLEARANCE)
-    itself = Clearance(name="SC", model=CollisionModel(machine), threshold=_SELF, margin=_SELF)
+    clear = Clearance(model=CollisionModel(machine, obstacles, self_collision=False), threshold=CLEARANCE)
+    itself = Clearance(name="SC", model=CollisionModel(machine), threshold=SELF_CLEARANCE, margin=SELF_CLEARANCE)
     tasks = [
         JointLimits(),
         MinimumAltitude(threshold=_ALTITUDE),
@@ -70,7 +73,7 @@ def close_quarters(
         ToolPose(goal=pose_at((0.0, 0.0, 0.0))),
         JointTracking(joints=machine.joint_names, goal=machine.home),
     ]
-    phases = tuple(_phase(machine, rng, index) for index in range(_N_PHASES))
+    phases = tuple(_phase(machine, rng, index) for index in range(N_PHASES))
     return run.scenario(
         name=f"limits{seed}",
         mission=mission_of(machine, tasks, phases),
@@ -130,7 +133,7 @@ def _altitudes(scenario: Scenario, task: MinimumAltitude, q: np.ndarray) -> np.n
 def largest(rows: Sequence[Row]) -> list[Row]:
     """One row: the largest violation and step of all runs, and in how many runs any limit is violated by > 1e-6."""
     violations = [name for name in rows[0] if name.endswith(("_rad", "_m")) and name != "path_m"]
-    violated = [row for row in rows if not all(row[name] <= _TOLERANCE for name in violations)]
+    violated = [row for row in rows if not all(row[name] <= TOLERANCE for name in violations)]
     return [
         {
             "runs": len(rows),
@@ -154,14 +157,14 @@ def _phase(robot: Robot, rng: np.random.Generator, index: int) -> Phase:
     }
     # Any altitude is above 0: the condition holds at once, and the phase ends when it has held.
     clock = (Above(quantity="MAC.altitude", limit=1e-6),)
-    last = index == _N_PHASES - 1
+    last = index == N_PHASES - 1
     end = Transition(to=DONE if last else str(index + 2), when=clock, hold=float(rng.uniform(_SHORTEST, _LONGEST)))
     gates = on("JL", "MAC", "HA", "CL", "SC", *_WAYS[rng.integers(len(_WAYS))])
     return Phase(name=str(index + 1), gates=gates, transitions=(end,), goals=goals)
 
 
 def _obstacles(rng: np.random.Generator) -> tuple[Obstacle, ...]:
-    return tuple(_obstacle(rng, index) for index in range(_N_OBSTACLES))
+    return tuple(_obstacle(rng, index) for index in range(N_OBSTACLES))
 
 
 def _obstacle(rng: np.random.Generator, index: int) -> Obstacle:
