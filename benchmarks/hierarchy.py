@@ -16,7 +16,7 @@ from recording.report import Report, Row, Table, begin, parser_of
 
 PASSES = 3
 PROSE = """
-One thread, all rows from one run. Every solver has one call to warm up.
+All rows are from one run. Every solver has one call to warm up.
 
 - *whole tick*: all ticks of Case 1, kinematics included, called from Python, the shortest of {passes} passes. pink:
   kinematics and `solve_ik` of what the phases of Case 1 ask for, in its own terms (`hierarchies/peer_pink.py`): weights,

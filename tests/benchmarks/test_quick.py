@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -63,6 +64,16 @@ def test_every_recorded_file_has_a_benchmark_that_writes_it() -> None:
     written = {f"{name}.csv" for benchmark in BENCHMARKS for name in benchmark.files}
     written |= {f"{benchmark.files[0]}.md" for benchmark in BENCHMARKS}
     assert {path.name for path in RESULTS.iterdir()} <= written
+
+
+def test_a_recorded_file_states_the_command_of_its_benchmark() -> None:
+    """Files that were recorded before there were heads have none."""
+    scripts = {name: benchmark.script for benchmark in BENCHMARKS for name in benchmark.files}
+    for path in RESULTS.iterdir():
+        found = re.search(r"Written by `(.*?)` on ", path.read_text()[:400])
+        if found:
+            assert found[1].startswith(f"python benchmarks/{scripts[path.stem]}.py")
+            assert "--quick" not in found[1]
 
 
 def test_a_quick_run_must_say_where_to_write() -> None:
