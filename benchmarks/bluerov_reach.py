@@ -1,31 +1,37 @@
-"""Reaching with a small vehicle under five published sets of drag: how many seeded missions complete, and why not.
+"""Reaching with a small vehicle under published sets of drag: ``python benchmarks/bluerov_reach.py [--seeds N] [--jobs N]``.
 
-    python benchmarks/bluerov_reach.py [--seeds 20] [--output results.csv]
-
-The controller keeps the nominal set; the plant gets each of the five, with sensor noise.
+The controller keeps the nominal set; the plant gets each of them, with sensor noise. Writes bluerov_reach.csv, one row per
+mission, and bluerov_reach.md: how many complete, and why the others do not.
 """
 
 from __future__ import annotations
 
-import argparse
-import csv
+import os
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from itertools import product
-from multiprocessing import Pool
-from pathlib import Path
+
+from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.model.files.library import list_variants
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenarios.reach import reach
 
-ROBOT = "bluerov2_alpha5"
+ROBOT, NOMINAL = "bluerov2_alpha5", "nominal"
+PROSE = """
+{runs} missions of the scenario `reach` with noisy sensors, seeds {first} to {last}: {completed} complete. The largest
+error of the tool where they do: {worst}. Not completed: {causes}.
+"""
 
 
-def attempt(job: tuple[int, str | None]) -> dict[str, object]:
-    seed, variant = job
-    report = summarize(reach(robot=ROBOT, seed=seed, variant=variant).run())
+def attempt(job: tuple[int, str, float | None]) -> Row:
+    """One mission of a seed under a set of drag; a duration [s] ends it early."""
+    seed, drag, duration = job
+    variant = None if drag == NOMINAL else drag
+    report = summarize(reach(robot=ROBOT, seed=seed, variant=variant, noise=True, duration=duration).run())
     return {
         "seed": seed,
-        "drag": variant or "nominal",
+        "drag": drag,
         "completed": report["completed"],
         "simulated_s": round(report["simulated_s"], 2),
         "tool_error_mm": round(1e3 * report["tool_position_error_m"], 2),
@@ -33,25 +39,59 @@ def attempt(job: tuple[int, str | None]) -> dict[str, object]:
     }
 
 
+def sums(rows: Sequence[Row]) -> list[Row]:
+    """One row per set of drag."""
+    return [
+        {
+            "drag": drag,
+            "missions": len(group),
+            "completed": sum(row["completed"] for row in group),
+            "longest [s]": max(row["simulated_s"] for row in group),
+            "largest tool error [mm]": max(row["tool_error_mm"] for row in group),
+        }
+        for drag in dict.fromkeys(row["drag"] for row in rows)
+        for group in [[row for row in rows if row["drag"] == drag]]
+    ]
+
+
+def prose(rows: Sequence[Row]) -> str:
+    """With the figures of all missions."""
+    done = [row["tool_error_mm"] for row in rows if row["completed"]]
+    causes = [f"seed {row['seed']}, {row['drag']}: {row['cause']}" for row in rows if not row["completed"]]
+    return PROSE.format(
+        runs=len(rows),
+        first=rows[0]["seed"],
+        last=rows[-1]["seed"],
+        completed=len(done),
+        worst=f"{max(done):.1f} mm" if done else "none",
+        causes="; ".join(causes) or "none",
+    )
+
+
+def attempts(jobs: Iterable[tuple[int, str, float | None]], processes: int) -> list[Row]:
+    """All of them, in so many processes."""
+    with ProcessPoolExecutor(max_workers=processes) as pool:
+        return list(pool.map(attempt, jobs))
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--output", type=Path)
-    options = parser.parse_args()
-    jobs = list(product(range(options.seeds), (None, *list_variants(ROBOT))))
-    with Pool() as pool:
-        rows = pool.map(attempt, jobs, chunksize=1)
-    completed = sum(bool(row["completed"]) for row in rows)
-    worst = max(float(str(row["tool_error_mm"])) for row in rows if row["completed"])
-    print(f"{completed} of {len(rows)} completed; worst tool error of those {worst:.1f} mm")
-    for row in rows:
-        if not row["completed"]:
-            print(row)
-    if options.output:
-        with options.output.open("w", newline="") as file:
-            writer = csv.DictWriter(file, fieldnames=list(rows[0]))
-            writer.writeheader()
-            writer.writerows(rows)
+    """Run all missions."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--seeds", type=int, default=20, metavar="N")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
+    given, run = begin(parser)
+    drags = (NOMINAL, *list_variants(ROBOT))
+    jobs = product(range(given.seeds), drags, [None])
+    rows = [attempt((0, drags[-1], 1.0))] if run.quick else attempts(jobs, given.jobs)
+    run.write(
+        Report(
+            name="bluerov_reach",
+            title="Reaching under other drag",
+            prose=prose(rows),
+            tables=[Table(rows=sums(rows))],
+            data={"bluerov_reach": rows},
+        )
+    )
 
 
 if __name__ == "__main__":

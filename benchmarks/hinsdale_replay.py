@@ -1,234 +1,205 @@
-"""Replay of the pool recordings: ``python benchmarks/hinsdale_replay.py PATH [--output FOLDER]``.
+"""Replay of the pool recordings: ``python benchmarks/hinsdale_replay.py FOLDER [--figures FOLDER]``.
 
 Simulates the vehicle without thrust under the measured joint motion and compares roll and pitch with the motion
-capture, the mean of the first 2 s removed from both. Then the vehicle's centre of buoyancy is fitted, always on
-the other moving recordings, and reported apart.
+capture, the mean of the first seconds removed from both. Then the vehicle's centre of buoyancy is fitted, always on
+the other moving recordings, and reported apart. Writes hinsdale_replay.csv and hinsdale_replay.md.
 """
 
 from __future__ import annotations
 
-import argparse
-import csv
-import sys
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import astuple, dataclass, fields
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-import matplotlib
-import matplotlib.pyplot as plt
 import numpy as np
-from hinsdale_recordings import SAMPLE_TIME, Recording, read_recordings
-from hinsdale_vehicle import PoolVehicle, pool_vehicle
-from scipy.optimize import least_squares
+from pool.drawing import draw
+from pool.evaluation import FITTED, REPLAY, STATIC, Evaluation, changes, evaluate, medians
+from pool.findings import (
+    EXPLAINED,
+    JUMP,
+    Swing,
+    free_swings,
+    jumps,
+    measured_swing,
+    offset_deg,
+    rest_begins,
+    restoring_ratio,
+    spread_deg,
+)
+from pool.recordings import SAMPLE_TIME, SMOOTHING, read_recordings
+from pool.scores import OFFSET_TIME, lag_of
+from pool.vehicle import (
+    ADDED_INERTIA,
+    BALLAST_DENSITY,
+    CENTRE_OF_BUOYANCY,
+    FOAM_DENSITY,
+    PoolVehicle,
+    pool_vehicle,
+)
+from recording.report import Report, Table, begin, parser_of
 
-matplotlib.use("Agg")
-_OFFSET_TIME = 2.0  # [s] whose mean is removed
-_LARGEST_LAG = 1.5  # [s]
+PROSE = """
+{recordings} recordings of a BlueROV2 with a Reach Alpha 5 arm (H. Kolano, UVMS-SysID-with-EAs): the measured joint motion
+drives the arm of the simulated vehicle, no thrust, and roll and pitch are compared with the motion capture. From both the
+mean of the first {offset_time:g} s is removed, nothing else. The first table has medians over the {moving} recordings in
+which the arm moves, the second what the fit changes in the replay.
 
-Predictor = Callable[[PoolVehicle, Recording, np.ndarray], np.ndarray]  # shift (3,) -> (n, 2) at joint_t
+## Fitted centre of buoyancy
 
+Three numbers, found with the replay itself on the moving recordings other than the one reported. From the author's
+{centre} m the fits move it by {shift_x} mm along x, {shift_y} mm along y and {shift_z} mm along z. An independent check:
+the constant offset that the comparison removes, and the fit therefore never sees, goes from {offset_roll} deg in roll and
+{offset_pitch} deg in pitch to {fitted_roll} and {fitted_pitch} deg.
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Score:
-    """Agreement of one angle over one recording."""
+## Lag and overshoot
 
-    rmse: float  # [deg]
-    correlation: float
-    lag: float  # [s] of the prediction behind the measurement, where they agree best; nan: at no lag they do
-    overshoot: float  # [-] peak-to-peak of the prediction over that of the measurement, less 1
+The arm moves slowly: the replay is the static balance plus {lag} s of lag, and is {swing} deg away from it at most after
+the arm has stopped. Against the measurement the pitch of the static balance lags by up to {static_lag:.2f} s and
+overshoots by up to {static_overshoot:.0f} %: these are wrong shapes, not delays. The fitted righting moment is {ratio}
+times the author's.
 
+## What does not match
 
-def static_balance(vehicle: PoolVehicle, recording: Recording, shift: np.ndarray) -> np.ndarray:
-    """Roll and pitch (n, 2) [rad] at which weight and buoyancy balance, at the times of the joints."""
-    righting = vehicle.righting.map(len(recording.joint_t))(recording.joint_q.T, shift)
-    return roll_pitch(np.asarray(righting).T)
+- **Free swinging.** Linearised at rest, our vehicle rolls with a period of {roll_period} s and pitches with
+  {pitch_period} s, damping ratios {roll_damping} and {pitch_damping}. Measured after the arm has stopped, where a damped
+  swing explains {explained:.0f} % of the motion: {measured}.
+- **The fit makes worse** the pitch of {worse}.
+- **Starts.** Roll and pitch spread most within the first {offset_time:g} s, whose mean is the offset, in {restless}; the
+  replay starts at rest.
+- **Measurement.** Samples of the motion capture that jump by more than {jump:g} deg: {jumps}. Where the arm rests the
+  measured attitude wanders all the same: {wander}. The best that a prediction can do there is the error in the second
+  table.
+- The tether is not modelled, nor the free surface; the vehicle's drift in the pool is not compared.
 
+## Assumed
 
-def replay(vehicle: PoolVehicle, recording: Recording, shift: np.ndarray) -> np.ndarray:
-    """Simulated roll and pitch (n, 2) [rad] at the times of the joints, from rest in the static balance."""
-    joints = np.hstack([recording.joint_q, recording.joint_v, recording.joint_a])
-    n_steps = (len(joints) - 1) // 2  # a step spans two samples, the middle one serves Runge-Kutta
-    windows = np.hstack([joints[2 * k : 2 * k + 3].T for k in range(n_steps)])
-    start = np.concatenate([_quaternion(static_balance(vehicle, recording, shift)[0]), np.zeros(6)])
-    path = vehicle.step.mapaccum(n_steps)(start, windows, shift, 2 * SAMPLE_TIME)
-    quaternions = np.vstack([start[:4], np.asarray(path).T[:, :4]])
-    attitude = roll_pitch(_up(quaternions))
-    return _at(recording.joint_t, recording.joint_t[: 2 * n_steps + 1 : 2], attitude)
-
-
-def roll_pitch(up: np.ndarray) -> np.ndarray:
-    """Roll and pitch (n, 2) [rad] of a vehicle that sees the vertical along up (n, 3), of any length."""
-    x, y, z = up.T
-    return np.column_stack([np.arctan2(y, z), -np.arctan2(x, np.hypot(y, z))])
-
-
-def _up(quaternions: np.ndarray) -> np.ndarray:
-    x, y, z, w = quaternions.T
-    return np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
-
-
-def _quaternion(attitude: np.ndarray) -> np.ndarray:
-    (sr, sp), (cr, cp) = np.sin(attitude / 2), np.cos(attitude / 2)
-    return np.array([sr * cp, cr * sp, -sr * sp, cr * cp])
-
-
-def _at(t: np.ndarray, known_t: np.ndarray, values: np.ndarray) -> np.ndarray:
-    return np.column_stack([np.interp(t, known_t, column) for column in values.T])
-
-
-def compared(recording: Recording, predicted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Predicted and measured roll and pitch (m, 2) [deg] at the times of the motion capture, without their offsets."""
-    at_mocap = _at(recording.t, recording.joint_t, predicted)
-    return _without_offset(recording, at_mocap), _without_offset(recording, recording.attitude)
-
-
-def _without_offset(recording: Recording, attitude: np.ndarray) -> np.ndarray:
-    first = recording.t <= recording.t[0] + _OFFSET_TIME
-    return np.degrees(attitude - attitude[first].mean(axis=0))
+Ballast of {ballast:g} kg/m^3 and foam of {foam:g} kg/m^3 (inertia only); the author's inertia taken to hold an added
+inertia of {added:g} kg m^2 about each axis; jaw fixed; joint positions smoothed by local cubics over {smoothing:.2f} s.
+"""
+SCORES = {"prediction": "", "roll RMSE [deg]": ".2f", "pitch RMSE [deg]": ".2f"}
 
 
-def scores(recording: Recording, predicted: np.ndarray) -> tuple[Score, Score]:
-    """Agreement of roll and of pitch."""
-    simulated, measured = compared(recording, predicted)
-    roll, pitch = (_score(recording.t, simulated[:, i], measured[:, i]) for i in (0, 1))
-    return roll, pitch
-
-
-def _score(t: np.ndarray, simulated: np.ndarray, measured: np.ndarray) -> Score:
-    return Score(
-        rmse=float(np.sqrt(np.mean((simulated - measured) ** 2))),
-        correlation=float(np.corrcoef(simulated, measured)[0, 1]),
-        lag=_lag(t, simulated, measured),
-        overshoot=float(np.ptp(simulated) / np.ptp(measured) - 1.0),
+def prose(vehicle: PoolVehicle, all_of_them: Sequence[Evaluation]) -> str:
+    """With the figures of all recordings."""
+    moving = [one for one in all_of_them if one.recording.moves]
+    return PROSE.format(
+        recordings=len(all_of_them),
+        moving=len(moving),
+        offset_time=OFFSET_TIME,
+        centre=f"({', '.join(f'{x:g}' for x in CENTRE_OF_BUOYANCY)})",
+        **{f"shift_{axis}": span(1e3 * one.shift[i] for one in moving) for i, axis in enumerate("xyz")},
+        **_offsets(moving),
+        **_dynamics(vehicle, moving),
+        **_swings(vehicle, moving),
+        **_measurements(all_of_them),
+        explained=100 * EXPLAINED,
+        jump=JUMP,
+        worse=listed(one.recording.name for one in moving if _pitch_rmse(one, FITTED) > _pitch_rmse(one, REPLAY)),
+        ballast=BALLAST_DENSITY,
+        foam=FOAM_DENSITY,
+        added=ADDED_INERTIA,
+        smoothing=SMOOTHING * SAMPLE_TIME,
     )
 
 
-def _lag(t: np.ndarray, simulated: np.ndarray, measured: np.ndarray) -> float:
-    lags = np.arange(-_LARGEST_LAG, _LARGEST_LAG + 1e-9, 0.02)
-    inside = (t >= t[0] + _LARGEST_LAG) & (t <= t[-1] - _LARGEST_LAG)
-    shifted = [np.interp(t[inside] + lag, t, simulated) for lag in lags]
-    best = int(np.argmax([np.corrcoef(values, measured[inside])[0, 1] for values in shifted]))
-    return float(lags[best]) if 0 < best < len(lags) - 1 else np.nan
+def span(values: Iterable[float], form: str = ".1f") -> str:
+    """The least and the largest value."""
+    found = list(values)
+    return f"{min(found):{form}} to {max(found):{form}}"
 
 
-def fit_shift(vehicle: PoolVehicle, recordings: Sequence[Recording], predict: Predictor) -> np.ndarray:
-    """Shift (3,) [m] of the centre of buoyancy that fits roll and pitch of all the recordings best."""
-
-    def residuals(shift_cm: np.ndarray) -> np.ndarray:
-        predictions = [(recording, predict(vehicle, recording, shift_cm / 100)) for recording in recordings]
-        return np.concatenate([_errors(*prediction) for prediction in predictions])
-
-    return least_squares(residuals, np.zeros(3), diff_step=1e-2, bounds=(-4.0, 4.0)).x / 100
+def listed(names: Iterable[str]) -> str:
+    """With commas, or none."""
+    return ", ".join(names) or "none"
 
 
-def _errors(recording: Recording, predicted: np.ndarray) -> np.ndarray:
-    simulated, measured = compared(recording, predicted)
-    return ((simulated - measured) / np.sqrt(len(measured))).ravel()
+def _pitch_rmse(one: Evaluation, name: str) -> float:
+    return one.scores[name][1].rmse
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Row:
-    """One line of the table."""
-
-    recording: str
-    prediction: str
-    shift_mm: str
-    roll_rmse: float
-    roll_correlation: float
-    roll_lag: float
-    roll_overshoot: float
-    pitch_rmse: float
-    pitch_correlation: float
-    pitch_lag: float
-    pitch_overshoot: float
+def _offsets(moving: Sequence[Evaluation]) -> dict[str, str]:
+    """Before and after the fit."""
+    own = [offset_deg(one.recording, one.predictions[REPLAY]) for one in moving]
+    fitted = [offset_deg(one.recording, one.predictions[FITTED]) for one in moving]
+    pairs = {"offset": own, "fitted": fitted}
+    angles = enumerate(("roll", "pitch"))
+    return {f"{word}_{name}": span(found[i] for found in pairs[word]) for i, name in angles for word in pairs}
 
 
-def _row(recording: Recording, prediction: str, shift: np.ndarray, predicted: np.ndarray) -> Row:
-    values = [value for score in scores(recording, predicted) for value in astuple(score)]
-    shift_mm = " ".join(f"{1000 * value:.1f}" for value in shift)
-    return Row(**dict(zip(_COLUMNS, [recording.name, prediction, shift_mm, *values], strict=True)))
+def _dynamics(vehicle: PoolVehicle, moving: Sequence[Evaluation]) -> dict[str, object]:
+    """What the replay adds to the static balance."""
+    lags, swings = [], []
+    for one in moving:
+        t, replayed, static = one.recording.joint_t, one.predictions[REPLAY], one.predictions[STATIC]
+        lags += [lag_of(t, replayed[:, i], static[:, i]) for i in (0, 1)]
+        after = t >= rest_begins(one.recording)
+        swings.append(float(np.degrees(np.abs(replayed - static)[after].max())))
+    static_pitch = [one.scores[STATIC][1] for one in moving]
+    static_lags = [score.lag for score in static_pitch]
+    return {
+        "lag": span((lag for lag in lags if np.isfinite(lag)), ".2f"),
+        "swing": span(swings),
+        "static_lag": max((lag for lag in static_lags if np.isfinite(lag)), default=np.nan),
+        "static_overshoot": 100 * max(score.overshoot for score in static_pitch),
+        "ratio": span((restoring_ratio(vehicle, one.recording, one.shift) for one in moving), ".2f"),
+    }
 
 
-_COLUMNS = [field.name for field in fields(Row)]
-_STATIC, _REPLAY, _FITTED_STATIC, _FITTED = "static", "replay", "static, fitted", "replay, fitted"
+def _swings(vehicle: PoolVehicle, moving: Sequence[Evaluation]) -> dict[str, str]:
+    """Free swings of the vehicle as simulated, and as measured."""
+    rolls, pitches = zip(*(free_swings(vehicle, one.recording) for one in moving), strict=True)
+    measured = [
+        f"{name} of {one.recording.name} {swing.period:.2f} s, damping ratio {swing.damping:.3f}"
+        for one in moving
+        for i, name in enumerate(("roll", "pitch"))
+        for swing in [measured_swing(one.recording, i)]
+        if swing is not None
+    ]
+    return {**_span_of("roll", rolls), **_span_of("pitch", pitches), "measured": listed(measured)}
 
 
-def evaluate(vehicle: PoolVehicle, recordings: Sequence[Recording], output: Path) -> list[Row]:
-    """Rows of all recordings and predictions; draws one figure per recording into output."""
-    rows: list[Row] = []
-    for recording in recordings:
-        others = [other for other in recordings if other.moves and other is not recording]
-        shift = fit_shift(vehicle, others, replay)
-        predictions = {
-            _STATIC: (np.zeros(3), static_balance(vehicle, recording, np.zeros(3))),
-            _REPLAY: (np.zeros(3), replay(vehicle, recording, np.zeros(3))),
-            _FITTED_STATIC: (shift, static_balance(vehicle, recording, shift)),
-            _FITTED: (shift, replay(vehicle, recording, shift)),
-        }
-        rows += [_row(recording, name, *prediction) for name, prediction in predictions.items()]
-        draw(recording, {name: predicted for name, (_, predicted) in predictions.items()}, output)
-    return rows
+def _span_of(name: str, swings: Sequence[Swing]) -> dict[str, str]:
+    return {
+        f"{name}_period": span(swing.period for swing in swings),
+        f"{name}_damping": span((swing.damping for swing in swings), ".3f"),
+    }
 
 
-def draw(recording: Recording, predictions: dict[str, np.ndarray], output: Path) -> None:
-    """Figure of roll, pitch and the joints of one recording."""
-    figure, axes = plt.subplots(3, 1, sharex=True, figsize=(8, 9), constrained_layout=True)
-    for name, predicted in predictions.items():
-        _draw_angles(axes, recording, name, predicted)
-    measured = compared(recording, predictions[_REPLAY])[1]
-    for axis, angle, label in zip(axes, measured.T, ("roll [deg]", "pitch [deg]"), strict=False):
-        axis.plot(recording.t, angle, "k", linewidth=0.8, label="motion capture")
-        axis.set_ylabel(label)
-    axes[0].legend(fontsize="small")
-    axes[2].plot(recording.joint_t, recording.joint_q, label=["joint1", "joint2", "joint3", "joint4"])
-    axes[2].set(xlabel="t [s]", ylabel="measured joints [rad]")
-    axes[2].legend(fontsize="small")
-    axes[0].set_title(_caption(recording, predictions[_REPLAY]), fontsize="small")
-    figure.savefig(output / f"{recording.name}.png", dpi=100)
-    plt.close(figure)
-
-
-def _draw_angles(axes: np.ndarray, recording: Recording, name: str, predicted: np.ndarray) -> None:
-    style = ":" if name in (_STATIC, _FITTED_STATIC) else "-"
-    colour = "C1" if name in (_FITTED, _FITTED_STATIC) else "C0"
-    for axis, angle in zip(axes, compared(recording, predicted)[0].T, strict=False):
-        axis.plot(recording.t, angle, style, color=colour, label=name)
-
-
-def _caption(recording: Recording, predicted: np.ndarray) -> str:
-    pitch = scores(recording, predicted)[1]
-    return (
-        f"{recording.name}: pitch of the replay, not fitted: {pitch.rmse:.2f} deg RMSE, correlation "
-        f"{pitch.correlation:.2f}, lag {pitch.lag:+.2f} s, overshoot {100 * pitch.overshoot:+.0f} %"
-    )
-
-
-def _text(rows: Iterable[Row], moving: set[str]) -> str:
-    rows = list(rows)
-    lines = ["  ".join(_COLUMNS), *("  ".join(_cell(value) for value in astuple(row)) for row in rows), ""]
-    for prediction in (_STATIC, _REPLAY, _FITTED_STATIC, _FITTED):
-        chosen = [row for row in rows if row.prediction == prediction and row.recording in moving]
-        roll, pitch = (np.median([getattr(row, name) for row in chosen]) for name in ("roll_rmse", "pitch_rmse"))
-        lines.append(f"median RMSE of {len(chosen)} moving, {prediction}: roll {roll:.2f}, pitch {pitch:.2f} deg")
-    return "\n".join(lines) + "\n"
-
-
-def _cell(value: str | float) -> str:
-    return value.ljust(16) if isinstance(value, str) else f"{value:6.2f}"
+def _measurements(all_of_them: Sequence[Evaluation]) -> dict[str, str]:
+    """What the motion capture itself does."""
+    recordings = [one.recording for one in all_of_them]
+    first = {one.name: spread_deg(one, OFFSET_TIME) for one in recordings}
+    restless = max(first, key=lambda name: float(first[name].max()))
+    still = [
+        f"{one.name} {' and '.join(f'{x:.1f}' for x in spread_deg(one))} deg" for one in recordings if not one.moves
+    ]
+    return {
+        "restless": f"{restless} ({' and '.join(f'{x:.1f}' for x in first[restless])} deg)",
+        "jumps": listed(f"{one.name} {jumps(one)}" for one in recordings),
+        "wander": f"{listed(still)} peak to peak in roll and pitch",
+    }
 
 
 def main() -> None:
-    """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("path", type=Path, help="folder of the recordings")
-    parser.add_argument("--output", type=Path, default=Path("hinsdale-replay"), help="folder of table and figures")
-    arguments = parser.parse_args()
-    recordings = read_recordings(arguments.path)
-    arguments.output.mkdir(parents=True, exist_ok=True)
-    rows = evaluate(pool_vehicle(), recordings, arguments.output)
-    with (arguments.output / "table.csv").open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows([_COLUMNS, *map(astuple, rows)])
-    sys.stdout.write(_text(rows, {recording.name for recording in recordings if recording.moves}))
+    """Replay all recordings of a folder."""
+    parser = parser_of(__doc__)
+    parser.add_argument("folder", type=Path, help="of the recordings")
+    parser.add_argument("--figures", type=Path, metavar="FOLDER", help="draw one figure per recording there")
+    given, run = begin(parser)
+    recordings, vehicle = read_recordings(given.folder), pool_vehicle()
+    chosen = [one for one in recordings if one.moves][:2] if run.quick else recordings
+    evaluations = evaluate(vehicle, chosen)
+    for one in evaluations if given.figures else ():
+        given.figures.mkdir(parents=True, exist_ok=True)
+        draw(one.recording, one.predictions, given.figures)
+    run.write(
+        Report(
+            name="hinsdale_replay",
+            title="Replay of the pool recordings",
+            prose=prose(vehicle, evaluations),
+            tables=[Table(rows=medians(evaluations), columns=SCORES), Table(rows=changes(evaluations))],
+            data={"hinsdale_replay": [row for one in evaluations for row in one.rows()]},
+        )
+    )
 
 
 if __name__ == "__main__":

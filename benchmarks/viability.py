@@ -1,58 +1,66 @@
-"""Limits on positions from random starts: ``python benchmarks/viability.py [--runs N] [--rate HZ]``.
+"""Limits on positions from random starts: ``python benchmarks/viability.py [--runs N] [--rate HZ] [--jobs N]``.
 
-Writes ``results/viability.csv``, one row per run of the study ``random_limits``, and beside it the largest figures as a
-report, ``viability.md``.
+Writes viability.csv, one row per run of the study `random_limits`, and the largest figures to viability.md.
 """
 
 from __future__ import annotations
 
-import argparse
-import sys
-from pathlib import Path
+import os
+from typing import Any
 
-from uvms_ocp.campaign.random_limits import random_limits
-from uvms_ocp.campaign.study import StudyResult
+from recording.progress import show_progress
+from recording.report import Report, Row, Table, begin, parser_of
 
-REPORT = """# Limits on positions from random starts and goals
+from uvms_ocp.campaign.random_limits import (
+    CLEARANCE,
+    N_OBSTACLES,
+    N_PHASES,
+    SELF_CLEARANCE,
+    TOLERANCE,
+    random_limits,
+)
 
-`python benchmarks/viability.py --runs {runs} --rate {rate:g}`: {runs} runs of the study `random_limits`, kinematic plant.
-Four phases with goals and tasks that nobody checked, among six obstacles and above a floor; each run starts at rest inside
-all limits, so that braking could always have kept them. Violations are the largest of any tick of any run, from
-the true configurations.
-
-| figure | value |
-|---|---|
-| runs with any violation above 1e-6 | {violated} |
-| joint limits [rad] | {joints_rad:.1e} |
-| minimum altitude [m] | {MAC_m:.1e} |
-| clearance of obstacles and floor, 0.05 m [m] | {CL_m:.1e} |
-| clearance of the robot itself, 0.03 m [m] | {SC_m:.1e} |
-| largest one-tick change of v, share of a_max dt | {largest_step:.9f} |
-| share of ticks at which the viability rule overruled the hierarchy | {slowed_share:.1e} |
-| mean path of the vehicle [m] | {mean_path_m:.2f} |
+PROSE = """
+{runs} runs of the study `random_limits`, kinematic plant, {rate:g} Hz. {phases} phases with goals and tasks that nobody
+checked, among {obstacles} obstacles and above a floor; each run starts at rest inside all limits, so that braking could
+always have kept them. Violations are the largest of any tick of any run, from the true configurations.
 """
 
 
+def figures(total: dict[str, Any]) -> list[Row]:
+    """One row per figure of the study's only row."""
+    shown = {
+        f"runs with any violation above {TOLERANCE:g}": str(total["violated"]),
+        "joint limits [rad]": f"{total['joints_rad']:.1e}",
+        "minimum altitude [m]": f"{total['MAC_m']:.1e}",
+        f"clearance of obstacles and floor, {CLEARANCE:g} m [m]": f"{total['CL_m']:.1e}",
+        f"clearance of the robot itself, {SELF_CLEARANCE:g} m [m]": f"{total['SC_m']:.1e}",
+        "largest one-tick change of v, share of a_max dt": f"{total['largest_step']:.9f}",
+        "share of ticks at which the viability rule overruled the hierarchy": f"{total['slowed_share']:.1e}",
+        "mean path of the vehicle [m]": f"{total['mean_path_m']:.2f}",
+    }
+    return [{"figure": name, "value": value} for name, value in shown.items()]
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=int, default=1000)
-    parser.add_argument("--rate", type=float, default=50.0, help="control rate [Hz]")
-    parser.add_argument("--output", type=Path, default=Path(__file__).parent / "results" / "viability.csv")
-    arguments = parser.parse_args()
-    result = random_limits(n=arguments.runs, dt=1.0 / arguments.rate).run(progress=_show)
-    write(result, arguments.rate, arguments.output)
-
-
-def write(result: StudyResult, rate: float, path: Path) -> None:
-    """The rows and the report."""
+    """Run the study."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--runs", type=int, default=1000, metavar="N")
+    parser.add_argument("--rate", type=float, default=50.0, metavar="HZ", help="of control")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
+    given, run = begin(parser)
+    runs, jobs = (1, 1) if run.quick else (given.runs, given.jobs)
+    result = random_limits(n=runs, dt=1.0 / given.rate).run(jobs=jobs, progress=show_progress)
     (total,) = result.table
-    result.write_csv(path)
-    path.with_suffix(".md").write_text(REPORT.format(**total, rate=rate))
-
-
-def _show(done: int, total: int) -> None:
-    if done % 50 == 0:
-        sys.stderr.write(f"{done} of {total}\n")
+    run.write(
+        Report(
+            name="viability",
+            title="Limits on positions from random starts and goals",
+            prose=PROSE.format(runs=runs, rate=given.rate, phases=N_PHASES, obstacles=N_OBSTACLES),
+            tables=[Table(rows=figures(dict(total)))],
+            data={"viability": result.cases},
+        )
+    )
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from uvms_ocp.model.loading import load_robot
 from uvms_ocp.record import Record
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.report.transitions import transition_series
@@ -114,8 +115,7 @@ def test_the_same_scenario_gives_the_same_record() -> None:
 
 def test_every_number_can_be_overridden() -> None:
     scenario = case1(
-        robot="girona_maris7",
-        altimeter_pose=pose_at((0.2, 0.0, -0.3)),
+        robot=load_robot("girona_maris7").with_frame_pose("altimeter", pose_at((0.2, 0.0, -0.3))),
         start=pose_at((9.0, 38.0, -37.0)),
         way_point=pose_at((10.0, 37.0, -38.5)),
         target=(12.0, 37.0, -39.8),

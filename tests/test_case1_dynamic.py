@@ -101,6 +101,6 @@ def test_controllers_see_the_measurement_and_not_the_truth() -> None:
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_small_vehicle_reaches_with_noise_and_other_drag(seed: int) -> None:
-    report = summarize(reach(seed=seed, variant="wu").run())
+    report = summarize(reach(seed=seed, variant="wu", noise=True).run())
     assert report["completed"], report["pending"]
     assert report["tool_position_error_m"] < 0.02

@@ -14,6 +14,7 @@ import pytest
 
 from uvms_ocp.model.files.library import robot_folder
 from uvms_ocp.record import Record
+from uvms_ocp.scenarios.reach import reach
 
 
 def cli(*arguments: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -91,7 +92,7 @@ def test_a_mission_out_of_time_exits_with_3_and_says_why(tmp_path: Path) -> None
         (["run", "--out", ""], "names no folder"),
         (["plan", "curve", "--to", "3", "0", "0", "--out", ""], "names no folder"),
         (["export", "tick", " "], "names no folder"),
-        (["run", "obstacle_field", "--seabed", "-39"], "obstacle_field has no option --seabed"),
+        (["run", "table2", "--seabed", "-39"], "table2 has no option --seabed"),
         (["run", "table2", "--noise"], "table2 has no option --noise"),
         (["run", "case2", "--n", "3"], "case2 is no study"),
         (["run", "random_limits", "--n", "0"], "n = 0 runs of a study; give 1 or more"),
@@ -108,6 +109,14 @@ def test_mistakes_get_one_line_and_exit_code_2(arguments: list[str], message: st
     assert len(process.stderr.strip().splitlines()) == 1
     assert process.stdout == ""
     assert [path.name for path in tmp_path.iterdir()] == ["taken"]
+
+
+def test_a_solver_that_is_not_chosen_is_the_scenarios_own(tmp_path: Path) -> None:
+    process = cli("run", "reach", "--duration", "0.1", "--force", "--json", cwd=tmp_path)
+    assert process.returncode == 3, process.stderr
+    report = json.loads(process.stdout)
+    assert report["solver"] == type(reach().solver).__name__
+    assert (tmp_path / "uvms_runs" / "reach-dynamic-lexls" / "report.json").exists()
 
 
 def test_options_that_do_not_parse_exit_with_2(tmp_path: Path) -> None:

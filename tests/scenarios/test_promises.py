@@ -72,14 +72,14 @@ def test_retries_that_are_used_up_end_the_mission_with_a_cause() -> None:
     assert "0 retries are used up: PC.horizontal_error" in report["cause"]["text"]
 
 
-@pytest.mark.parametrize(("relief", "threshold"), [("flat", 1.0), ("large", 10.0)])
-def test_a_transit_ends_above_its_way_point(relief: str, threshold: float) -> None:
-    record = transit(relief=relief, threshold=threshold, length=12.0).run()
+@pytest.mark.parametrize(("relief", "min_altitude"), [("flat", 1.0), ("large", 10.0)])
+def test_a_transit_ends_above_its_way_point(relief: str, min_altitude: float) -> None:
+    record = transit(relief=relief, min_altitude=min_altitude, length=12.0, dt=0.02).run()
     altitude = quantity(record, "MAC.altitude")
     assert altitude is not None
     assert record.meta.completed
     assert np.ptp(record.meta.surroundings.floor.z) > 0.0
-    assert altitude[len(altitude) // 2 :].min() > 0.7 * threshold
+    assert altitude[len(altitude) // 2 :].min() > 0.7 * min_altitude
     assert np.isfinite(record["q"]).all()
 
 

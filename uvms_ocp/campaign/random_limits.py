@@ -12,30 +12,29 @@ import pinocchio as pin
 from uvms_ocp.campaign.study import Row, Study, seeds_from
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.mission.conditions import DONE, Above, Transition
-from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Phase
-from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.collision_model import CollisionModel
 from uvms_ocp.model.shapes.obstacles import Obstacle
 from uvms_ocp.record import Record
 from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios.parts import always_underactuated, on, underactuation
-from uvms_ocp.sim.environment import Environment
+from uvms_ocp.scenarios.parts import mission_of, on
+from uvms_ocp.scenarios.run_options import run_options
 from uvms_ocp.sim.seafloor import FlatSeafloor, floor_obstacle
-from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.attitude import HorizontalAttitude
 from uvms_ocp.tasks.clearance import Clearance
-from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.joints import JointLimits, JointTracking
 from uvms_ocp.tasks.pose import ToolPose, VehiclePose
 
 _FLOOR = -4.0  # [m]
-_ALTITUDE, _CLEARANCE, _SELF = 1.0, 0.05, 0.03  # [m] thresholds of MAC, CL and SC
-_N_OBSTACLES, _N_PHASES = 6, 4
+_ALTITUDE = 1.0  # [m]
+CLEARANCE, SELF_CLEARANCE = 0.05, 0.03
+"""[m] kept from obstacles and floor, and between the links of the robot."""
+N_OBSTACLES, N_PHASES = 6, 4
 _SHORTEST, _LONGEST = 1.0, 4.0  # [s] of a phase
-_TOLERANCE = 1e-6  # [m, rad] below which a violation is rounding
+TOLERANCE = 1e-6
+"""[m, rad] below which a violation is rounding."""
 _WAYS = (("PC", "MP"), ("T", "MP"), ("PC", "T"))
 """Tasks of a phase besides the limits."""
 
@@ -58,12 +57,13 @@ def close_quarters(
     Start, obstacles, goals and tasks of the phases are drawn from `seed`. Joint limits, minimum altitude and clearance
     of obstacles, floor and the robot itself hold at the start and are on throughout. dt [s]: control period.
     """
-    rng, machine = np.random.default_rng(seed), load_robot(robot)
+    options = {"robot": robot, "solver": solver, "plant": "kinematic", "dt": dt}
+    run = run_options(options | {"duration": _LONGEST * N_PHASES + 1.0}, seabed=_FLOOR)
+    rng, machine = np.random.default_rng(seed), run.robot
     obstacles = (floor_obstacle(FlatSeafloor(z=_FLOOR), centre=(0.0, 0.0), extent=40.0), *_obstacles(rng))
-    clear = Clearance(model=CollisionModel(machine, obstacles, self_collision=False), threshold=_CLEARANCE)
-    itself = Clearance(name="SC", model=CollisionModel(machine), threshold=_SELF, margin=_SELF)
+    clear = Clearance(model=CollisionModel(machine, obstacles, self_collision=False), threshold=CLEARANCE)
+    itself = Clearance(name="SC", model=CollisionModel(machine), threshold=SELF_CLEARANCE, margin=SELF_CLEARANCE)
     tasks = [
-        *underactuation(machine),
         JointLimits(),
         MinimumAltitude(threshold=_ALTITUDE),
         HorizontalAttitude(),
@@ -73,17 +73,13 @@ def close_quarters(
         ToolPose(goal=pose_at((0.0, 0.0, 0.0))),
         JointTracking(joints=machine.joint_names, goal=machine.home),
     ]
-    phases = tuple(_phase(machine, rng, index) for index in range(_N_PHASES))
-    return Scenario(
+    phases = tuple(_phase(machine, rng, index) for index in range(N_PHASES))
+    return run.scenario(
         name=f"limits{seed}",
-        robot=machine,
-        mission=Mission(hierarchy=Hierarchy(tasks), phases=always_underactuated(machine, phases)),
-        environment=Environment(seafloor=FlatSeafloor(z=_FLOOR), obstacles=obstacles[1:]),
+        mission=mission_of(machine, tasks, phases),
         start=_start(machine, rng, (clear, itself)),
-        solver=solver or LexicographicActiveSet(),
-        plant="kinematic",
-        dt=dt,
-        duration=_LONGEST * _N_PHASES + 1.0,
+        obstacles=obstacles[1:],
+        markers={},
     )
 
 
@@ -137,7 +133,7 @@ def _altitudes(scenario: Scenario, task: MinimumAltitude, q: np.ndarray) -> np.n
 def largest(rows: Sequence[Row]) -> list[Row]:
     """One row: the largest violation and step of all runs, and in how many runs any limit is violated by > 1e-6."""
     violations = [name for name in rows[0] if name.endswith(("_rad", "_m")) and name != "path_m"]
-    violated = [row for row in rows if not all(row[name] <= _TOLERANCE for name in violations)]
+    violated = [row for row in rows if not all(row[name] <= TOLERANCE for name in violations)]
     return [
         {
             "runs": len(rows),
@@ -161,14 +157,14 @@ def _phase(robot: Robot, rng: np.random.Generator, index: int) -> Phase:
     }
     # Any altitude is above 0: the condition holds at once, and the phase ends when it has held.
     clock = (Above(quantity="MAC.altitude", limit=1e-6),)
-    last = index == _N_PHASES - 1
+    last = index == N_PHASES - 1
     end = Transition(to=DONE if last else str(index + 2), when=clock, hold=float(rng.uniform(_SHORTEST, _LONGEST)))
     gates = on("JL", "MAC", "HA", "CL", "SC", *_WAYS[rng.integers(len(_WAYS))])
     return Phase(name=str(index + 1), gates=gates, transitions=(end,), goals=goals)
 
 
 def _obstacles(rng: np.random.Generator) -> tuple[Obstacle, ...]:
-    return tuple(_obstacle(rng, index) for index in range(_N_OBSTACLES))
+    return tuple(_obstacle(rng, index) for index in range(N_OBSTACLES))
 
 
 def _obstacle(rng: np.random.Generator, index: int) -> Obstacle:

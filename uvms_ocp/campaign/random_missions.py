@@ -36,8 +36,8 @@ def random_missions(
 ) -> Study:
     """`n` missions drawn with the seeds `seed`, `seed` + 1, ...: Case 1 with everything about the place drawn.
 
-    dt [s]: control period. force: run those too that pre-flight refuses, which tells the refusals that were false. Raises
-    `InvalidInput` for no missions or a negative seed.
+    dt [s]: control period. force: run those too that pre-flight refuses, which tells the refusals that were false.
+    Raises `InvalidInput` for no missions or a negative seed.
     """
     cases = [{"seed": drawn, "plant": plant, "dt": dt, "force": force} for drawn in seeds_from(seed, n)]
     title = f"{n} random missions on the {plant} plant"

@@ -24,6 +24,7 @@ PAPER = {
 }
 """[Gao2022] Table 2, by floor and threshold."""
 MARGIN = 0.5  # [m] clearance of the whole robot that counts as safe: half its height
+_DT = 1 / 50  # [s] control period
 _EVERY = 5  # ticks between two configurations whose clearance is measured
 
 
@@ -44,8 +45,8 @@ def table2(*, seeds: int = 5, seed: int = 0, length: float = 30.0, plant: str = 
 
 def run_transit(case: dict[str, Any]) -> Row:
     """One transit and its smallest clearance [m]."""
-    chosen = {"relief": case["floor"], "threshold": case["threshold_m"], "length": case["length_m"]}
-    scenario = transit(**chosen, seed=case["seed"], plant=case["plant"])
+    chosen = {"relief": case["floor"], "min_altitude": case["threshold_m"], "length": case["length_m"]}
+    scenario = transit(**chosen, seed=case["seed"], plant=case["plant"], dt=_DT)
     record = scenario.run()
     closest = closest_approach(scenario.robot, scenario.environment, record["q"][::_EVERY])
     return {

@@ -10,7 +10,6 @@ from rich.console import Console
 
 from uvms_ocp.cli.options import (
     BAD_INPUT,
-    DEFAULT_SOLVER,
     CurrentVelocity,
     Json,
     Name,
@@ -32,7 +31,7 @@ def check(
     as_json: Json = False,
 ) -> None:
     """Check whether a mission can be completed, without running it; exit code 2 where it cannot."""
-    scenario = build_scenario(name, DEFAULT_SOLVER, given(robot=robot, plant=plant, current=current, seabed=seabed))
+    scenario = build_scenario(name, given(robot=robot, plant=plant, current=current, seabed=seabed))
     preflight = scenario.check()
     print_findings(Console(stderr=as_json), preflight, notes=True)
     if as_json:
@@ -46,5 +45,5 @@ def mission(
     mermaid: Annotated[bool, typer.Option("--mermaid", help="Print a state diagram in Mermaid's notation.")] = False,
 ) -> None:
     """Print which tasks are on in which phase of a scenario, or its phases as a diagram."""
-    plan = build_scenario(name, DEFAULT_SOLVER, {}).mission
+    plan = build_scenario(name, {}).mission
     sys.stdout.write(plan.mermaid() if mermaid else f"{plan}\n")

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from uvms_ocp.cli.options import DEFAULT_SOLVER, build_scenario, folder
+from uvms_ocp.cli.options import build_scenario, folder
 from uvms_ocp.cli.printing import print_paths
 from uvms_ocp.control.export import RecordingSolver, write_tick
 from uvms_ocp.output import staged_folder
@@ -22,7 +22,7 @@ def export_tick(
 ) -> None:
     """Write C source of one control tick, with recorded ticks to compare with; it needs libm only."""
     options = {"plant": "kinematic"} | ({} if robot is None else {"robot": robot})
-    made = build_scenario(scenario, DEFAULT_SOLVER, options)
+    made = build_scenario(scenario, options)
     recording = RecordingSolver(solver=made.solver)
     with staged_folder(out) as staging:
         replace(made, solver=recording).run()

@@ -25,7 +25,6 @@ SOLVERS: dict[str, type[HierarchySolver]] = {
     "icat": Icat,
     "daqp": Daqp,
 }
-DEFAULT_SOLVER = "lexls"
 BAD_INPUT, NOT_COMPLETED = 2, 3  # exit codes
 
 
@@ -39,7 +38,9 @@ def folder(words: str | Path) -> Path:
 Name = Annotated[str, typer.Argument(metavar="SCENARIO", help="Scenario, see `uvms-ocp list`.")]
 RobotName = Annotated[str | None, typer.Option(help="Robot, see `uvms-ocp list`; default: the scenario's.")]
 PlantName = Annotated[str | None, typer.Option(help=f"Plant: {', '.join(PLANTS)}; default: the scenario's.")]
-SolverName = Annotated[str, typer.Option(help=f"Hierarchy solver: {', '.join(SOLVERS)}.")]
+SolverName = Annotated[
+    str | None, typer.Option(help=f"Hierarchy solver: {', '.join(SOLVERS)}; default: the scenario's.")
+]
 CurrentVelocity = Annotated[
     tuple[float, float, float] | None,
     typer.Option(metavar="X Y Z", help="Uniform current in W [m/s]; default: the scenario's."),
@@ -59,26 +60,27 @@ def given(**options: Any) -> dict[str, Any]:
     return {name: value for name, value in options.items() if value is not None}
 
 
-def build_scenario(name: str, solver: str, options: dict[str, Any]) -> Scenario:
+def build_scenario(name: str, options: Mapping[str, Any], solver: str | None = None) -> Scenario:
     """The scenario with the options of the command line.
 
-    Raises `NameNotFound` for an unknown scenario or solver, `InvalidInput` for an option that the scenario does not have,
-    and what the scenario raises for a wrong value.
+    Raises `NameNotFound` for an unknown scenario or solver, and `UvmsError` where an option is wrong.
     """
     if name not in SCENARIOS:
         raise NameNotFound("scenario", name, (*SCENARIOS, *STUDIES))
+    if solver is None:
+        return SCENARIOS[name](**options)
     if solver not in SOLVERS:
         raise NameNotFound("solver", solver, SOLVERS)
-    build = SCENARIOS[name]
-    require_taken(name, build, options)
-    return build(solver=SOLVERS[solver](), **options)
+    return SCENARIOS[name](solver=SOLVERS[solver](), **options)
+
+
+def solver_name(solver: HierarchySolver) -> str:
+    """The name by which the command line knows a solver of that kind."""
+    return next(name for name, kind in SOLVERS.items() if kind is type(solver))
 
 
 def require_taken(name: str, build: Callable[..., Any], options: Mapping[str, Any]) -> None:
-    """Raise `InvalidInput` for an option that the scenario or study of that name does not have."""
-    parameters = signature(build).parameters.values()
-    if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters):
-        return
+    """Raise `InvalidInput` for an option that the study of that name does not have."""
     for option in options:
-        if option not in {parameter.name for parameter in parameters}:
+        if option not in signature(build).parameters:
             raise InvalidInput(f"{name} has no option --{option}; leave it out")

@@ -17,7 +17,6 @@ from rich.text import Text
 
 from uvms_ocp.campaign import STUDIES
 from uvms_ocp.cli.options import (
-    DEFAULT_SOLVER,
     NOT_COMPLETED,
     CurrentVelocity,
     Duration,
@@ -33,6 +32,7 @@ from uvms_ocp.cli.options import (
     build_scenario,
     given,
     require_taken,
+    solver_name,
 )
 from uvms_ocp.cli.printing import cell, print_findings, print_json, print_paths, table_of
 from uvms_ocp.exceptions import InvalidInput
@@ -49,7 +49,7 @@ def run(
     name: Name = "case1",
     robot: RobotName = None,
     plant: PlantName = None,
-    solver: SolverName = DEFAULT_SOLVER,
+    solver: SolverName = None,
     current: CurrentVelocity = None,
     seabed: Seabed = None,
     seed: Seed = None,
@@ -70,13 +70,13 @@ def run(
     console = Console(stderr=as_json)
     options = given(robot=robot, plant=plant, current=current, seabed=seabed, seed=seed, noise=noise, duration=duration)
     if name in STUDIES:
-        chosen = given(n=n, force=force or None, solver=None if solver == DEFAULT_SOLVER else solver)
+        chosen = given(n=n, force=force or None, solver=solver)
         _run_study(name, options | chosen, out, console, as_json)
         return
     if n is not None:
         raise InvalidInput(f"{name} is no study: leave out --n")
-    scenario = build_scenario(name, solver, options)
-    folder = out or Path("uvms_runs") / f"{name}-{scenario.plant}-{solver}"
+    scenario = build_scenario(name, options, solver)
+    folder = out or Path("uvms_runs") / f"{name}-{scenario.plant}-{solver_name(scenario.solver)}"
     with staged_folder(folder) as staging:
         preflight = scenario.check()
         print_findings(console, preflight)

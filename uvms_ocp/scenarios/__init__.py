@@ -14,6 +14,7 @@ from uvms_ocp.scenarios.current_drift import current_drift as current_drift
 from uvms_ocp.scenarios.obstacle_field import obstacle_field as obstacle_field
 from uvms_ocp.scenarios.priority_swap import priority_swap as priority_swap
 from uvms_ocp.scenarios.reach import reach as reach
+from uvms_ocp.scenarios.run_options import RunOptions as RunOptions
 from uvms_ocp.scenarios.transit import transit as transit
 from uvms_ocp.scenarios.two_targets import two_targets as two_targets
 

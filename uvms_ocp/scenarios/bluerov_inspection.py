@@ -5,34 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.mission.conditions import DONE, Below, Transition
-from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.model.kinematics import Kinematics
-from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import IDEAL_SENSORS, sensors_of
 from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios.parts import (
-    always_underactuated,
-    approach_phase,
-    current_field,
-    on,
-    underactuation,
-)
+from uvms_ocp.scenarios.parts import approach_phase, mission_of, on
 from uvms_ocp.scenarios.reach import facing
-from uvms_ocp.sim.currents import Current
-from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.seafloor import FlatSeafloor
-from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
+from uvms_ocp.scenarios.run_options import run_options
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.attitude import FieldOfView, HorizontalAttitude
-from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.joints import JointLimits, JointTracking
 from uvms_ocp.tasks.pose import ToolPosition, VehiclePose
 
@@ -41,11 +27,16 @@ from uvms_ocp.tasks.pose import ToolPosition, VehiclePose
 class Circle:
     """A point that goes around a circle in a vertical plane, starting and ending at rest at its top: a `Reference`."""
 
-    centre: np.ndarray  # (3,) [m] in W
-    across: np.ndarray  # (3,) horizontal unit vector in the plane of the circle
-    radius: float  # [m]
+    centre: np.ndarray
+    """(3,) [m] in W."""
+    across: np.ndarray
+    """(3,) [-] horizontal unit vector in the plane of the circle."""
+    radius: float
+    """[m]"""
     turns: float
-    duration: float  # [s] of all turns
+    """[-]"""
+    duration: float
+    """[s] of all turns."""
 
     def __call__(self, t: float) -> tuple[pin.SE3, np.ndarray]:
         """Pose, of which the orientation has no meaning, and rate (6,) at time t [s]."""
@@ -60,57 +51,41 @@ class Circle:
 
 def bluerov_inspection(
     *,
-    robot: Robot | str = "bluerov2_alpha5",
-    valve: Sequence[float] = (2.5, 1.0, -6.0),
+    target: Sequence[float] = (2.5, 1.0, -6.0),
     radius: float = 0.1,
     turns: float = 2.0,
     turning: float = 24.0,
-    seabed: float = -10.0,
-    solver: HierarchySolver | None = None,
-    plant: str = "dynamic",
-    current: Current | Sequence[float] | None = None,
-    noise: bool = False,
-    seed: int = 0,
-    dt: float = 1 / 200,
-    duration: float = 120.0,
+    **options: Any,
 ) -> Scenario:
     """Valve turning by a BlueROV2 with a four-joint arm: approach, hold, follow a circular tool path.
 
-    The tool goes `turns` times around a circle of `radius` [m] about the valve (3,) [m] within `turning` [s] and stays
-    within 0.02 m of it all the time, while the valve stays within 0.4 rad of the axis of a camera on the vehicle that is
-    tilted towards the stowed tool. Vehicle and arm move together; the pose of the vehicle comes last. noise widens the
-    tolerance to 0.06 m. Raises `UvmsError` for unknown names and impossible numbers.
+    The tool goes turns [-] times around a circle of radius [m] about the valve, target (3,) [m] in W, within turning [s]
+    and stays within 0.02 m of it all the time, while the valve stays within 0.4 rad of the axis of a camera on the
+    vehicle that is tilted towards the stowed tool. Vehicle and arm move together; the pose of the vehicle comes last.
+    With noise the tolerance is 0.06 m. options: those of `RunOptions`; the robot is bluerov2_alpha5, the floor at -10 m.
+
+    Raises `UvmsError` where a name is unknown or a number is impossible.
     """
-    machine = load_robot(robot) if isinstance(robot, str) else robot
-    centre = np.asarray(valve, dtype=float)
+    run = run_options(options, robot="bluerov2_alpha5", seabed=-10.0)
+    centre = np.asarray(target, dtype=float)
     origin = pose_at((0.0, 0.0, -5.0))
-    q0 = machine.configuration(position=origin.translation, quaternion=pin.Quaternion(origin.rotation).coeffs())
-    start = Kinematics(machine, q0)
+    q0 = run.start(origin)
+    start = Kinematics(run.robot, q0)
     way_point = facing(origin, centre, start)
     circle = Circle(centre=centre, across=way_point.rotation[:, 1], radius=radius, turns=turns, duration=turning)
     tasks = [
-        *underactuation(machine),
         JointLimits(),
         MinimumAltitude(),
         HorizontalAttitude(),
         FieldOfView(goal=centre, axis=_towards_tool(start)),
         ToolPosition(goal=circle(0.0)[0]),
         VehiclePose(goal=way_point),
-        JointTracking(joints=machine.joint_names, goal=machine.home),
+        JointTracking(joints=run.robot.joint_names, goal=run.robot.home),
     ]
-    phases = _phases(circle, turning, tolerance=0.06 if noise else 0.02)
-    return Scenario(
+    return run.scenario(
         name="bluerov_inspection",
-        robot=machine,
-        mission=Mission(hierarchy=Hierarchy(tasks), phases=always_underactuated(machine, phases)),
-        environment=Environment(seafloor=FlatSeafloor(z=seabed), current=current_field(current)),
+        mission=mission_of(run.robot, tasks, _phases(circle, turning, tolerance=0.06 if run.noise else 0.02)),
         start=q0,
-        solver=solver or LexicographicQp(),
-        plant=plant,
-        sensors=sensors_of(machine.description) if noise else IDEAL_SENSORS,
-        seed=seed,
-        dt=dt,
-        duration=duration,
         markers={"valve": tuple(centre.tolist()), "way point": tuple(way_point.translation.tolist())},
     )
 

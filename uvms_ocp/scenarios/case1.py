@@ -9,32 +9,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.control.force.dynamic import VelocityGains
-from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.mission.conditions import DONE, Below, Transition
-from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Phase
-from uvms_ocp.model.files.description import TrimBody
-from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import IDEAL_SENSORS, sensors_of
-from uvms_ocp.model.trim import with_trim
 from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios.parts import (
-    always_underactuated,
-    current_field,
-    full_order,
-    on,
-    override,
-    underactuation,
-)
-from uvms_ocp.sim.currents import Current
-from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.seafloor import FlatSeafloor
-from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.scenarios.parts import mission_of, on
+from uvms_ocp.scenarios.run_options import run_options
 from uvms_ocp.tasks.altitude import LandingAltitude, MinimumAltitude
 from uvms_ocp.tasks.attitude import Alignment, HorizontalAttitude
-from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.joints import JointLimits, JointTracking
 from uvms_ocp.tasks.pose import ToolPose, VehiclePose
 from uvms_ocp.tasks.task import Task
@@ -47,13 +29,20 @@ _N_POSTURE_JOINTS = 4  # MP holds the last four joints ([Gao2022] Case 2)
 class Thresholds:
     """What ends the phases of Case 1."""
 
-    way_point: float = 0.1  # [m] A -> B
-    misalignment: float = 0.07  # [rad] B -> C, and held through C
-    landing_altitude: float = 0.17  # [m] C -> D
-    landing_hold: float = 0.2  # [s]
-    tool_position: float = 1e-3  # [m] end of D
-    tool_orientation: float = 1e-3  # [rad]
-    tool_hold: float = 1.0  # [s]
+    way_point: float = 0.1
+    """[m] A to B."""
+    misalignment: float = 0.07
+    """[rad] B to C, and held through C."""
+    landing_altitude: float = 0.17
+    """[m] C to D."""
+    landing_hold: float = 0.2
+    """[s] for which the landing altitude is held."""
+    tool_position: float = 1e-3
+    """[m] end of D."""
+    tool_orientation: float = 1e-3
+    """[rad] end of D."""
+    tool_hold: float = 1.0
+    """[s] for which the tool is held."""
 
     @staticmethod
     def suggested(*, plant: str, noise: bool) -> Thresholds:
@@ -65,68 +54,36 @@ class Thresholds:
 
 def case1(
     *,
-    robot: Robot | str = "girona_maris7_full",
-    altimeter_pose: pin.SE3 | None = None,
     start: pin.SE3 | None = None,
     posture: np.ndarray | None = None,
     way_point: pin.SE3 | None = None,
     target: Sequence[float] = (12.2025, 37.3748, -39.886),
     tool_goal: pin.SE3 | None = None,
-    seabed: float = -40.0,
     tasks: Mapping[str, Mapping[str, Any]] | None = None,
     order: Sequence[str] | None = None,
     thresholds: Thresholds | None = None,
-    solver: HierarchySolver | None = None,
-    plant: str = "dynamic",
-    current: Current | Sequence[float] | None = None,
-    noise: bool = False,
-    observer: bool = True,
-    payload: TrimBody | None = None,
-    seed: int = 0,
-    dt: float = 1 / 200,
-    duration: float = 120.0,
+    **options: Any,
 ) -> Scenario:
     """Way point, alignment, landing, tool frame ([Gao2022] Case 1, Tables 3 and 4).
 
-    robot: a name or a `Robot`. altimeter_pose: X_BS. start, way_point: X_WB. posture (n_joints,): joints at the start,
-    the stowed posture by default. target (3,) [m] in W: where AT points. tool_goal: X_WT, at the target with the tool
-    pointing down by default. seabed [m]: height of the floor. tasks: field overrides by task name, such as
-    ``{"PC": {"gain_linear": 0.3}}``. order: task names, highest priority first, instead of the order of the classes.
-    current: a field, or a uniform velocity (3,) [m/s] in W. noise: of the sensors. observer: of disturbances. payload: a
-    body that the plant carries and the controller does not know, such as ``TrimBody(name="sample", link="tool", ...)``.
+    start, way_point: X_WB. posture (n_joints,) [rad]: joints at the start, the stowed posture by default. target (3,) [m]
+    in W: where AT points. tool_goal: X_WT, at the target with the tool pointing down by default. tasks: field overrides
+    by task name, such as ``{"PC": {"gain_linear": 0.3}}``. order: task names, highest priority first, instead of the
+    order of the classes. options: those of `RunOptions`.
 
     Raises `UvmsError` where a name is unknown or a number is impossible.
     """
-    machine = load_robot(robot) if isinstance(robot, str) else robot
-    if altimeter_pose is not None:
-        machine = machine.with_frame_pose("altimeter", altimeter_pose)
+    run = run_options(options)
     origin = start or pose_at((8.5, 38.5, -36.0), (0.0, -0.06, 0.5))
     goal = way_point or pose_at((10.8, 37.45, -38.0), (0.0, -0.06, 0.5))
     point = np.asarray(target, dtype=float)
     tool = tool_goal or pose_at(tuple(point), (np.pi, 0.0, 0.0))
-    joints = machine.home if posture is None else posture
-    limits = thresholds or Thresholds.suggested(plant=plant, noise=noise)
-    return Scenario(
+    limits = thresholds or Thresholds.suggested(plant=run.plant, noise=run.noise)
+    listed, phases = case1_tasks(run.robot, goal, point, tool), case1_phases(limits)
+    return run.scenario(
         name="case1",
-        robot=machine,
-        mission=Mission(
-            hierarchy=Hierarchy(
-                override(case1_tasks(machine, goal, point, tool), tasks or {}), full_order(machine, order)
-            ),
-            phases=always_underactuated(machine, case1_phases(limits)),
-        ),
-        environment=Environment(seafloor=FlatSeafloor(z=seabed), current=current_field(current)),
-        start=machine.configuration(
-            position=origin.translation, quaternion=pin.Quaternion(origin.rotation).coeffs(), joints=joints
-        ),
-        solver=solver or LexicographicActiveSet(),
-        plant=plant,
-        sensors=sensors_of(machine.description) if noise else IDEAL_SENSORS,
-        gains=VelocityGains() if observer else VelocityGains(observer_vehicle=0.0),
-        plant_robot=None if payload is None else with_trim(machine, [payload]),
-        seed=seed,
-        dt=dt,
-        duration=duration,
+        mission=mission_of(run.robot, listed, phases, order=order, overrides=tasks),
+        start=run.start(origin, posture),
         markers={"target": tuple(point), "way point": tuple(goal.translation)},
     )
 
@@ -142,9 +99,9 @@ def case1_unreachable(**options: Any) -> Scenario:
 
 
 def case1_tasks(robot: Robot, way_point: pin.SE3, target: np.ndarray, tool_goal: pin.SE3) -> list[Task]:
+    """[Gao2022] Table 3, for the goals X_WB, target (3,) [m] in W and X_WT."""
     wrist = robot.joint_names[-_N_POSTURE_JOINTS:]
     return [
-        *underactuation(robot),
         NullVelocity(),
         JointLimits(),
         MinimumAltitude(),

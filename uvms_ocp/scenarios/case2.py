@@ -61,7 +61,10 @@ def case2(
 
 
 def plan_arm(scenario: Scenario, clearance: float = 0.05) -> CollisionPlan:
-    """Trajectory of all joints from the start to the tool goal, for the vehicle where it is expected to land."""
+    """Trajectory of all joints from the start to the tool goal, for the vehicle where it is expected to land.
+
+    clearance [m]: wanted from obstacles, floor and hull. Raises `InvalidInput` where no free posture reaches the goal.
+    """
     robot, base = scenario.robot, landed_configuration(scenario)
     x, y, _ = base[:3]
     floor = floor_obstacle(scenario.environment.seafloor, centre=(x, y), extent=6.0)
@@ -96,7 +99,8 @@ class ToolPath:
 
     robot: Robot
     frame: str
-    base: np.ndarray  # (n_q,) configuration whose joints are replaced
+    base: np.ndarray
+    """(n_q,) [m, rad] configuration whose joints are replaced."""
     joints: PiecewisePolynomial
 
     def __call__(self, t: float) -> tuple[pin.SE3, np.ndarray]:

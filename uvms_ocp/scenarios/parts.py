@@ -6,40 +6,42 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any
 
-import numpy as np
-
 from uvms_ocp.exceptions import NameNotFound
 from uvms_ocp.mission.conditions import Below, Transition
+from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.thrusters import unactuated_axes
-from uvms_ocp.sim.currents import Current, StillWater, UniformCurrent
+from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.task import Task
 from uvms_ocp.tasks.velocity import UnderActuation
 
 
-def current_field(given: Current | Sequence[float] | None) -> Current:
-    """A field as it is, or the uniform one of a velocity (3,) [m/s] in W; still water for `None`."""
-    if given is None:
-        return StillWater()
-    return UniformCurrent(given) if isinstance(given, Sequence | np.ndarray) else given
+def mission_of(
+    robot: Robot,
+    tasks: Sequence[Task],
+    phases: Sequence[Phase],
+    *,
+    order: Sequence[str] | None = None,
+    overrides: Mapping[str, Mapping[str, Any]] | None = None,
+) -> Mission:
+    """The mission of these tasks and phases; axes out of the thrusters' reach are reckoned with first, and always.
+
+    order: task names, highest priority first, instead of the order of the classes. overrides: fields of tasks by name.
+    Raises `NameNotFound` for an unknown task or field, and `InvalidInput` for an order that does not name every task.
+    """
+    first = _underactuation(robot)
+    names = tuple(task.name for task in first)
+    listed = override([*first, *tasks], overrides) if overrides else [*first, *tasks]
+    return Mission(
+        hierarchy=Hierarchy(listed, None if order is None else (*names, *order)),
+        phases=tuple(replace(phase, gates={**on(*names), **phase.gates}) for phase in phases),
+    )
 
 
-def underactuation(robot: Robot) -> list[Task]:
-    """The task that reckons with the axes out of the thrusters' reach; none if there are no such axes."""
+def _underactuation(robot: Robot) -> list[Task]:
     axes = unactuated_axes(robot)
     return [UnderActuation(axes=axes)] if axes else []
-
-
-def full_order(robot: Robot, order: Sequence[str] | None) -> tuple[str, ...] | None:
-    """The user's order; what cannot be driven comes first whatever the order."""
-    return None if order is None else (*(task.name for task in underactuation(robot)), *order)
-
-
-def always_underactuated(robot: Robot, phases: tuple[Phase, ...]) -> tuple[Phase, ...]:
-    """The phases with the task of `underactuation` always on."""
-    gates = on(*(task.name for task in underactuation(robot)))
-    return tuple(replace(phase, gates={**gates, **phase.gates}) for phase in phases)
 
 
 def on(*names: str) -> dict[str, float]:

@@ -3,96 +3,60 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.control.force.dynamic import VelocityGains
-from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.mission.conditions import DONE, Below, Transition
-from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.model.kinematics import Kinematics
 from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import IDEAL_SENSORS, sensors_of
 from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios.parts import (
-    always_underactuated,
-    approach_phase,
-    current_field,
-    on,
-    underactuation,
-)
-from uvms_ocp.sim.currents import Current
-from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.seafloor import FlatSeafloor
-from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.scenarios.parts import approach_phase, mission_of, on
+from uvms_ocp.scenarios.run_options import run_options
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.attitude import HorizontalAttitude
-from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.joints import JointLimits, JointTracking
 from uvms_ocp.tasks.pose import ToolPosition, VehiclePose
 
 
 def reach(
     *,
-    robot: Robot | str = "bluerov2_alpha5",
     variant: str | None = None,
     target: Sequence[float] | None = None,
     start: pin.SE3 | None = None,
-    seabed: float = -10.0,
     tolerance: float = 0.01,
-    solver: HierarchySolver | None = None,
-    plant: str = "dynamic",
-    current: Current | Sequence[float] | None = None,
-    noise: bool = True,
-    observer: bool = True,
-    seed: int = 0,
-    dt: float = 1 / 200,
-    duration: float = 90.0,
+    **options: Any,
 ) -> Scenario:
     """A small floating vehicle with a four-joint arm brings its tool to a position: approach, then reach.
 
-    The tool stays within `tolerance` [m] of the target (3,) [m] in W for 1 s; vehicle and arm reach together, the pose
+    The tool stays within tolerance [m] of the target (3,) [m] in W for 1 s; vehicle and arm reach together, the pose
     of the vehicle comes second. variant: of the water on the plant's vehicle, such as another published set of drag; the
-    controller keeps the nominal one. target: by default drawn from `seed`, 2 to 4 m from the start.
+    controller keeps the nominal one. target: by default drawn from `seed`, 2 to 4 m from the start. start: X_WB.
+    options: those of `RunOptions`; the robot is bluerov2_alpha5, the floor at -10 m.
 
     Raises `UvmsError` where a name is unknown or a number is impossible.
     """
-    machine = load_robot(robot) if isinstance(robot, str) else robot
-    real = machine if variant is None else load_robot(machine.name, variant=variant)
+    run = run_options(options, robot="bluerov2_alpha5", seabed=-10.0)
+    robot = run.robot
     origin = start or pose_at((0.0, 0.0, -5.0))
-    point = _random_target(origin, seed) if target is None else np.asarray(target, dtype=float)
-    q0 = machine.configuration(position=origin.translation, quaternion=pin.Quaternion(origin.rotation).coeffs())
-    way_point = facing(origin, point, Kinematics(machine, q0))
-    return Scenario(
+    point = _random_target(origin, run.seed) if target is None else np.asarray(target, dtype=float)
+    q0 = run.start(origin)
+    way_point = facing(origin, point, Kinematics(robot, q0))
+    tasks = [
+        JointLimits(),
+        MinimumAltitude(),
+        HorizontalAttitude(),
+        ToolPosition(goal=pin.SE3(np.eye(3), point)),
+        VehiclePose(goal=way_point),
+        JointTracking(joints=robot.joint_names, goal=robot.home),
+    ]
+    return run.scenario(
         name="reach",
-        robot=machine,
-        mission=Mission(
-            hierarchy=Hierarchy(
-                [
-                    *underactuation(machine),
-                    JointLimits(),
-                    MinimumAltitude(),
-                    HorizontalAttitude(),
-                    ToolPosition(goal=pin.SE3(np.eye(3), point)),
-                    VehiclePose(goal=way_point),
-                    JointTracking(joints=machine.joint_names, goal=machine.home),
-                ]
-            ),
-            phases=always_underactuated(machine, _reach_phases(tolerance)),
-        ),
-        environment=Environment(seafloor=FlatSeafloor(z=seabed), current=current_field(current)),
+        mission=mission_of(robot, tasks, _reach_phases(tolerance)),
         start=q0,
-        solver=solver or LexicographicActiveSet(),
-        plant=plant,
-        sensors=sensors_of(machine.description) if noise else IDEAL_SENSORS,
-        gains=VelocityGains() if observer else VelocityGains(observer_vehicle=0.0),
-        plant_robot=real,
-        seed=seed,
-        dt=dt,
-        duration=duration,
+        plant_robot=None if variant is None else load_robot(robot.name, variant=variant),
         markers={"target": tuple(point), "way point": tuple(way_point.translation)},
     )
 
@@ -104,7 +68,7 @@ def _random_target(origin: pin.SE3, seed: int) -> np.ndarray:
 
 
 def facing(origin: pin.SE3, target: np.ndarray, start: Kinematics) -> pin.SE3:
-    """Vehicle pose, level and facing the target, from which the tool at its present posture is just there."""
+    """Vehicle pose, level and facing the target (3,) [m] in W, from which the tool at its present posture is just there."""
     p_BT = start.pose("base_link").actInv(start.pose("tool").translation)
     d = target - origin.translation
     R_WB = pin.rpy.rpyToMatrix(0.0, 0.0, float(np.arctan2(d[1], d[0])))

@@ -1,0 +1,65 @@
+"""Plans among obstacles: how long they take, how many are free of collision, and whether any is so called falsely."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from recording.report import Row
+from recording.timing import Timed, once
+
+from curves.closed_forms import ClosedFormDistances
+from curves.figure import figure
+from curves.scenes import Problem, problem
+from uvms_ocp.collision.capsules import capsule_robot
+from uvms_ocp.collision.coal_distances import CoalDistances
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.planning.soft_collision import CollisionPlan, plan_soft_collision
+from uvms_ocp.trajectories.segment_times import MotionLimits
+
+COAL, CLOSED_FORMS = "coal", "closed forms"
+TARGETS = {COAL: ("0.3", "0.6"), CLOSED_FORMS: ("0.15", "")}
+"""[s] of the median and of the largest time."""
+
+
+def plan_rows(n_scenes: int, solver: str) -> list[Row]:
+    """One run per scene, with distances by coal or in closed form."""
+    robot = load_robot("girona_maris7")
+    machine = capsule_robot(robot) if solver == CLOSED_FORMS else robot
+    problems = [problem(seed, robot=machine) for seed in range(n_scenes)]
+    plans = [_planned(item, solver) for item in problems]
+    name = f"{n_scenes} scenes, 13 axes, 10 pieces"
+    pairs = np.median([item.scene.n_pairs for item in problems])
+    return [
+        figure(name, solver, "median pairs", pairs, "30"),
+        *_times(name, solver, plans),
+        *_outcomes(name, solver, problems, [plan.value for plan in plans]),
+    ]
+
+
+def _planned(item: Problem, solver: str) -> Timed[CollisionPlan]:
+    robot = item.scene.coordinates.robot
+    limits = MotionLimits(velocity=robot.limits.velocity, acceleration=robot.limits.acceleration)
+    distances = ClosedFormDistances(item.scene) if solver == CLOSED_FORMS else None
+    return once(lambda: plan_soft_collision(item.scene, item.ends, limits=limits, distances=distances))
+
+
+def _times(name: str, solver: str, plans: Sequence[Timed[CollisionPlan]]) -> Iterator[Row]:
+    walls, cpus, (median, largest) = [plan.wall for plan in plans], [plan.cpu for plan in plans], TARGETS[solver]
+    yield figure(name, solver, "median time [s]", float(np.median(walls)), median)
+    yield figure(name, solver, "largest time [s]", max(walls), largest)
+    yield figure(name, solver, "median processor time [s]", float(np.median(cpus)))
+    yield figure(name, solver, "largest processor time [s]", max(cpus))
+
+
+def _outcomes(name: str, solver: str, problems: Sequence[Problem], plans: Sequence[CollisionPlan]) -> Iterator[Row]:
+    false = [_collides(item, plan) for item, plan in zip(problems, plans, strict=True) if plan.collision_free]
+    yield figure(name, solver, "success", float(np.mean([plan.collision_free for plan in plans])), "0.95")
+    yield figure(name, solver, "falsely free", sum(false), "0")
+    yield figure(name, solver, "success at first attempt", float(np.mean([plan.attempts == 1 for plan in plans])))
+
+
+def _collides(item: Problem, plan: CollisionPlan) -> bool:
+    """Ten times denser than the samples of the optimisation."""
+    t = np.linspace(plan.trajectory.start, plan.trajectory.end, 1501)
+    return bool(CoalDistances(item.scene).distances(plan.trajectory.evaluate(t)).min() <= 0.0)

@@ -1,0 +1,116 @@
+"""Our solvers on given matrices and on the whole tick of Case 1."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+from recording.report import Row
+from recording.timing import built
+
+from hierarchies.found import Found, certificates_of, timed_row
+from hierarchies.problems import Inputs, Problem, exactness_problems
+from uvms_ocp.control.velocity.kinematic import HierarchySolver
+from uvms_ocp.control.velocity.levels import LevelsProblem
+from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.solvers.hierarchy.active_set.fallbacks import ActiveSetTick
+from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
+from uvms_ocp.solvers.hierarchy.icat import Icat
+from uvms_ocp.solvers.hierarchy.level import Level
+from uvms_ocp.solvers.hierarchy.tick import LEVEL_OUTPUTS, Tick
+
+IN_C, IN_NUMPY = "lexls in C", "lexls in NumPy"
+SOLVERS: dict[str, HierarchySolver] = {
+    IN_C: LexicographicActiveSet(),
+    IN_NUMPY: LexicographicActiveSet(compiled=False),
+    "qpOASES cascade": LexicographicQp(),
+    "iCAT in NumPy": Icat(),
+}
+
+
+def stacked(levels: Sequence[Level]) -> list[np.ndarray]:
+    """The six inputs of a tick."""
+    fields = ("jacobian", "lower", "upper", "rate", "activation", "gate")
+    return [np.concatenate([getattr(level, name) for level in levels]) for name in fields]
+
+
+def solved(solver: HierarchySolver, problem: Problem) -> Found:
+    """Every problem of the set, after one call to warm up."""
+    tick, results = _bound_to_matrices(solver, problem), []
+    given = [stacked(levels) for levels in problem.sets]
+    tick(*given[0])
+    for inputs in given:
+        if not problem.warm:
+            _forget(tick)
+        start = time.perf_counter()
+        result = tick(*inputs)
+        results.append((result.v, result.status.exact, time.perf_counter() - start))
+    v, exact, seconds = (np.array(column) for column in zip(*results, strict=True))
+    return Found(v=v, exact=exact, seconds=seconds)
+
+
+def _bound_to_matrices(solver: HierarchySolver, problem: Problem) -> Tick:
+    """A tick whose inputs are the stacked levels themselves."""
+    n = problem.sets[0][0].n_velocities
+    symbols = [ca.MX.sym(name, sum(problem.sizes), n if name == "J" else 1) for name in LEVEL_OUTPUTS]
+    function = ca.Function("levels", symbols, symbols, [f"{x}_in" for x in LEVEL_OUTPUTS], list(LEVEL_OUTPUTS))
+    return solver.bind(function, problem.sizes)
+
+
+def _forget(tick: Tick) -> None:
+    """Let the next call start cold: only the active-set solver remembers."""
+    if isinstance(tick, ActiveSetTick):
+        tick.reset()
+
+
+def whole_tick_rows(problem: LevelsProblem, inputs: Sequence[Inputs], *, passes: int, cold: bool) -> list[Row]:
+    """Case 1, kinematics included, as the controller calls it; cold: compiled anew, to time that."""
+    rows: list[Row] = []
+    for name, solver in SOLVERS.items():
+        scenario = replace(case1(plant="kinematic"), solver=solver)
+        build_s = built(scenario.controller, cold=cold).wall
+        tick = solver.bind(problem.function, problem.sizes)
+        rows.append(_repeated("whole tick", name, tick, inputs, passes) | {"build_s": build_s})
+    return rows
+
+
+def cold_rows(problem: LevelsProblem, states: Sequence[Inputs], passes: int) -> list[Row]:
+    """Case 1 at random states, each from a cold start."""
+    ticks = {name: SOLVERS[name].bind(problem.function, problem.sizes) for name in (IN_C, IN_NUMPY)}
+    return [_repeated("random states, cold", name, tick, states, passes, True) for name, tick in ticks.items()]
+
+
+def _repeated(
+    problem: str, solver: str, tick: Tick, inputs: Sequence[Inputs], passes: int, forget: bool = False
+) -> dict[str, object]:
+    """The same tick takes the same work in every pass: what is longer than the shortest is other programs."""
+    tick(*inputs[0])
+    found = [_one_pass(tick, inputs, forget) for _ in range(passes)]
+    return timed_row(problem, solver, np.min([seconds for seconds, _ in found], axis=0), found[-1][1])
+
+
+def _one_pass(tick: Tick, inputs: Sequence[Inputs], forget: bool) -> tuple[np.ndarray, int]:
+    """Times [s] of all ticks in sequence, and the number that are not exact."""
+    seconds, inexact = [], 0
+    for given in inputs:
+        if forget:
+            _forget(tick)
+        start = time.perf_counter()
+        result = tick(*given)
+        seconds.append(time.perf_counter() - start)
+        inexact += not result.status.exact
+    return np.array(seconds), inexact
+
+
+def exactness_rows(count: int) -> list[Row]:
+    """Certificates of many random hierarchies, all of them checked."""
+    rows: list[Row] = []
+    for problem in exactness_problems(count):
+        found = solved(SOLVERS[IN_C], problem)
+        row = timed_row(problem.name, IN_C, found.seconds, found.inexact)
+        rows.append(row | {"largest certificate where exact": float(certificates_of(problem, found.v).max())})
+    return rows

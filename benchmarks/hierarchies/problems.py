@@ -1,0 +1,166 @@
+"""Problems of the hierarchy benchmark: recorded ticks of Case 1, random and adversarial hierarchies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from uvms_ocp.control.velocity.levels import LevelsProblem
+from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.level import Level, gated_bounds, row_slices
+from uvms_ocp.solvers.hierarchy.tick import Tick, TickResult
+
+Inputs: TypeAlias = tuple[np.ndarray, ...]
+"""Of one call of a levels function."""
+STRUCTURES = {7: (7, 2, 3, 2, 7), 13: (13, 3, 6, 1, 1, 6, 4, 6, 3, 3, 13), 60: (60, 9, 20, 12, 30, 60)}
+"""Rows of the levels by the number of unknowns."""
+DEPENDENT = (6, 6, 6, 3, 13)
+NEARLY = 1e-6
+"""Where rows are neither dependent nor independent."""
+SEPARATED = (1e-4, 1e-3)
+"""Where rows are independent, if barely."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Problem:
+    """A set of hierarchies of the same shape."""
+
+    name: str
+    warm: bool
+    """Whether neighbours are one tick apart."""
+    sets: list[list[Level]]
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Rows of each level."""
+        return tuple(level.n_rows for level in self.sets[0])
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Recording:
+    """A solver that keeps the inputs of every tick."""
+
+    solver: LexicographicActiveSet
+    inputs: list[Inputs]
+
+    def bind(self, levels_function: ca.Function, sizes: tuple[int, ...]) -> Tick:
+        tick = self.solver.bind(levels_function, sizes)
+
+        def recorded(*inputs: ArrayLike) -> TickResult:
+            self.inputs.append(tuple(np.array(value, dtype=float) for value in inputs))
+            return tick(*inputs)
+
+        return recorded
+
+
+def recorded_ticks(duration: float) -> tuple[LevelsProblem, list[Inputs]]:
+    """The levels function of Case 1, and the inputs of all ticks of a run of duration [s] on the kinematic plant."""
+    scenario = case1(plant="kinematic", duration=duration)
+    recording = Recording(solver=LexicographicActiveSet(), inputs=[])
+    replace(scenario, solver=recording).run()
+    return scenario.controller().problem, recording.inputs
+
+
+def levels_of(problem: LevelsProblem, inputs: Inputs) -> list[Level]:
+    """The levels of one tick, gates in the bounds."""
+    J, *columns = (np.array(x) for x in problem.function(*inputs)[:6])
+    lower, upper, rate, activation, gate = (column.ravel() for column in columns)
+    levels = [
+        Level(
+            jacobian=J[rows],
+            lower=lower[rows],
+            upper=upper[rows],
+            rate=rate[rows],
+            activation=activation[rows],
+            gate=gate[rows],
+        )
+        for rows in row_slices(problem.sizes)
+    ]
+    return [_gated(level) for level in levels]
+
+
+def _gated(level: Level) -> Level:
+    lower, upper = gated_bounds(level)
+    rate, activation = level.rate, level.activation * level.gate
+    return Level(
+        jacobian=level.jacobian, lower=lower, upper=upper, rate=np.clip(rate, lower, upper), activation=activation
+    )
+
+
+def problems(problem: LevelsProblem, inputs: Sequence[Inputs], count: int) -> list[Problem]:
+    """Recorded ticks, and `count` hierarchies of each random kind."""
+    return [
+        Problem(name="case1", warm=True, sets=[levels_of(problem, given) for given in inputs]),
+        *(_random(f"random n={n}", n, range(count)) for n in STRUCTURES),
+        _dependent("dependent", 0.0, range(count)),
+        _dependent(f"dependent to {NEARLY:.0e}", NEARLY, range(count)),
+    ]
+
+
+def exactness_problems(count: int) -> list[Problem]:
+    """`count` hierarchies in all, whose rows are independent, dependent, or separated."""
+    separations = (0.0, *SEPARATED)
+    seeds = [(7, seed) for seed in range(count // (2 + len(separations)))]
+    return [
+        *(_random(f"exactness, random n={n}", n, seeds) for n in (7, 13)),
+        *(_dependent(f"exactness, dependent to {nearly:g}", nearly, seeds) for nearly in separations),
+    ]
+
+
+def _random(name: str, n: int, seeds: Sequence[int | tuple[int, ...]]) -> Problem:
+    sets = [random_hierarchy(np.random.default_rng(seed), n, STRUCTURES[n]) for seed in seeds]
+    return Problem(name=name, warm=False, sets=sets)
+
+
+def _dependent(name: str, nearly: float, seeds: Sequence[int | tuple[int, ...]]) -> Problem:
+    sets = [dependent_hierarchy(np.random.default_rng(seed), 13, DEPENDENT, nearly) for seed in seeds]
+    return Problem(name=name, warm=False, sets=sets)
+
+
+def random_states(inputs: Sequence[Inputs], count: int) -> list[Inputs]:
+    """Recorded ticks with another attitude, place, posture and velocity."""
+    rng, states = np.random.default_rng(0), []
+    for _ in range(count):
+        q, v, _, altitude, *rest = (x.copy() for x in inputs[int(rng.integers(len(inputs)))])
+        q[:3] += rng.uniform(-2.0, 2.0, 3)
+        q[3:7] = rng.standard_normal(4)
+        q[3:7] /= np.linalg.norm(q[3:7])
+        q[7:] += rng.uniform(-0.5, 0.5, len(q) - 7)
+        v = rng.uniform(-0.3, 0.3, len(v))
+        states.append((q, v, v, altitude * rng.uniform(0.2, 2.0), *rest))
+    return states
+
+
+def random_hierarchy(rng: np.random.Generator, n: int, sizes: tuple[int, ...]) -> list[Level]:
+    """A box on top, conflicting equalities and one- and two-sided inequalities, least velocity at the bottom."""
+    box = Level(jacobian=np.eye(n), lower=-rng.uniform(0.5, 1.5, n), upper=rng.uniform(0.5, 1.5, n))
+    rest = Level(jacobian=np.eye(n), lower=0.0, upper=0.0)
+    return [box, *(_random_level(rng, n, size) for size in sizes[1:-1]), rest]
+
+
+def _random_level(rng: np.random.Generator, n: int, size: int) -> Level:
+    lower, kind = rng.standard_normal(size), rng.integers(0, 4, size)
+    width = np.select([kind == 2, kind == 3], [rng.uniform(0.0, 1.0, size), np.inf], 0.0)
+    return Level(jacobian=rng.standard_normal((size, n)), lower=lower, upper=lower + width)
+
+
+def dependent_hierarchy(rng: np.random.Generator, n: int, sizes: tuple[int, ...], nearly: float) -> list[Level]:
+    """Half of the rows combine earlier ones, up to `nearly`."""
+    earlier = [rng.standard_normal(n)]
+    levels = []
+    for size in sizes:
+        for _ in range(size):
+            parts = rng.integers(0, len(earlier), 2)
+            combined = (earlier[parts[0]] + rng.choice([-1.0, 0.0, 2.0]) * earlier[parts[1]]) / 3.0
+            row = rng.standard_normal(n) if rng.random() < 0.5 else combined
+            earlier.append(row + nearly * rng.standard_normal(n))
+        low = np.round(rng.standard_normal(size), 1)
+        width = rng.choice([0.0, 0.5, np.inf], size)
+        levels.append(Level(jacobian=np.array(earlier[-size:]), lower=low, upper=low + width))
+    return levels

@@ -1,0 +1,163 @@
+"""The same problems with the peers and with ours: rows of all of them."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from peer_environments import interpreter
+from recording.processes import run_script
+from recording.report import Row
+
+from horizon.peer_problems import (
+    least_time,
+    quickest_numbers,
+    quickest_problem,
+    shooting_numbers,
+    shooting_problem,
+    write,
+)
+
+HERE = Path(__file__).parent
+COMPILED, INTERPRETED = "compiled", "virtual machine"
+QUICKEST = {"peer_drake": "Drake KTO", "peer_pyroboplan": "PyRoboPlan"}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Comparison:
+    """Where the peers are, and how much is measured."""
+
+    peers: Path | None
+    """Folder of their environments; None leaves them out."""
+    scratch: Path
+    repeats: int
+    """Of every call, theirs and ours, after one to warm up."""
+    quick: bool
+
+    def run_peer(self, environment: str, script: str, numbers: Mapping[str, Any], *words: object) -> dict[str, Any]:
+        """What a peer makes of a problem."""
+        assert self.peers is not None
+        problem, result = write(numbers, self.scratch / "problem.json"), self.scratch / f"{script}.json"
+        python = interpreter(self.peers, environment)
+        run_script(python, HERE / f"{script}.py", problem, result, "--repeats", self.repeats, *words)
+        found: dict[str, Any] = json.loads(result.read_text())
+        return found
+
+    def run_ours(self, kind: str, n_steps: int, how: str, judge: str | None = None) -> dict[str, Any]:
+        """What ours make of it, and of the peer's solution."""
+        result, words = self.scratch / "ours.json", ["--quick"] if self.quick else []
+        words += [] if judge is None else ["--peer", str(self.scratch / f"{judge}.json")]
+        arguments = (kind, n_steps, result, "--repeats", self.repeats, *words)
+        run_script(sys.executable, HERE / "ours.py", *arguments, compiler=how == COMPILED)
+        found: dict[str, Any] = json.loads(result.read_text())
+        return found
+
+    @property
+    def ways(self) -> tuple[str, ...]:
+        """In which our functions run; what a peer has found is judged in the first."""
+        return (INTERPRETED,) if self.quick else (COMPILED, INTERPRETED)
+
+
+def shooting_rows(comparison: Comparison, n_steps: int) -> tuple[list[Row], dict[str, str]]:
+    """crocoddyl first: ratios are to its time, and `off` is the share by which a cost differs from its."""
+    name, judge = f"shooting, N = {n_steps}", "peer_crocoddyl" if comparison.peers else None
+    peer: dict[str, Any] = {}
+    if judge:
+        peer = comparison.run_peer("crocoddyl", judge, shooting_numbers(shooting_problem(n_steps)))
+    reference, cost = peer.get("cold", {}).get("cpu"), peer.get("cost")
+    rows: list[Row] = []
+    for how in comparison.ways:
+        found = comparison.run_ours("shooting", n_steps, how, judge)
+        if judge and how == comparison.ways[0]:
+            rows.append(_crocoddyl_row(name, peer, found["judged"]))
+        rows += [our_row(name, row, how, reference, (row["cost"], cost)) for row in found["rows"]]
+    return rows, peer.get("versions", {})
+
+
+def _crocoddyl_row(name: str, peer: Mapping[str, Any], judged: Mapping[str, float]) -> Row:
+    cold = peer["cold"]
+    status = "converged" if cold["converged"] else "not converged"
+    return {
+        "problem": name,
+        "solver": "crocoddyl FDDP",
+        "setting": "Gauss-Newton",
+        **times(peer | cold, cold["cpu"]),
+        "warm_cpu_ms": 1e3 * peer["warm"]["cpu"],
+        "iterations": cold["iterations"],
+        "result": judged["cost"],
+        "off": off(judged["cost"], peer["cost"]),
+        "status": f"{status}; breaks our equations by {judged['violation']:.1e}",
+    }
+
+
+def quickest_rows(comparison: Comparison, sizes: tuple[int, ...]) -> tuple[list[Row], dict[str, str]]:
+    """Ratios are to the fastest peer; `off` is the share by which a duration exceeds the known optimum."""
+    problem = quickest_problem(sizes[0])
+    best, peers = least_time(problem), _quickest_peers(comparison, quickest_numbers(problem))
+    reference = min((run["cpu"] for peer in peers.values() for run in peer["runs"]), default=None)
+    rows = [*_quickest_peer_rows(peers, reference, best)]
+    for n_steps in sizes:
+        for how in comparison.ways:
+            for row in comparison.run_ours("quickest", n_steps, how)["rows"]:
+                made = our_row("quickest", row, how, reference, (row["duration"], best))
+                rows.append({**made, "setting": f"N = {n_steps}, {made['setting']}"})
+    versions = {name: version for peer in peers.values() for name, version in peer["versions"].items()}
+    return rows, versions
+
+
+def _quickest_peers(comparison: Comparison, numbers: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    if comparison.peers is None:
+        return {}
+    return {
+        "peer_drake": comparison.run_peer("drake", "peer_drake", numbers),
+        "peer_pyroboplan": comparison.run_peer(
+            "drake", "peer_pyroboplan", numbers, *(["--quick"] if comparison.quick else [])
+        ),
+    }
+
+
+def _quickest_peer_rows(peers: Mapping[str, Any], reference: float | None, best: float) -> Iterator[Row]:
+    for script, peer in peers.items():
+        for run in peer["runs"]:
+            yield {
+                "problem": "quickest",
+                "solver": QUICKEST[script],
+                "setting": run["setting"],
+                **times(run, reference),
+                "result": run["duration"],
+                "off": off(run["duration"], best),
+                "status": "converged" if run["converged"] else "failed",
+            }
+
+
+def our_row(
+    problem: str, row: Mapping[str, Any], how: str, reference: float | None, result: tuple[float, float | None]
+) -> Row:
+    """A row of ours; result: what was found, and what it is compared with."""
+    return {
+        "problem": problem,
+        "solver": f"uvms_ocp {row['plugin']}",
+        "setting": f"{row['hessian']}, {row['convergence']:g}, {how}",
+        **times(row, reference),
+        "warm_cpu_ms": 1e3 * row["warm_cpu"],
+        "iterations": row["iterations"],
+        "result": result[0],
+        "off": off(*result),
+        "status": row["status"],
+    }
+
+
+def times(found: Mapping[str, Any], reference: float | None) -> dict[str, float | None]:
+    """Of the build and of a cold call, and the ratio of its processor time to the reference [s]."""
+    ratio = None if reference is None else found["cpu"] / reference
+    cpu_ms, wall_ms = 1e3 * found["cpu"], 1e3 * found["wall"]
+    return {"build_s": found["build_s"], "cpu_ms": cpu_ms, "wall_ms": wall_ms, "ratio": ratio}
+
+
+def off(value: float | None, best: float | None) -> float | None:
+    """[-] share by which a value exceeds the best; None where either is not known."""
+    return None if value is None or best is None else value / best - 1.0

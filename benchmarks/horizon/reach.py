@@ -1,0 +1,90 @@
+"""Times of the tool reach, cold and warm, in a process of its own: ``python reach.py STEPS RESULT.json --repeats N``.
+
+Writes the rows of the exact Hessian with both solvers; without a compiler step functions run in CasADi's virtual machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from recording.timing import Timed, built, timed
+
+from horizon.problems import tool_reach
+from uvms_ocp.ocp.plan import Plan
+from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.ocp.problem import HessianKind, OcpProblem
+from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
+
+PLUGINS = ("ipopt", "fatrop")
+LOOSE = 1e-6
+"""[-] convergence with Gauss and Newton's Hessian."""
+SHIFT, TURN = 0.02, 0.02
+"""[m, rad] by which a start has moved, as a measurement would have it."""
+
+
+def exact_rows(n_steps: int, repeats: int, *, cold: bool) -> list[dict[str, Any]]:
+    """With both solvers; cold: built from an empty cache of compiled code."""
+    problem = tool_reach(n_steps)
+    return [row for plugin in PLUGINS for row in rows("exact", problem, NlpOptions(plugin=plugin), repeats, cold)]
+
+
+def gauss_newton_rows(n_steps: int, repeats: int) -> list[dict[str, Any]]:
+    """With both solvers."""
+    problem, setting = tool_reach(n_steps, hessian=HessianKind.GAUSS_NEWTON), f"Gauss-Newton, {LOOSE:g}"
+    options = [NlpOptions(plugin=plugin, convergence=LOOSE) for plugin in PLUGINS]
+    return [row for one in options for row in rows(setting, problem, one, repeats, True)]
+
+
+def rows(setting: str, problem: OcpProblem, options: NlpOptions, repeats: int, cold: bool) -> list[dict[str, Any]]:
+    """A solve from rest, and two from its solution: the same problem again, and one whose start has moved."""
+    made = built(partial(Planner, problem, options), cold=cold)
+    planner = made.value
+    rest = timed(lambda: planner.plan(diagnose=False), repeats)
+    found = {"cold": rest}
+    for start, again in (("warm", problem), ("moved", moved(problem))):
+        found[start] = timed(partial(planner.plan, again, guess=rest.value, diagnose=False), repeats)
+    head = {"steps": problem.n_steps, "solver": options.plugin, "setting": setting}
+    return [head | {"build_s": made.wall, "start": start} | _row(planner, one) for start, one in found.items()]
+
+
+def moved(problem: OcpProblem) -> OcpProblem:
+    """With another start."""
+    tangent = np.array([SHIFT, 0.0, 0.0, 0.0, 0.0, TURN, *np.zeros(problem.robot.n_v - 6)])
+    q = pin.integrate(problem.robot.model, problem.start.q, tangent)
+    return replace(problem, start=replace(problem.start, q=q))
+
+
+def _row(planner: Planner, found: Timed[Plan]) -> dict[str, Any]:
+    plan = found.value
+    assert plan.result is not None
+    *_, last = planner.transcription.program.nlps
+    cost = last.functions["nlp_f"](plan.result.x, planner.transcription.parameters())
+    return {
+        "status": plan.result.status.value,
+        "iterations": plan.iterations,
+        "cpu_ms": 1e3 * found.cpu,
+        "wall_ms": 1e3 * found.wall,
+        "goal": plan.levels[0].residual,
+        "cost": float(cost),
+    }
+
+
+def main() -> None:
+    """Write the rows of one size."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("steps", type=int)
+    parser.add_argument("result", type=Path)
+    parser.add_argument("--repeats", type=int, required=True)
+    given = parser.parse_args()
+    given.result.write_text(json.dumps(exact_rows(given.steps, given.repeats, cold=True)))
+
+
+if __name__ == "__main__":
+    main()

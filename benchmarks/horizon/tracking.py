@@ -1,0 +1,31 @@
+"""A plan followed with feedback on the physical plant, measured without noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from uvms_ocp.control.navigation.estimator import PassThrough
+from uvms_ocp.control.receding.plan_tracking import PlanTracker
+from uvms_ocp.model.dynamics import robot_dynamics
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.sensing import IDEAL_SENSORS
+from uvms_ocp.ocp.plan import Plan
+from uvms_ocp.sim.dynamic_plant import DynamicPlant
+from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.loop import simulate
+from uvms_ocp.sim.sensors import SensorSuite
+
+
+def tracked(robot: Robot, plan: Plan, environment: Environment, dt: float) -> Mapping[str, np.ndarray]:
+    """The series of the run, in ticks of dt [s]."""
+    dynamics = robot_dynamics(robot)
+    return simulate(
+        plant=DynamicPlant(robot, plan.trajectory.q[0], dynamics=dynamics, environment=environment),
+        sensors=SensorSuite(robot, environment.seafloor, IDEAL_SENSORS).read,
+        estimator=PassThrough(robot),
+        controller=PlanTracker(plan.trajectory, robot, dynamics, dt=dt),
+        dt=dt,
+        duration=plan.duration,
+    ).series()

@@ -1,0 +1,84 @@
+"""Receding-horizon control against the velocity hierarchy: ``python benchmarks/nmpc.py [--seconds S]``.
+
+Same goals, same water, same dynamic plant. Writes nmpc.csv, one row per run, and its summary to nmpc.md.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+import numpy as np
+from horizon.following import CASES, CURRENT, DOUBLE, DT, GUSTS, PERIOD, Experiment, rows, summary
+from recording.processes import hide_compiler
+from recording.report import Report, Row, Table, begin, parser_of
+
+LARGEST_ERROR, LATE = 20.0, 1.0
+"""[mm], [%] that NMPC should keep."""
+PROSE = """
+{seeds} runs of {seconds:g} s each, mean current {current:g} m/s, gusts of {gusts:g} m/s (double: {double:g} m/s) standard
+deviation; {plans:.0f} plans per second over {steps} steps and {horizon:g} s; control at {rate:.0f} Hz. A plan takes
+effect one period after the state it starts from was measured, or later if it took longer by processor time, or by the
+clock on the wall where named so. Errors and thrust are the largest of all runs, but rms errors, energies and times their
+means, counts their sums; times are processor time unless named otherwise. Targets: largest error {largest_error:g} mm, at
+most {late:g} % late.
+
+NMPC keeps the first in {kept} of {cases} cases; {late_share:.2f} % of its plans are late.
+"""
+
+
+def prose(experiment: Experiment, shown: Sequence[Row]) -> str:
+    """With the figures of all runs."""
+    own = [row for row in shown if row["controller"] == "NMPC"]
+    return PROSE.format(
+        seeds=len(experiment.seeds),
+        seconds=experiment.seconds,
+        current=float(np.linalg.norm(CURRENT)),
+        gusts=GUSTS,
+        double=DOUBLE,
+        plans=1 / PERIOD,
+        steps=experiment.n_steps,
+        horizon=experiment.horizon,
+        rate=1 / DT,
+        largest_error=LARGEST_ERROR,
+        late=LATE,
+        kept=sum(row["largest error [mm]"] <= LARGEST_ERROR for row in own),
+        cases=len(own),
+        late_share=100.0 * sum(row["late"] for row in own) / max(1, sum(row["solves"] for row in own)),
+    )
+
+
+def measured(experiment: Experiment) -> list[Row]:
+    """All rows; a line on stderr for each."""
+    table = []
+    for row in rows(experiment):
+        table.append(row)
+        sys.stderr.write(f"{row['case']}, {row['controller']}, seed {row['seed']}\n")
+    return table
+
+
+def main() -> None:
+    """Run all cases with all controllers."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--seconds", type=float, default=20.0, metavar="S", help="of each run")
+    given, run = begin(parser)
+    if run.quick:
+        hide_compiler()
+        experiment = Experiment(cases=("station",), seeds=(1,), seconds=0.1, horizon=1.0, n_steps=3, gains=(1.0,))
+    else:
+        experiment = Experiment(cases=tuple(CASES), seconds=given.seconds)
+    table = measured(experiment)
+    shown = summary(table)
+    run.write(
+        Report(
+            name="nmpc",
+            title="Receding-horizon control",
+            prose=prose(experiment, shown),
+            tables=[Table(rows=shown)],
+            data={"nmpc": table},
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()

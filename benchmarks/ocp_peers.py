@@ -1,0 +1,100 @@
+"""Optimal control by ours and by the peers: ``python benchmarks/ocp_peers.py --peers FOLDER``.
+
+FOLDER: of `peer_environments.py`; without it the peers are left out. Writes ocp_peers.csv and ocp_peers.md, one row per
+solver and setting.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from horizon.comparison import COMPILED, Comparison, quickest_rows, shooting_rows
+from horizon.ours import CONVERGENCE, GAUSS_NEWTON
+from horizon.peer_problems import DURATION, least_time, quickest_problem, shooting_problem
+from recording.report import Report, Row, Table, begin, parser_of
+
+REPEATS, STEPS = 5, (20, 40, 100)
+PROSE = """
+Every call is made once to warm up and {repeats} times to take the least time, by the peers as by ours. *build_s* is what
+has to be done once before: transcription, code and its compilation from an empty cache, for ours; the problem's classes
+for the peers. It is empty for PyRoboPlan, which builds in every call, so that its times hold both.
+
+**Shooting**: {dofs} degrees of freedom on a free-flyer, no water, no gravity, no limits; {duration:g} s; running cost on
+all forces and on the state, terminal cost on tool pose and state; semi-implicit Euler on both sides, so that the costs
+are the same number. The peer's states and forces, put into our equations and our cost, give the cost and the violation in
+its row. Cold: from rest at the start with zero forces. `ratio` is to the peer's processor time, `off` the relative
+difference of the cost. The number in a setting is the convergence tolerance. {found} IPOPT needs more because its linear
+solver knows nothing of steps, the exact Hessian because it is indefinite far from the solution, and the virtual machine
+because it interprets.
+
+**Quickest**: the arm alone on a fixed base, posture to posture in the least time within limits on velocity and
+acceleration. The answer is known ({best:.4g} s); `off` is the share by which a result exceeds it, `ratio` is to the
+fastest peer. crocoddyl has neither free time nor hard limits on the state; the other two have no forces, so each problem
+is with those that can express it.
+"""
+FORMATS = {
+    "problem": "",
+    "solver": "",
+    "setting": "",
+    "build_s": ".2f",
+    "cpu_ms": ".2f",
+    "wall_ms": ".2f",
+    "ratio": ".2f",
+    "warm_cpu_ms": ".2f",
+    "iterations": "",
+    "result": ".9f",
+    "off": ".1e",
+    "status": "",
+}
+
+
+def found_text(rows: Sequence[Row]) -> str:
+    """What fatrop takes with the peer's kind of Hessian, by tolerance."""
+    parts = []
+    for tolerance in CONVERGENCE:
+        setting = f"{GAUSS_NEWTON}, {tolerance:g}, {COMPILED}"
+        chosen = [row for row in rows if (row["solver"], row["setting"]) == ("uvms_ocp fatrop", setting)]
+        ratios = [row["ratio"] for row in chosen if row["ratio"] is not None]
+        if ratios:
+            apart = max(abs(row["off"]) for row in chosen)
+            parts.append(
+                f"{min(ratios):.2f} to {max(ratios):.2f} times the peer's time at a tolerance of {tolerance:g}, where the "
+                f"costs agree to {apart:.0e}"
+            )
+    return f"With Gauss and Newton's Hessian, which the peer uses as well, fatrop takes {', '.join(parts)}." * bool(
+        parts
+    )
+
+
+def main() -> None:
+    """Solve everything with everyone."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--peers", type=Path, metavar="FOLDER")
+    given, run = begin(parser)
+    repeats, steps = (1, (5,)) if run.quick else (REPEATS, STEPS)
+    with tempfile.TemporaryDirectory() as name:
+        comparison = Comparison(peers=given.peers, scratch=Path(name), repeats=repeats, quick=run.quick)
+        parts = [*(shooting_rows(comparison, n) for n in steps), quickest_rows(comparison, steps[:2])]
+    rows = [row for part, _ in parts for row in part]
+    prose = PROSE.format(
+        repeats=repeats,
+        dofs=shooting_problem(1).robot.n_v,
+        duration=DURATION,
+        best=least_time(quickest_problem(1)),
+        found=found_text(rows),
+    )
+    run.write(
+        Report(
+            name="ocp_peers",
+            title="Optimal control: the peers",
+            prose=prose,
+            tables=[Table(rows=rows, columns=FORMATS)],
+            peers={name: version for _, versions in parts for name, version in versions.items()},
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()

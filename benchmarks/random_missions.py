@@ -1,0 +1,105 @@
+"""Random missions: ``python benchmarks/random_missions.py [--missions N] [--jobs N]``.
+
+What pre-flight refuses is run as well, to tell the refusals that were false. Writes random_missions.csv, one row per
+mission of the study `random_missions`, and its sums to random_missions.md.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+
+from recording.progress import show_progress
+from recording.report import Report, Row, Table, begin, parser_of
+
+from uvms_ocp.campaign.random_missions import random_missions
+from uvms_ocp.campaign.study import StudyResult
+
+PROSE = """
+Seeds {first} to {last}, {plant} plant, {rate:.0f} Hz; one row each in `random_missions.csv`. Drawn: start, heading,
+target, way point, current, floor and, in {boulders} of them, a boulder beside the way with the clearance task on
+(`random_mission` has the ranges). Clearance is that of the whole robot, by coal: from floor and boulder while the minimum
+altitude is fully on, from the boulder over the whole run.
+
+What is accepted and completes lasts {shortest:.0f} to {longest:.0f} s; {collided} of the accepted collide. Accepted but
+not completed: {failed}.
+
+The {refused} refused missions were run all the same: {false} of them complete, refusals that were false: {false_seeds}.
+Tasks whose goals were the cause of a refusal, and how often: {causes}.
+"""
+
+
+def sums(cases: Sequence[Row]) -> list[Row]:
+    """One row for the missions without a boulder, with one, and for all."""
+    kinds = {
+        "open water": [row for row in cases if not row["boulder"]],
+        "with a boulder": [row for row in cases if row["boulder"]],
+        "all": list(cases),
+    }
+    return [{"missions": name, **_sum(rows)} for name, rows in kinds.items()]
+
+
+def _sum(rows: Sequence[Row]) -> dict[str, object]:
+    accepted = [row for row in rows if row["accepted"]]
+    return {
+        "number": len(rows),
+        "accepted": len(accepted),
+        "completed": sum(row["completed"] for row in accepted),
+        "smallest clearance [m]": _smallest(accepted, "clearance_m"),
+        "of them from the boulder [m]": _smallest(accepted, "boulder_clearance_m"),
+        "refused, but completed": sum(row["completed"] for row in rows if not row["accepted"]),
+    }
+
+
+def _smallest(rows: Sequence[Row], name: str) -> float | None:
+    return min((row[name] for row in rows if row[name] is not None), default=None)
+
+
+def prose(result: StudyResult) -> str:
+    """With the figures of the study."""
+    cases, (total,) = result.cases, result.table
+    done = [row["duration_s"] for row in cases if row["accepted"] and row["completed"]]
+    refused = [row for row in cases if not row["accepted"]]
+    false = [str(row["seed"]) for row in refused if row["completed"]]
+    causes = [row["refusal"].split(":")[0] for row in refused]
+    return PROSE.format(
+        first=cases[0]["seed"],
+        last=cases[-1]["seed"],
+        plant=cases[0]["plant"],
+        rate=1 / cases[0]["dt"],
+        boulders=sum(row["boulder"] for row in cases),
+        shortest=min(done, default=float("nan")),
+        longest=max(done, default=float("nan")),
+        collided=total["collided"],
+        failed=total["causes"] or "none",
+        refused=len(refused),
+        false=len(false),
+        false_seeds=f"seeds {', '.join(false)}" if false else "none",
+        causes=", ".join(f"{name} {causes.count(name)}" for name in sorted(set(causes))) or "none",
+    )
+
+
+def main() -> None:
+    """Run the study."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--missions", type=int, default=200, metavar="N")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
+    given, run = begin(parser)
+    # The mission of seed 1 is accepted; one that is refused runs until its time is over.
+    chosen = (
+        random_missions(n=1, seed=1, plant="kinematic") if run.quick else random_missions(n=given.missions, force=True)
+    )
+    result = chosen.run(jobs=1 if run.quick else given.jobs, progress=show_progress)
+    run.write(
+        Report(
+            name="random_missions",
+            title="Random missions",
+            prose=prose(result),
+            tables=[Table(rows=sums(result.cases))],
+            data={"random_missions": result.cases},
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()

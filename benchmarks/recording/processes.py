@@ -1,0 +1,24 @@
+"""Benchmarks in processes of their own, with another interpreter or without a C compiler."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+_HIDDEN = {"PATH": "", "CC": ""}
+_FOLDER = Path(__file__).parents[1]
+
+
+def run_script(python: Path | str, script: Path, *words: object, compiler: bool = True) -> None:
+    """Run a script of these folders in its own process; raises `CalledProcessError` where it fails.
+
+    compiler: False hides the C compiler, so that step functions run in CasADi's virtual machine.
+    """
+    environment = os.environ | {"PYTHONPATH": str(_FOLDER)} | ({} if compiler else _HIDDEN)
+    subprocess.run([str(word) for word in (python, script, *words)], check=True, env=environment)
+
+
+def hide_compiler() -> None:
+    """From this process, before anything is compiled: a quick run does not wait for a compiler."""
+    os.environ.update(_HIDDEN)

@@ -1,0 +1,80 @@
+"""Table 2 of the paper, minimum altitude against the sea floor: ``python benchmarks/table2.py [--seeds N] [--jobs N]``.
+
+Writes table2.csv, one row per transit of the study `table2`, and its cells to table2.md.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+
+from recording.progress import show_progress
+from recording.report import Report, Row, Table, begin, parser_of
+
+from uvms_ocp.campaign.table2 import FLOORS, MARGIN, table2
+from uvms_ocp.sim.height_field import RELIEFS
+
+PROSE = """
+{runs} transits of {length:g} m on the kinematic plant, {seeds} floors for each cell; each takes {shortest:.0f} to
+{longest:.0f} s, and {completed} complete. Smallest and largest of the clearances [m] of the whole robot in each cell, by
+coal against a mesh of the floor; contact counts as {contact} or less, {margin:g} m as safe. Verdicts as in
+`uvms_ocp.campaign.table2.verdict`.
+
+{agree} cells of {cells} agree. The paper names its floors but does not measure them; ours have protuberances of {reliefs}
+(`uvms_ocp.sim.height_field.RELIEFS`).
+"""
+FORMATS = {
+    "floor": "",
+    "threshold_m": "g",
+    "smallest_clearance_m": ".2f",
+    "largest_m": ".2f",
+    "verdict": "",
+    "paper": "",
+    "agrees": "",
+}
+
+
+def prose(cases: Sequence[Row], cells: Sequence[Row], seeds: int) -> str:
+    """With the figures of the study."""
+    durations = [row["duration_s"] for row in cases]
+    heights = [f"{low:g} to {high:g} m ({FLOORS[name]})" for name, (low, high) in _heights().items()]
+    return PROSE.format(
+        runs=len(cases),
+        length=cases[0]["length_m"],
+        seeds=seeds,
+        shortest=min(durations),
+        longest=max(durations),
+        completed=sum(row["completed"] for row in cases),
+        contact=0,
+        margin=MARGIN,
+        agree=sum(row["agrees"] for row in cells),
+        cells=len(cells),
+        reliefs=", ".join(heights),
+    )
+
+
+def _heights() -> dict[str, tuple[float, float]]:
+    return {name: relief.height for name, relief in RELIEFS.items()}
+
+
+def main() -> None:
+    """Run the study."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--seeds", type=int, default=10, metavar="N", help="floors for each cell")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
+    given, run = begin(parser)
+    seeds, length, jobs = (1, 2.0, 1) if run.quick else (given.seeds, 30.0, given.jobs)
+    result = table2(seeds=seeds, length=length).run(jobs=jobs, progress=show_progress)
+    run.write(
+        Report(
+            name="table2",
+            title="Table 2: minimum altitude against the sea floor",
+            prose=prose(result.cases, result.table, seeds),
+            tables=[Table(rows=result.table, columns=FORMATS)],
+            data={"table2": result.cases},
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,69 @@
+"""Every benchmark: what it is called with and which files it writes. A new one is tested by being listed."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+SCRIPTS = ROOT / "benchmarks"
+TOOLS = ("peer_environments", "same_numbers")
+"""Scripts beside the benchmarks, which record nothing."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Benchmark:
+    """A script, its quick form and its files."""
+
+    script: str
+    files: tuple[str, ...]
+    """Names of the CSV files; the report has that of the first."""
+    option: str = ""
+    """Before the folder that it needs, if any."""
+    variable: str = ""
+    """Of the environment, with that folder."""
+
+    @property
+    def missing(self) -> str:
+        """Why it cannot run here; empty where it can."""
+        if not self.variable or os.environ.get(self.variable):
+            return ""
+        return f"needs a folder: set {self.variable}"
+
+    def words(self, out: Path) -> list[str]:
+        """The command line below the interpreter."""
+        folder = [word for word in (self.option, os.environ.get(self.variable, "")) if word]
+        return [str(SCRIPTS / f"{self.script}.py"), *folder, "--quick", "--out", str(out)]
+
+    def __str__(self) -> str:
+        return f"{self.script}{self.option}"
+
+
+ALONE = tuple(
+    Benchmark(script=script, files=(script,))
+    for script in (
+        "bluerov_reach",
+        "calls",
+        "gates",
+        "hierarchy",
+        "nmpc",
+        "ocp_peers",
+        "ocp_reach",
+        "ocp_whole_mission",
+        "random_missions",
+        "table2",
+        "trajectories",
+        "viability",
+    )
+)
+BENCHMARKS = (
+    *ALONE,
+    Benchmark(script="ocp_priorities", files=("ocp_priorities", "ocp_toys")),
+    Benchmark(script="hinsdale_replay", files=("hinsdale_replay",), variable="UVMS_OCP_POOL_RECORDINGS"),
+    *(
+        Benchmark(script=script, files=(script,), option="--peers", variable="UVMS_OCP_PEERS")
+        for script in ("hierarchy", "ocp_peers", "trajectories")
+    ),
+)
+"""`UVMS_OCP_POOL_RECORDINGS`: folder of the recordings. `UVMS_OCP_PEERS`: folder of `peer_environments.py`."""

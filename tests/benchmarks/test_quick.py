@@ -1,0 +1,82 @@
+"""Every benchmark runs, writes the files it is listed with, and leaves the recorded ones alone."""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from benchmark_registry import BENCHMARKS, ROOT, SCRIPTS, TOOLS, Benchmark
+
+RESULTS = SCRIPTS / "results"
+
+
+def run(*words: str) -> subprocess.CompletedProcess[str]:
+    environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    command = [sys.executable, *words]
+    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=600, check=False)
+
+
+def recorded() -> dict[str, tuple[int, int]]:
+    """Size and time of change of every recorded file."""
+    return {path.name: (path.stat().st_size, path.stat().st_mtime_ns) for path in RESULTS.iterdir()}
+
+
+@pytest.mark.parametrize("benchmark", BENCHMARKS, ids=str)
+def test_a_benchmark_writes_its_files_with_one_head(benchmark: Benchmark, tmp_path: Path) -> None:
+    if benchmark.missing:
+        pytest.skip(benchmark.missing)
+    before = recorded()
+    process = run(*benchmark.words(tmp_path))
+    assert process.returncode == 0, process.stderr
+    assert recorded() == before
+    report = f"{benchmark.files[0]}.md"
+    assert {path.name for path in tmp_path.iterdir()} == {report, *(f"{name}.csv" for name in benchmark.files)}
+    head = [line.strip() for line in (tmp_path / report).read_text().splitlines()[2:6]]
+    assert head[0].startswith(f"Written by `python benchmarks/{benchmark.script}.py ")
+    assert "of the processors" in head[3]
+    for name in benchmark.files:
+        lines = (tmp_path / f"{name}.csv").read_text().splitlines()
+        assert [line.removeprefix("# ") for line in lines[:4]] == head
+        rows = list(csv.reader(lines[4:]))
+        assert len(rows) > 1
+        assert {len(row) for row in rows} == {len(rows[0])}
+
+
+def test_two_versions_can_be_compared(tmp_path: Path) -> None:
+    script = str(SCRIPTS / "same_numbers.py")
+    process = run(script, "record", str(tmp_path), "--quick")
+    assert process.returncode == 0, process.stderr
+    process = run(script, "compare", str(tmp_path), str(tmp_path))
+    assert process.returncode == 0
+    assert process.stdout.count("equal to the last bit") == 6
+
+
+def test_every_script_is_listed() -> None:
+    assert {path.stem for path in SCRIPTS.glob("*.py")} == {*TOOLS, *(benchmark.script for benchmark in BENCHMARKS)}
+
+
+def test_every_recorded_file_has_a_benchmark_that_writes_it() -> None:
+    written = {f"{name}.csv" for benchmark in BENCHMARKS for name in benchmark.files}
+    written |= {f"{benchmark.files[0]}.md" for benchmark in BENCHMARKS}
+    assert {path.name for path in RESULTS.iterdir()} <= written
+
+
+def test_a_recorded_file_states_the_command_of_its_benchmark() -> None:
+    """Files that were recorded before there were heads have none."""
+    scripts = {name: benchmark.script for benchmark in BENCHMARKS for name in benchmark.files}
+    for path in RESULTS.iterdir():
+        found = re.search(r"Written by `(.*?)` on ", path.read_text()[:400])
+        if found:
+            assert found[1].startswith(f"python benchmarks/{scripts[path.stem]}.py")
+            assert "--quick" not in found[1]
+
+
+def test_a_quick_run_must_say_where_to_write() -> None:
+    process = run(str(SCRIPTS / "gates.py"), "--quick")
+    assert process.returncode == 2
+    assert "--quick measures too little to be recorded; give another folder with --out PATH" in process.stderr
