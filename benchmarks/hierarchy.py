@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hierarchies.found import CERTIFIED, EXCESS, rows_of
-from hierarchies.ours import SOLVERS, cold_rows, exactness_rows, solved, whole_tick_rows
-from hierarchies.peers import daqp_results, pink_rows
-from hierarchies.problems import NEARLY, SEPARATED, Problem, problems, random_states, recorded_ticks
+from hierarchy_solvers.found import CERTIFIED, EXCESS, rows_of
+from hierarchy_solvers.ours import SOLVERS, cold_rows, exactness_rows, solved, whole_tick_rows
+from hierarchy_solvers.peers import daqp_results, pink_rows
+from hierarchy_solvers.problems import NEARLY, SEPARATED, Problem, problems, random_states, recorded_ticks
 from peer_environments import interpreter
 from recording.report import Report, Row, Table, begin, parser_of
 
@@ -19,7 +19,7 @@ PROSE = """
 All rows are from one run. Every solver has one call to warm up.
 
 - *whole tick*: all ticks of Case 1, kinematics included, called from Python, the shortest of {passes} passes. pink:
-  kinematics and `solve_ik` of what the phases of Case 1 ask for, in its own terms (`hierarchies/peer_pink.py`): weights,
+  kinematics and `solve_ik` of what the phases of Case 1 ask for, in its own terms (`hierarchy_solvers/peer_pink.py`): weights,
   no strict levels; not exact: ticks that its solver refused. It builds its QP in every call.
 - *build_s*: symbolic levels, code and its compilation, from an empty cache, once for a mission.
 - *random states, cold*: Case 1 at random states, no active set to start from.

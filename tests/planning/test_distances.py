@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from closed_forms import ClosedFormDistances
+from curves.closed_forms import ClosedFormDistances
 from planned_scenes import PIPE, SPHERE, differences, random_x
 
 from uvms_ocp.collision.capsules import capsule_robot

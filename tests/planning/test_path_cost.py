@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from closed_forms import ClosedFormDistances, collision_density, density_hessian
+from curves.closed_forms import ClosedFormDistances, collision_density, density_hessian
 from planned_scenes import N, differences, random_x
 
 from uvms_ocp.collision.coal_distances import CoalDistances

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.control.velocity.levels import LevelsProblem
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.solvers.hierarchy.active_set.codes import Outcome
 from uvms_ocp.solvers.hierarchy.active_set.core_source import core_source
 from uvms_ocp.solvers.hierarchy.tick import Tick, TickResult, dense
 
@@ -103,6 +104,8 @@ def _header(problem: LevelsProblem, levels: ca.Function) -> str:
         "SZ_RES": levels.sz_res(),
         "SZ_IW": max(1, levels.sz_iw()),
         "SZ_W": max(1, levels.sz_w()),
+        "CORE_SOLVED": Outcome.SOLVED.value,
+        "CORE_INVALID": Outcome.INVALID.value,
     }
     inputs = ", ".join(f"{name} ({size})" for name, size in zip(names, sizes, strict=True))
     return "\n".join(

@@ -3,8 +3,6 @@
 
 #include <string.h>
 
-#define LEXLS_INVALID 4
-
 int levels(const double **arg, double **res, long long int *iw, double *w, int mem);
 int lexls(const double **arg, double **res, long long int *iw, double *w, int mem);
 
@@ -20,7 +18,7 @@ int tick(const double *const in[TICK_N_IN], double active_set[TICK_N_ROWS], doub
   memset(v, 0, TICK_N_V * sizeof(double));
   if (levels(arg, res, iw, w, 0) != 0) return TICK_INVALID_INPUT;
   lexls(rows, solution, 0, 0, 0);
-  if (report[0] == LEXLS_INVALID) return TICK_INVALID_INPUT;
+  if (report[0] == TICK_CORE_INVALID) return TICK_INVALID_INPUT;
   memcpy(active_set, reached, sizeof(reached));
-  return report[0] == 0 ? TICK_SOLVED : TICK_NOT_CERTAIN;
+  return report[0] == TICK_CORE_SOLVED ? TICK_SOLVED : TICK_NOT_CERTAIN;
 }

@@ -11,8 +11,8 @@ import numpy as np
 from recording.report import Row
 from recording.timing import built
 
-from hierarchies.found import Found, certificates_of, timed_row
-from hierarchies.problems import Inputs, Problem, exactness_problems
+from hierarchy_solvers.found import Found, certificates_of, timed_row
+from hierarchy_solvers.problems import Inputs, Problem, exactness_problems
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.control.velocity.levels import LevelsProblem
 from uvms_ocp.scenarios.case1 import case1

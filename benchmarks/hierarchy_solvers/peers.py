@@ -10,9 +10,9 @@ import numpy as np
 from recording.processes import run_script
 from recording.report import Row
 
-from hierarchies.found import Found, timed_row
-from hierarchies.ours import stacked
-from hierarchies.problems import Problem
+from hierarchy_solvers.found import Found, timed_row
+from hierarchy_solvers.ours import stacked
+from hierarchy_solvers.problems import Problem
 from uvms_ocp.model.files.library import robot_folder
 
 _HERE = Path(__file__).parent

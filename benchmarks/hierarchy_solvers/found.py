@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from recording.report import Row
 
-from hierarchies.problems import Problem
+from hierarchy_solvers.problems import Problem
 from uvms_ocp.solvers.hierarchy.certificate import certificate
 
 # Relative difference of level residuals that counts. At its optimum the norm of a level is flat: a solver that misses rows
