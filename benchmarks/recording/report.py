@@ -114,7 +114,8 @@ def _items(paragraph: str) -> list[str]:
 
 def _filled(item: str) -> str:
     indent = "  " if item.startswith("- ") else ""
-    return textwrap.fill(item, _WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    text = " ".join(item.split())
+    return textwrap.fill(text, _WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
 def cell(value: Any, form: str = "") -> str:

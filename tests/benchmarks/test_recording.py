@@ -117,8 +117,9 @@ def test_cells_are_short(value: object, form: str, text: str) -> None:
 
 
 def test_prose_is_filled_and_lists_stay_lists() -> None:
-    text = filled("one\ntwo\n\n- " + "word " * 40 + "\n- last")
+    text = filled("one\ntwo\n\n- " + "word " * 40 + "\n  of an item\n- last")
     first, *items = text.split("\n")
     assert first == "one two"
     assert items[0] == ""
     assert [line[:2] for line in items[1:]] == ["- ", "  ", "- "]
+    assert "word of an item" in text
