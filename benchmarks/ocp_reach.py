@@ -74,7 +74,8 @@ def interpreted_rows(n_steps: int, repeats: int) -> list[Row]:
 def carried_out(problem: OcpProblem, options: NlpOptions) -> Mismatch:
     """A plan on the physical plant, followed with feedback."""
     plan = Planner(problem, options).plan(diagnose=False)
-    series = tracked(problem.robot, plan, Environment(seafloor=FlatSeafloor(z=-40)), 1 / 200)
+    environment = Environment(seafloor=FlatSeafloor(z=-40))
+    series = tracked(problem.robot, plan.trajectory, environment, dt=1 / 200, duration=plan.duration)
     return mismatch(plan.trajectory, series["t"], series["q"], robot=problem.robot, frame="tool")
 
 

@@ -11,6 +11,7 @@ from curves.closed_forms import ClosedFormDistances, collision_density, density_
 from curves.figure import figure
 from curves.scenes import problem
 from curves.shortest import random_problem
+from uvms_ocp.arrays import Array
 from uvms_ocp.collision.capsules import capsule_robot
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import CollisionScene
@@ -21,7 +22,6 @@ from uvms_ocp.trajectories.min_snap import min_snap
 from uvms_ocp.trajectories.segment_times import MotionLimits
 from uvms_ocp.trajectories.specification import CurveSpecification
 
-Array = np.ndarray
 Distances = CoalDistances | ClosedFormDistances
 PARTS = {
     "smoothness": CostWeights(smoothness=1e-6, collision=0.0, limits=0.0),

@@ -13,10 +13,10 @@ from recording.report import Row
 from recording.timing import Timed, timed
 
 from curves.figure import figure
+from uvms_ocp.arrays import Array
 from uvms_ocp.trajectories.min_snap import MinSnap, min_snap
 from uvms_ocp.trajectories.qp_form import min_snap_qp
 
-Array = np.ndarray
 OURS = "banded"
 SIZES = (1, 10, 100, 1_000, 10_000, 100_000)
 LONG = 1_000

@@ -57,7 +57,7 @@ def greedy(scenario: Scenario, place: Place) -> Row:
 
 def carried_out(scenario: Scenario, plan: Plan, place: Place) -> tuple[Row, np.ndarray]:
     """What the plan costs, and how it ends; and q (n, n_q) after every tick."""
-    series = tracked(scenario.robot, plan, scenario.environment, scenario.dt)
+    series = tracked(scenario.robot, plan.trajectory, scenario.environment, dt=scenario.dt, duration=plan.duration)
     way = series["q"][1:]
     row = {
         "mission": "one problem",

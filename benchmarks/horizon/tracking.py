@@ -1,31 +1,38 @@
-"""A plan followed with feedback on the physical plant, measured without noise."""
+"""A trajectory followed with feedback on the physical plant, measured without noise."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
+from uvms_ocp.control.force.computed_torque import TrackingGains
 from uvms_ocp.control.navigation.estimator import PassThrough
 from uvms_ocp.control.receding.plan_tracking import PlanTracker
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS
-from uvms_ocp.ocp.plan import Plan
+from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.loop import simulate
 from uvms_ocp.sim.sensors import SensorSuite
 
 
-def tracked(robot: Robot, plan: Plan, environment: Environment, dt: float) -> Mapping[str, np.ndarray]:
-    """The series of the run, in ticks of dt [s]."""
+def tracked(
+    robot: Robot,
+    trajectory: Trajectory,
+    environment: Environment,
+    *,
+    dt: float,
+    duration: float,
+    gains: TrackingGains | None = None,
+) -> dict[str, np.ndarray]:
+    """The series of the run, in ticks of dt [s], to the end of the trajectory or for `duration` [s]."""
     dynamics = robot_dynamics(robot)
     return simulate(
-        plant=DynamicPlant(robot, plan.trajectory.q[0], dynamics=dynamics, environment=environment),
+        plant=DynamicPlant(robot, trajectory.q[0], dynamics=dynamics, environment=environment),
         sensors=SensorSuite(robot, environment.seafloor, IDEAL_SENSORS).read,
         estimator=PassThrough(robot),
-        controller=PlanTracker(plan.trajectory, robot, dynamics, dt=dt),
+        controller=PlanTracker(trajectory, robot, dynamics, dt=dt, gains=gains),
         dt=dt,
-        duration=plan.duration,
+        duration=duration,
     ).series()

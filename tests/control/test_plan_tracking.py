@@ -5,23 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from horizon.tracking import tracked
 
 from uvms_ocp.control.force.actuators import Actuators
 from uvms_ocp.control.force.computed_torque import OPEN_LOOP, TrackingGains
-from uvms_ocp.control.navigation.estimator import PassThrough
 from uvms_ocp.control.receding.plan_tracking import PlanTracker, mismatch
 from uvms_ocp.exceptions import FrameNotFound, InvalidInput
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import IDEAL_SENSORS
 from uvms_ocp.model.state import Measurement
 from uvms_ocp.ocp.trajectory import Trajectory
-from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.loop import simulate
 from uvms_ocp.sim.seafloor import FlatSeafloor
-from uvms_ocp.sim.sensors import SensorSuite
 
 DT = 1 / 200
 
@@ -50,20 +46,13 @@ def push_off(robot: Robot, duration: float = 2.0) -> Trajectory:
     )
 
 
-def tracker(robot: Robot, plan: Trajectory, gains: TrackingGains | None = None) -> PlanTracker:
-    return PlanTracker(plan, robot, robot_dynamics(robot), dt=DT, gains=gains)
+def tracker(robot: Robot, plan: Trajectory) -> PlanTracker:
+    return PlanTracker(plan, robot, robot_dynamics(robot), dt=DT)
 
 
 def carried_out(robot: Robot, plan: Trajectory, gains: TrackingGains | None = None) -> dict[str, np.ndarray]:
     environment = Environment(seafloor=FlatSeafloor(z=-40))
-    return simulate(
-        plant=DynamicPlant(robot, plan.q[0], dynamics=robot_dynamics(robot), environment=environment),
-        sensors=SensorSuite(robot, environment.seafloor, IDEAL_SENSORS).read,
-        estimator=PassThrough(robot),
-        controller=tracker(robot, plan, gains),
-        dt=DT,
-        duration=10.0,
-    ).series()
+    return tracked(robot, plan, environment, dt=DT, duration=10.0, gains=gains)
 
 
 def test_the_loop_ends_with_the_plan(robot: Robot) -> None:

@@ -9,14 +9,12 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from horizon.tracking import tracked
 from reaches import CHEAP, PATIENCE, patient, reach, tool_goal
 
-from uvms_ocp.control.navigation.estimator import PassThrough
-from uvms_ocp.control.receding.plan_tracking import PlanTracker, mismatch
+from uvms_ocp.control.receding.plan_tracking import mismatch
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import IDEAL_SENSORS
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import (
@@ -25,11 +23,8 @@ from uvms_ocp.ocp.problem import (
 from uvms_ocp.ocp.terms import AtRest, Ball, BallClearance, TaskTerm
 from uvms_ocp.ocp.trajectory import through
 from uvms_ocp.ocp.transcription.transcription import Transcription
-from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.loop import simulate
 from uvms_ocp.sim.seafloor import FlatSeafloor
-from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 from uvms_ocp.tasks.pose import VehiclePose
 from uvms_ocp.tasks.velocity import NullVelocity, UnderActuation
@@ -66,15 +61,8 @@ def test_a_guess_through_configurations_leads_to_the_same_plan(robot: Robot, pla
 
 def test_a_plan_is_carried_out_to_millimetres(robot: Robot) -> None:
     plan = patient(reach(robot, n_steps=40)).plan()
-    dynamics, environment, dt = robot_dynamics(robot), Environment(seafloor=FlatSeafloor(z=-40)), 1 / 200
-    record = simulate(
-        plant=DynamicPlant(robot, plan.trajectory.q[0], dynamics=dynamics, environment=environment),
-        sensors=SensorSuite(robot, environment.seafloor, IDEAL_SENSORS).read,
-        estimator=PassThrough(robot),
-        controller=PlanTracker(plan.trajectory, robot, dynamics, dt=dt),
-        dt=dt,
-        duration=2 * plan.duration,
-    ).series()
+    environment = Environment(seafloor=FlatSeafloor(z=-40))
+    record = tracked(robot, plan.trajectory, environment, dt=1 / 200, duration=2 * plan.duration)
     assert record["t"][-1] == pytest.approx(plan.duration)
     found = mismatch(plan.trajectory, record["t"], record["q"], robot=robot, frame="tool")
     assert found.end_position < 5e-3
