@@ -45,8 +45,8 @@ def dynamics_calls(dynamics: Dynamics) -> dict[str, Callable[[], object]]:
     rng, model = np.random.default_rng(0), dynamics.symbolic.model
     q = pin.integrate(model, pin.neutral(model), rng.normal(size=model.nv))
     v, a = rng.normal(size=(2, model.nv))
-    u, u_dot = rng.normal(size=(2, len(dynamics.symbolic.links), 3))
-    water = Water(velocity=u, acceleration=u_dot)
+    u, Du_Dt = rng.normal(size=(2, len(dynamics.symbolic.links), 3))
+    water = Water(velocity=u, acceleration=Du_Dt)
     return {
         "inverse dynamics": lambda: dynamics.inverse_dynamics(q, v, a, water),
         "forward dynamics": lambda: dynamics.forward_dynamics(q, v, a, water),

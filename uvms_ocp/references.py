@@ -2,6 +2,8 @@
 
 - [Arnstrom2022] D. Arnström, A. Bemporad, D. Axehill, A dual active-set solver for embedded quadratic programming using
   recursive LDL' updates, IEEE Transactions on Automatic Control 67(8), 2022.
+- [Auton1988] T. R. Auton, J. C. R. Hunt, M. Prud'homme, The force exerted on a body in inviscid unsteady non-uniform
+  rotational flow, Journal of Fluid Mechanics 197, 1988.
 - [Diehl2005] M. Diehl, H. G. Bock, J. P. Schlöder, A real-time iteration scheme for nonlinear optimization in optimal
   feedback control, SIAM Journal on Control and Optimization 43(5), 2005.
 - [Dimitrov2015] D. Dimitrov, A. Sherikov, P.-B. Wieber, Efficient resolution of potentially conflicting linear
@@ -22,4 +24,6 @@
   and task transitions in priority based control, Journal of Intelligent & Robotic Systems 84, 2016.
 - [Stark1995] P. B. Stark, R. L. Parker, Bounded-variable least-squares: an algorithm and applications, Computational
   Statistics 10, 1995.
+- [Taylor1928] G. I. Taylor, The forces on a body placed in a curved or converging stream of fluid, Proceedings of the
+  Royal Society A 120, 1928.
 """

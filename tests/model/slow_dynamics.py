@@ -50,23 +50,32 @@ def inverse_dynamics(
     v: np.ndarray,
     a: np.ndarray,
     u: np.ndarray,
-    u_dot: np.ndarray,
+    Du_Dt: np.ndarray,
 ) -> np.ndarray:
-    """Generalized force for the acceleration a in water of velocity u and acceleration u_dot (n_links, 3)."""
-    model, rho, gravity = dynamics.model, dynamics.density, dynamics.model.gravity.linear
+    """Generalized force for the acceleration a in water of velocity u and acceleration Du_Dt (n_links, 3)."""
+    model = dynamics.model
     tau = pin.rnea(model, model.createData(), q, v, a)
-    motions = link_motions(dynamics, q, v)
-    for link, motion, u_W, u_dot_W in zip(dynamics.links, motions, u, u_dot, strict=True):
-        nu, nu_dot, u_L = motion.J @ v, motion.J @ a + motion.J_dot @ v, motion.R.T @ u_W
-        omega = nu[3:]
-        nu_r = nu - np.r_[u_L, 0, 0, 0]
-        nu_r_dot = nu_dot + np.r_[np.cross(omega, u_L) - motion.R.T @ u_dot_W, 0, 0, 0]
-        wrench = link.added_mass @ nu_r_dot + coriolis(link.added_mass, nu_r) @ nu_r + drag(link, nu_r)
-        pressure = rho * link.volume * motion.R.T @ (u_dot_W - gravity)
-        centre = link.X_FL.inverse().act(link.centre_of_buoyancy)
-        wrench -= np.r_[pressure, np.cross(centre, pressure)]
-        tau += motion.J.T @ wrench
+    wrenches = water_wrenches(dynamics, q, v, a, u, Du_Dt)
+    for motion, (added, dragged, pressure) in zip(link_motions(dynamics, q, v), wrenches, strict=True):
+        tau += motion.J.T @ (added + dragged - pressure)
     return tau if dynamics.damping is None else tau + dynamics.damping * v
+
+
+def water_wrenches(
+    dynamics: SymbolicDynamics, q: np.ndarray, v: np.ndarray, a: np.ndarray, u: np.ndarray, Du_Dt: np.ndarray
+) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Per link, in L: wrench (6,) on the water by added mass, by drag, and wrench (6,) of the water's pressure on the link."""
+    rho, gravity = dynamics.density, dynamics.model.gravity.linear
+    wrenches = []
+    for link, motion, u_W, Du_Dt_W in zip(dynamics.links, link_motions(dynamics, q, v), u, Du_Dt, strict=True):
+        nu, nu_dot, u_L = motion.J @ v, motion.J @ a + motion.J_dot @ v, motion.R.T @ u_W
+        nu_r = nu - np.r_[u_L, 0, 0, 0]
+        nu_r_dot = nu_dot + np.r_[np.cross(nu[3:], u_L) - motion.R.T @ Du_Dt_W, 0, 0, 0]
+        added = link.added_mass @ nu_r_dot + coriolis(link.added_mass, nu_r) @ nu_r
+        pressure = rho * link.volume * motion.R.T @ (Du_Dt_W - gravity)
+        centre = link.X_FL.inverse().act(link.centre_of_buoyancy)
+        wrenches.append((added, drag(link, nu_r), np.r_[pressure, np.cross(centre, pressure)]))
+    return wrenches
 
 
 def mass_matrix(dynamics: SymbolicDynamics, q: np.ndarray) -> np.ndarray:

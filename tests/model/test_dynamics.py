@@ -28,11 +28,11 @@ class MachineState:
     v: np.ndarray
     a: np.ndarray
     u: np.ndarray
-    u_dot: np.ndarray
+    Du_Dt: np.ndarray
 
     @property
     def water(self) -> Water:
-        return Water(velocity=self.u, acceleration=self.u_dot)
+        return Water(velocity=self.u, acceleration=self.Du_Dt)
 
 
 def states(dynamics: Dynamics) -> list[MachineState]:
@@ -46,7 +46,7 @@ def states(dynamics: Dynamics) -> list[MachineState]:
             v=rng.normal(size=model.nv),
             a=rng.normal(size=model.nv),
             u=rng.normal(size=shape),
-            u_dot=rng.normal(size=shape),
+            Du_Dt=rng.normal(size=shape),
         )
         for _ in range(N_STATES)
     ]
@@ -77,13 +77,13 @@ def close(actual: np.ndarray, wanted: np.ndarray, relative: float) -> None:
 
 def test_inverse_dynamics_equal_the_slow_reference(dynamics: Dynamics) -> None:
     for s in states(dynamics):
-        wanted = slow.inverse_dynamics(dynamics.symbolic, s.q, s.v, s.a, s.u, s.u_dot)
+        wanted = slow.inverse_dynamics(dynamics.symbolic, s.q, s.v, s.a, s.u, s.Du_Dt)
         close(dynamics.inverse_dynamics(s.q, s.v, s.a, s.water), wanted, EXACT)
 
 
 def test_bias_forces_are_the_inverse_dynamics_without_acceleration(dynamics: Dynamics) -> None:
     for s in states(dynamics):
-        wanted = slow.inverse_dynamics(dynamics.symbolic, s.q, s.v, 0 * s.a, s.u, s.u_dot)
+        wanted = slow.inverse_dynamics(dynamics.symbolic, s.q, s.v, 0 * s.a, s.u, s.Du_Dt)
         close(dynamics.bias_force(s.q, s.v, s.water), wanted, EXACT)
 
 
@@ -170,9 +170,9 @@ def test_water_that_falls_freely_with_the_machine_carries_no_weight(floating: Dy
 
 def test_one_water_velocity_is_the_same_as_equal_ones_at_every_link(dynamics: Dynamics) -> None:
     s, n_links = states(dynamics)[0], len(dynamics.symbolic.links)
-    u, u_dot = np.array([0.1, 0.2, 0.3]), np.array([-0.3, 0.1, 0.2])
-    everywhere = Water(velocity=np.tile(u, (n_links, 1)), acceleration=np.tile(u_dot, (n_links, 1)))
-    one = Water(velocity=u, acceleration=u_dot)
+    u, Du_Dt = np.array([0.1, 0.2, 0.3]), np.array([-0.3, 0.1, 0.2])
+    everywhere = Water(velocity=np.tile(u, (n_links, 1)), acceleration=np.tile(Du_Dt, (n_links, 1)))
+    one = Water(velocity=u, acceleration=Du_Dt)
     np.testing.assert_array_equal(
         dynamics.inverse_dynamics(s.q, s.v, s.a, one), dynamics.inverse_dynamics(s.q, s.v, s.a, everywhere)
     )
@@ -188,11 +188,11 @@ def test_link_positions_are_the_origins_of_the_coefficient_frames(dynamics: Dyna
 def test_derivatives_of_inverse_dynamics_equal_finite_differences(dynamics: Dynamics) -> None:
     model, n_links = dynamics.symbolic.model, len(dynamics.symbolic.links)
     q, x = ca.SX.sym("q", model.nq), ca.SX.sym("x", 3 * model.nv)
-    u, u_dot = ca.SX.sym("u", 3, n_links), ca.SX.sym("u_dot", 3, n_links)
+    u, Du_Dt = ca.SX.sym("u", 3, n_links), ca.SX.sym("Du_Dt", 3, n_links)
     step, v, a = ca.vertsplit(x, [0, model.nv, 2 * model.nv, 3 * model.nv])
     moved = dynamics.symbolic.symbolic.integrate(q, step)
-    tau = dynamics.symbolic.inverse_dynamics(moved, v, a, u, u_dot)
-    derivative = ca.Function("derivative", [q, x, u, u_dot], [ca.jacobian(tau, x)])
+    tau = dynamics.symbolic.inverse_dynamics(moved, v, a, u, Du_Dt)
+    derivative = ca.Function("derivative", [q, x, u, Du_Dt], [ca.jacobian(tau, x)])
 
     def force(s: MachineState, point: np.ndarray) -> np.ndarray:
         step, v, a = np.split(point, 3)
@@ -202,7 +202,7 @@ def test_derivatives_of_inverse_dynamics_equal_finite_differences(dynamics: Dyna
     for s in states(dynamics)[:3]:
         point = np.r_[0 * s.v, s.v, s.a]
         differences = [force(s, point + h * e) - force(s, point - h * e) for e in np.eye(3 * model.nv)]
-        exact = np.asarray(derivative(s.q, point, s.u.T, s.u_dot.T))
+        exact = np.asarray(derivative(s.q, point, s.u.T, s.Du_Dt.T))
         close(exact, np.transpose(differences) / (2 * h), 1e-6)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.shapes.obstacles import Obstacle
-from uvms_ocp.sim.currents import GustyCurrent, ShearedCurrent, StillWater, UniformCurrent
+from uvms_ocp.sim.currents import GustyCurrent, OnsetCurrent, ShearedCurrent, StillWater, UniformCurrent, water_at
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
 
@@ -19,8 +19,10 @@ CURRENTS = {
     "uniform": UniformCurrent([0.3, -0.1, 0.05]),
     "sheared": SHEARED,
     "boundary layer": ShearedCurrent.over_floor([0.3, 0.1, 0.0], floor_z=-40.0, thickness=5.0),
+    "upwelling": ShearedCurrent(z=[-42.0, 2.0], velocities=[[0.1, 0.0, 0.05], [0.6, -0.3, 0.05]]),
+    "onset": OnsetCurrent([0.3, 0.1, -0.1], start=10.0, rise=20.0),
     "gusty": GustyCurrent(seed=2),
-    "gusty over sheared": GustyCurrent(base=SHEARED, sigma=(0.1, 0.05, 0.0), seed=3),
+    "gusty over sheared": GustyCurrent(base=SHEARED, sigma=(0.1, 0.05, 0.03), seed=3),
 }
 POINTS = np.random.default_rng(0).uniform([-5.0, -5.0, -45.0], [5.0, 5.0, 0.0], (8, 3))
 
@@ -30,23 +32,52 @@ def _current(request):
     return CURRENTS[request.param]
 
 
-def test_the_acceleration_is_the_derivative_of_the_velocity(current):
+def test_rate_and_gradient_are_the_derivatives_of_the_velocity(current):
     h = 1e-5
     for t in np.random.default_rng(1).uniform(0.01, 60.0, 50):
         difference = (current.velocity(POINTS, t + h) - current.velocity(POINTS, t - h)) / (2 * h)
-        np.testing.assert_allclose(current.acceleration(POINTS, t), difference, atol=1e-6)
+        np.testing.assert_allclose(current.rate(POINTS, t), difference, atol=1e-6)
+        slopes = [
+            (current.velocity(POINTS + h * e, t) - current.velocity(POINTS - h * e, t)) / (2 * h) for e in np.eye(3)
+        ]
+        np.testing.assert_allclose(current.gradient(POINTS, t), np.stack(slopes, axis=2), atol=1e-6)
 
 
-def test_velocity_and_acceleration_are_continuous_in_time(current):
+def test_the_water_s_own_acceleration_is_that_of_a_particle_which_it_carries_along(current):
+    h = 1e-5
+    for t in np.random.default_rng(3).uniform(0.01, 60.0, 50):
+        water = water_at(current, POINTS, t)
+        ahead, behind = (POINTS + sign * h * water.velocity for sign in (1, -1))
+        rate = (current.velocity(ahead, t + h) - current.velocity(behind, t - h)) / (2 * h)
+        np.testing.assert_allclose(water.acceleration, rate, atol=1e-6)
+        np.testing.assert_array_equal(water.velocity, current.velocity(POINTS, t))
+
+
+@pytest.mark.parametrize("name", ["still", "uniform", "sheared", "boundary layer"])
+def test_water_in_steady_parallel_layers_does_not_accelerate(name):
+    assert not water_at(CURRENTS[name], POINTS, 3.0).acceleration.any()
+
+
+def test_a_vertical_gust_carries_water_from_layer_to_layer():
+    gust = GustyCurrent(sigma=(0.0, 0.0, 0.1), seed=3)
+    up, before = gust.velocity(POINTS, 7.0), gust.rate(POINTS, 7.0)
+    slope = np.array([[0.02, 0.01, 0.0] if z < -30 else [0.01, -1 / 300, 0.0] for z in POINTS[:, 2]])
+    slope[POINTS[:, 2] < -40] = 0.0
+    through = water_at(GustyCurrent(base=SHEARED, sigma=(0.0, 0.0, 0.1), seed=3), POINTS, 7.0)
+    assert abs(up[0, 2]) > 0.01
+    np.testing.assert_allclose(through.acceleration, before + up[:, 2:] * slope, atol=1e-12)
+
+
+def test_velocity_and_rate_are_continuous_in_time(current):
     for t in (0.5, 1.0, 7.5, 128.0):  # nodes of the gusts
-        for field in (current.velocity, current.acceleration):
+        for field in (current.velocity, current.rate):
             np.testing.assert_allclose(field(POINTS, t - 1e-9), field(POINTS, t + 1e-9), atol=1e-6)
 
 
 def test_every_point_gets_one_velocity(current):
     for n in (0, 1, 8):
-        assert current.velocity(POINTS[:n], 1.0).shape == (n, 3)
-        assert current.acceleration(POINTS[:n], 1.0).shape == (n, 3)
+        water = water_at(current, POINTS[:n], 1.0)
+        assert water.velocity.shape == water.acceleration.shape == (n, 3)
 
 
 def test_a_gust_is_a_function_of_time_whatever_the_order_of_the_questions():

@@ -5,18 +5,23 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pinocchio as pin
 import pytest
+from scipy.integrate import solve_ivp
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.model.files.description import TrimBody
 from uvms_ocp.model.files.library import list_robots
 from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.mounting import without_arm
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.spatial import quaternion_to_matrix
 from uvms_ocp.model.state import Command
+from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
 from uvms_ocp.model.trim import with_trim
-from uvms_ocp.sim.currents import UniformCurrent
+from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics
+from uvms_ocp.sim.currents import Current, GustyCurrent, ShearedCurrent, UniformCurrent
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
@@ -138,6 +143,51 @@ def test_a_robot_adrift_takes_the_velocity_of_the_current(girona: Robot) -> None
     let_go(plant, girona, 60.0)
     R = girona_rotation(plant)
     np.testing.assert_allclose(R @ plant.state.v[:3], [0.3, -0.2, 0.0], atol=0.02)
+
+
+def sphere_plant(current: Current, v: np.ndarray, max_step: float) -> DynamicPlant:
+    """A neutrally buoyant sphere without drag, 1 m above the floor at -40 m."""
+    robot = without_arm(load_robot("bluerov2_alpha5"))
+    model, mass, density = robot.model.copy(), 10.0, 1000.0
+    model.inertias[1] = pin.Inertia(mass, np.zeros(3), 0.1 * np.eye(3))
+    link = LinkHydrodynamics(
+        frame="base_link", added_mass=mass / 2 * np.r_[np.ones(3), np.zeros(3)], volume=mass / density
+    )
+    dynamics = Dynamics(SymbolicDynamics(model=model, links=(link,), density=density))
+    q, environment = (
+        robot.configuration(position=[0, 0, -39.0]),
+        Environment(seafloor=FlatSeafloor(z=-40.0), current=current),
+    )
+    return with_velocity(DynamicPlant(robot, q, dynamics=dynamics, environment=environment, max_step=max_step), v)
+
+
+LAYER = ShearedCurrent.over_floor([0.3, 0.0, 0.0], floor_z=-40.0, thickness=5.0)
+
+
+def test_a_sphere_without_drag_falls_straight_through_steady_layers() -> None:
+    v = np.array([0.1, 0.05, -0.2, 0.0, 0.0, 0.0])
+    plant = sphere_plant(LAYER, v, max_step=0.01)
+    for _ in range(200):
+        plant.step(Command(v=v, thrust=np.zeros(8), torque=np.zeros(0)), 0.01)
+    np.testing.assert_allclose(plant.state.v, v, atol=1e-12)
+    np.testing.assert_allclose(plant.state.q[:3], [0.2, 0.1, -39.4], atol=1e-9)
+
+
+def test_a_sphere_without_drag_accelerates_as_the_water_where_it_is() -> None:
+    current = GustyCurrent(base=LAYER, sigma=(0.05, 0.05, 0.1), correlation_time=2.0, seed=5)
+    v, dt, duration = np.array([0.1, 0.0, -0.2, 0.0, 0.0, 0.0]), 2e-3, 3.0
+    plant = sphere_plant(current, v, max_step=dt)
+    for _ in range(round(duration / dt)):
+        plant.step(Command(v=v, thrust=np.zeros(8), torque=np.zeros(0)), dt)
+
+    def motion(t: float, x: np.ndarray) -> np.ndarray:
+        h, p = 1e-6, x[None, :3]
+        u = current.velocity(p, t)
+        return np.r_[x[3:], (current.velocity(p + h * u, t + h) - u)[0] / h]
+
+    exact = solve_ivp(motion, (0.0, duration), np.r_[0.0, 0.0, -39.0, v[:3]], max_step=0.05).y[:, -1]
+    assert np.abs(exact[3:] - v[:3]).max() > 0.05
+    np.testing.assert_allclose(np.r_[plant.state.q[:3], plant.state.v[:3]], exact, atol=5e-4)
 
 
 def girona_rotation(plant: DynamicPlant) -> np.ndarray:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from uvms_ocp.control.force.allocation import allocation_of
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.model.thrusters import unactuated_axes
-from uvms_ocp.model.water.hydrodynamics import Water
 from uvms_ocp.preflight.findings import Finding, Severity
 from uvms_ocp.preflight.forecast import Visit
 from uvms_ocp.preflight.setup import Setup
+from uvms_ocp.sim.currents import water_at
 from uvms_ocp.tasks.pose import PoseTask, VehiclePose
 
 CHECK = "forces"
@@ -98,12 +98,10 @@ def _hold(setup: Setup, dynamics: Dynamics, visit: Visit, speed: float = 0.0) ->
 
 def _forces(setup: Setup, dynamics: Dynamics, q: np.ndarray, t: float, speed: float) -> np.ndarray:
     """Generalized force (n_v,) at rest over ground, in water that is faster by `speed`."""
-    positions = dynamics.link_positions(q)
-    velocity = setup.environment.current.velocity(positions, t)
-    size = np.linalg.norm(velocity, axis=1, keepdims=True)
-    faster = velocity * (1.0 + speed / np.maximum(size, 1e-9))
-    water = Water(velocity=faster, acceleration=setup.environment.current.acceleration(positions, t))
-    return dynamics.inverse_dynamics(q, np.zeros(setup.robot.n_v), np.zeros(setup.robot.n_v), water)
+    water = water_at(setup.environment.current, dynamics.link_positions(q), t)
+    size = np.linalg.norm(water.velocity, axis=1, keepdims=True)
+    faster = replace(water, velocity=water.velocity * (1.0 + speed / np.maximum(size, 1e-9)))
+    return dynamics.inverse_dynamics(q, np.zeros(setup.robot.n_v), np.zeros(setup.robot.n_v), faster)
 
 
 def _load(setup: Setup, q: np.ndarray, tau: np.ndarray) -> Load:

@@ -1,4 +1,4 @@
-"""Water currents: velocity of the water over ground, in W."""
+"""Water currents: fields of velocity over ground, in W, with the slopes that give the water's own acceleration."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.water.hydrodynamics import Water
 
 _FASTEST = 10.0  # [m/s] no sea is faster, Saltstraumen included: more is a slip of units
 _BLOCK = 256  # nodes of a gust that are drawn at a time
 
 
 class Current(Protocol):
-    """A field of water velocity."""
+    """A field of water velocity u. It is asked for u and both its derivatives; `water_at` joins them."""
 
     __slots__ = ()
 
@@ -26,11 +27,28 @@ class Current(Protocol):
         Raises `InvalidInput` for a time that the field does not cover.
         """
 
-    def acceleration(self, p_W: np.ndarray, t: float) -> np.ndarray:
-        """Its derivative with respect to time (n, 3) [m/s2], at fixed points p_W (n, 3) [m] and time t [s].
+    def rate(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        """``du/dt`` (n, 3) [m/s2] in W at fixed points p_W (n, 3) [m] and time t [s].
 
         Raises `InvalidInput` where `velocity` does.
         """
+
+    def gradient(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        """``du_i/dx_j`` (n, 3, 3) [1/s] in W at points p_W (n, 3) [m] and time t [s].
+
+        Raises `InvalidInput` where `velocity` does.
+        """
+
+
+def water_at(current: Current, p_W: np.ndarray, t: float) -> Water:
+    """The water at points p_W (n, 3) [m] and time t [s]: u and its own acceleration ``Du/Dt = du/dt + (u . grad) u``.
+
+    That is how u changes for a particle of the water, not for a robot that moves through it: nothing where the water
+    flows steadily in parallel layers. Raises `InvalidInput` where the current does.
+    """
+    u = current.velocity(p_W, t)
+    carried = (current.gradient(p_W, t) @ u[:, :, None])[:, :, 0]
+    return Water(velocity=u, acceleration=current.rate(p_W, t) + carried)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -40,8 +58,11 @@ class StillWater(Current):
     def velocity(self, p_W: np.ndarray, t: float) -> np.ndarray:
         return np.zeros((len(p_W), 3))
 
-    def acceleration(self, p_W: np.ndarray, t: float) -> np.ndarray:
+    def rate(self, p_W: np.ndarray, t: float) -> np.ndarray:
         return np.zeros((len(p_W), 3))
+
+    def gradient(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        return np.zeros((len(p_W), 3, 3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,8 +81,11 @@ class UniformCurrent(Current):
     def velocity(self, p_W: np.ndarray, t: float) -> np.ndarray:
         return np.tile(self.value, (len(p_W), 1))
 
-    def acceleration(self, p_W: np.ndarray, t: float) -> np.ndarray:
+    def rate(self, p_W: np.ndarray, t: float) -> np.ndarray:
         return np.zeros((len(p_W), 3))
+
+    def gradient(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        return np.zeros((len(p_W), 3, 3))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -100,8 +124,16 @@ class ShearedCurrent(Current):
     def velocity(self, p_W: np.ndarray, t: float) -> np.ndarray:
         return np.stack([np.interp(p_W[:, 2], self.z, column) for column in self.velocities.T], axis=1)
 
-    def acceleration(self, p_W: np.ndarray, t: float) -> np.ndarray:
+    def rate(self, p_W: np.ndarray, t: float) -> np.ndarray:
         return np.zeros((len(p_W), 3))
+
+    def gradient(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        beyond = np.zeros((1, 3))
+        slopes = np.diff(self.velocities, axis=0) / np.diff(self.z)[:, None]
+        layer = np.searchsorted(self.z, p_W[:, 2], side="right")  # at one of the heights: the layer above
+        gradient = np.zeros((len(p_W), 3, 3))
+        gradient[:, :, 2] = np.vstack([beyond, slopes, beyond])[layer]
+        return gradient
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,9 +161,12 @@ class OnsetCurrent(Current):
     def velocity(self, p_W: np.ndarray, t: float) -> np.ndarray:
         return np.tile(self.value * (0.5 - 0.5 * math.cos(math.pi * self._share(t))), (len(p_W), 1))
 
-    def acceleration(self, p_W: np.ndarray, t: float) -> np.ndarray:
+    def rate(self, p_W: np.ndarray, t: float) -> np.ndarray:
         slope = 0.5 * math.pi / self.rise * math.sin(math.pi * self._share(t))
         return np.tile(self.value * slope, (len(p_W), 1))
+
+    def gradient(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        return np.zeros((len(p_W), 3, 3))
 
     def _share(self, t: float) -> float:
         return min(max((t - self.start) / self.rise, 0.0), 1.0)
@@ -141,7 +176,9 @@ class OnsetCurrent(Current):
 class GustyCurrent(Current):
     """A first-order Gauss-Markov process on top of another current, the same everywhere.
 
-    The process is drawn at nodes `step` apart and joined by cubics, so that velocity and acceleration are continuous.
+    The process is drawn at nodes `step` apart and joined by cubics, so that velocity and rate are continuous. Gusts
+    carry water through a base that varies from place to place, which stays where it is: a vertical one through the
+    layers of a `ShearedCurrent` accelerates the water sideways.
     A pure function of t >= 0: nodes are drawn in their order whatever the order of the questions, then kept.
     Raises `InvalidInput` for a sigma below 0 or a time that is not > 0.
     """
@@ -175,10 +212,13 @@ class GustyCurrent(Current):
         weights = np.array([-s + 2 * s**2 - s**3, 2 - 5 * s**2 + 3 * s**3, s + 4 * s**2 - 3 * s**3, s**3 - s**2]) / 2
         return self.base.velocity(p_W, t) + weights @ nodes
 
-    def acceleration(self, p_W: np.ndarray, t: float) -> np.ndarray:
+    def rate(self, p_W: np.ndarray, t: float) -> np.ndarray:
         s, nodes = self._around(t)
         weights = np.array([-1 + 4 * s - 3 * s**2, -10 * s + 9 * s**2, 1 + 8 * s - 9 * s**2, 3 * s**2 - 2 * s]) / 2
-        return self.base.acceleration(p_W, t) + weights @ nodes / self.step
+        return self.base.rate(p_W, t) + weights @ nodes / self.step
+
+    def gradient(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        return self.base.gradient(p_W, t)
 
     def _around(self, t: float) -> tuple[float, np.ndarray]:
         """Where t is between two nodes, from 0 to 1, and the two nodes (4, 3) [m/s] on either side (Catmull-Rom)."""

@@ -15,6 +15,7 @@ from uvms_ocp.model.spatial import quaternion_to_matrix
 from uvms_ocp.model.state import Command, State
 from uvms_ocp.model.thrusters import thruster_matrix
 from uvms_ocp.sim.contact import ContactModel, skid_points
+from uvms_ocp.sim.currents import water_at
 from uvms_ocp.sim.dynamic_step import JointStops, StepModel, step_function
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.plant import Plant
@@ -57,8 +58,6 @@ class DynamicPlant(Plant):
         self._bank = ThrusterBank(robot)
         self._efficiency = robot.description.joint_efficiency
         self._t = 0.0
-        self._positions: np.ndarray | None = None
-        """(n_links, 3) [m] of the links one tick ago."""
         self._contact = np.zeros(len(self._points))
         self._torque = np.zeros(robot.n_joints)
         self._joint_energy = 0.0
@@ -70,7 +69,7 @@ class DynamicPlant(Plant):
         Raises `InvalidInput` for a command without thrust or torque.
         """
         thrust, self._torque = self._efforts(command)
-        water, floor = self._water(dt), self._floor()
+        water, floor = self._water(), self._floor()
         n_steps = math.ceil(dt / self._max_step - 1e-9)
         h, brake = np.array([dt / n_steps]), np.array([BRAKE_FRICTION if command.brakes else 0.0])
         q, v = self.state.q, self.state.v
@@ -99,14 +98,10 @@ class DynamicPlant(Plant):
         effort = self._robot.limits.effort
         return command.thrust, np.clip(command.torque, -effort, effort)
 
-    def _water(self, dt: float) -> tuple[np.ndarray, np.ndarray]:
-        """Velocity [m/s] and acceleration [m/s2] (3, n_links) of the water as the moving links feel it."""
-        positions, current = self._dynamics.link_positions(self.state.q), self._environment.current
-        before = positions if self._positions is None else self._positions
-        self._positions = positions
-        velocity = current.velocity(positions, self._t)
-        carried = (velocity - current.velocity(before, self._t)) / dt  # shear along the way of each link
-        return velocity.T, (current.acceleration(positions, self._t) + carried).T
+    def _water(self) -> tuple[np.ndarray, np.ndarray]:
+        """Velocity [m/s] and acceleration Du/Dt [m/s2] (3, n_links) of the water at the links."""
+        water = water_at(self._environment.current, self._dynamics.link_positions(self.state.q), self._t)
+        return water.velocity.T, water.acceleration.T
 
     def _floor(self) -> tuple[np.ndarray, np.ndarray]:
         """Height (n_points,) [m] and normal (3, n_points) [-] of the floor below the contact points."""

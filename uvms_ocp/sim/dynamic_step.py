@@ -50,16 +50,16 @@ class StepModel:
 
 
 def step_function(model: StepModel) -> ca.Function:
-    """Function ``q, v, tau, u, u_dot, floor_z, floor_normal, brake, dt -> q_next, v_next, contact``.
+    """Function ``q, v, tau, u, Du_Dt, floor_z, floor_normal, brake, dt -> q_next, v_next, contact``.
 
-    tau (n_v,) [N, N m]: generalized force of thrusters and motors. u (3, n_links) [m/s] and u_dot (3, n_links) [m/s2]:
+    tau (n_v,) [N, N m]: generalized force of thrusters and motors. u (3, n_links) [m/s] and Du_Dt (3, n_links) [m/s2]:
     water at the links. floor_z (n_points,) [m] and floor_normal (3, n_points) [-]: height and normal of the floor below
     the contact points. brake [N m s/rad]: friction of the brakes on every joint. dt [s]. contact (n_points,) [N]: the
     vertical force of the floor on each point.
     """
     robot, n_links, n_points = model.robot, len(model.dynamics.links), len(model.points)
     q, v, tau = (ca.SX.sym(name, n) for name, n in (("q", robot.n_q), ("v", robot.n_v), ("tau", robot.n_v)))
-    u, u_dot = ca.SX.sym("u", 3, n_links), ca.SX.sym("u_dot", 3, n_links)
+    u, Du_Dt = ca.SX.sym("u", 3, n_links), ca.SX.sym("Du_Dt", 3, n_links)
     floor_z, normal = ca.SX.sym("floor_z", n_points), ca.SX.sym("floor_normal", 3, n_points)
     brake, dt = ca.SX.sym("brake"), ca.SX.sym("dt")
 
@@ -67,12 +67,12 @@ def step_function(model: StepModel) -> ca.Function:
     brakes = brake * ca.vertcat(ca.SX.zeros(robot.n_vehicle), ca.SX.ones(robot.n_joints))
     pushes, contact, slope_contact = _contact(model, q, v, floor_z, normal, dt)
     G = model.dynamics.drag_slope(q, v, u) + ca.diag(slope_stops + brakes) + slope_contact
-    h = model.dynamics.bias_force(q, v, u, u_dot)
+    h = model.dynamics.bias_force(q, v, u, Du_Dt)
     D, L_transposed, order = ca.ldl(model.dynamics.mass_matrix(q) + dt * G, False)
     v_next = v + ca.ldl_solve(dt * (tau + force + contact - brakes * v - h), D, L_transposed, order)
     q_next = model.dynamics.symbolic.integrate(q, v_next * dt)
 
-    inputs = {"q": q, "v": v, "tau": tau, "u": u, "u_dot": u_dot}
+    inputs = {"q": q, "v": v, "tau": tau, "u": u, "Du_Dt": Du_Dt}
     inputs |= {"floor_z": floor_z, "floor_normal": normal, "brake": brake, "dt": dt}
     outputs = {"q_next": _unit_quaternion(robot, q_next), "v_next": v_next, "contact": pushes}
     dense = [ca.densify(value) for value in outputs.values()]

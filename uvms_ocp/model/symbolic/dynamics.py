@@ -49,8 +49,8 @@ class _WetLink:
 class SymbolicDynamics:
     """Dynamics of a kinematic tree with water on some of its links.
 
-    Water velocity u and acceleration u_dot are (3, n_links) in W, one column per link, in the order of
-    ``links``. Raises FrameNotFound and InvalidInput.
+    Velocity u and acceleration ``Du_Dt = du/dt + (u . grad) u`` of the water are (3, n_links) in W, one column per link,
+    in the order of ``links``. Raises FrameNotFound and InvalidInput.
     """
 
     model: pin.Model
@@ -72,7 +72,7 @@ class SymbolicDynamics:
 
     # --- expressions ------------------------------------------------------------------------------
 
-    def inverse_dynamics(self, q: ca.SX, v: ca.SX, a: ca.SX, u: ca.SX, u_dot: ca.SX) -> ca.SX:
+    def inverse_dynamics(self, q: ca.SX, v: ca.SX, a: ca.SX, u: ca.SX, Du_Dt: ca.SX) -> ca.SX:
         """Generalized force (n_v,) for the acceleration a: one outward and one inward pass over the tree."""
         local = self.symbolic.local_poses(q)
         motions = self.symbolic.body_motions(local, v, a)
@@ -83,13 +83,13 @@ class SymbolicDynamics:
             )
         ]
         for index, link in enumerate(self._wet):
-            wrenches[link.joint] += self._water_wrench(link, motions, u[:, index], u_dot[:, index])
+            wrenches[link.joint] += self._water_wrench(link, motions, u[:, index], Du_Dt[:, index])
         tau = self.symbolic.generalized_force(local, wrenches) + self.model.armature * a
         return tau if self.damping is None else tau + self.damping * v
 
-    def bias_force(self, q: ca.SX, v: ca.SX, u: ca.SX, u_dot: ca.SX) -> ca.SX:
+    def bias_force(self, q: ca.SX, v: ca.SX, u: ca.SX, Du_Dt: ca.SX) -> ca.SX:
         """Generalized force (n_v,) for zero acceleration: ``C v + D v + g`` and the accelerating water."""
-        return self.inverse_dynamics(q, v, ca.SX(self.model.nv, 1), u, u_dot)
+        return self.inverse_dynamics(q, v, ca.SX(self.model.nv, 1), u, Du_Dt)
 
     def mass_matrix(self, q: ca.SX) -> ca.SX:
         """Rigid-body plus added mass (n_v, n_v)."""
@@ -103,14 +103,14 @@ class SymbolicDynamics:
         """
         return self._summed_damping(q, v, u, quadratic_factor=1)
 
-    def forward_dynamics(self, q: ca.SX, v: ca.SX, tau: ca.SX, u: ca.SX, u_dot: ca.SX) -> ca.SX:
+    def forward_dynamics(self, q: ca.SX, v: ca.SX, tau: ca.SX, u: ca.SX, Du_Dt: ca.SX) -> ca.SX:
         """Acceleration (n_v,) under the generalized force tau.
 
         For numeric use: differentiate `inverse_dynamics` instead, the derivative of the solution is ten times
         as long.
         """
         D, L_transposed, order = ca.ldl(self.mass_matrix(q), False)
-        return ca.ldl_solve(tau - self.bias_force(q, v, u, u_dot), D, L_transposed, order)
+        return ca.ldl_solve(tau - self.bias_force(q, v, u, Du_Dt), D, L_transposed, order)
 
     def drag_slope(self, q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
         """Derivative (n_v, n_v) of ``D v_r`` and joint friction with respect to v, its symmetric part.
@@ -155,10 +155,10 @@ class SymbolicDynamics:
     def _rigid_inertias(self) -> list[np.ndarray]:
         return [np.zeros((6, 6)), *(inertia.matrix() for inertia in list(self.model.inertias)[1:])]
 
-    def _water_wrench(self, link: _WetLink, motions: BodyMotions, u: ca.SX, u_dot: ca.SX) -> Wrench:
+    def _water_wrench(self, link: _WetLink, motions: BodyMotions, u: ca.SX, Du_Dt: ca.SX) -> Wrench:
         """Wrench of the link on the water, at the joint that carries it."""
         R_LW = link.R_JL.T @ motions.poses[link.joint].R.T
-        u_L, w_L = R_LW @ u, R_LW @ (u_dot - self.model.gravity.linear)
+        u_L, w_L = R_LW @ u, R_LW @ (Du_Dt - self.model.gravity.linear)
         nu = link.motion_LJ @ motions.velocities[link.joint].stacked()
         a = link.motion_LJ @ motions.accelerations[link.joint].stacked()
         nu_r = water.relative_velocity(nu, u_L)
@@ -190,13 +190,13 @@ class SymbolicDynamics:
     # --- ready-made functions ---------------------------------------------------------------------
 
     def inverse_dynamics_function(self) -> ca.Function:
-        """Function ``q, v, a, u, u_dot -> tau``."""
-        x = self._symbols("q", "v", "a", "u", "u_dot")
+        """Function ``q, v, a, u, Du_Dt -> tau``."""
+        x = self._symbols("q", "v", "a", "u", "Du_Dt")
         return function("inverse_dynamics", x, {"tau": self.inverse_dynamics(*x.values())})
 
     def bias_force_function(self) -> ca.Function:
-        """Function ``q, v, u, u_dot -> h``."""
-        x = self._symbols("q", "v", "u", "u_dot")
+        """Function ``q, v, u, Du_Dt -> h``."""
+        x = self._symbols("q", "v", "u", "Du_Dt")
         return function("bias_force", x, {"h": self.bias_force(*x.values())})
 
     def mass_matrix_function(self) -> ca.Function:
@@ -210,8 +210,8 @@ class SymbolicDynamics:
         return function("damping_matrix", x, {"D": self.damping_matrix(*x.values())})
 
     def forward_dynamics_function(self) -> ca.Function:
-        """Function ``q, v, tau, u, u_dot -> a``."""
-        x = self._symbols("q", "v", "tau", "u", "u_dot")
+        """Function ``q, v, tau, u, Du_Dt -> a``."""
+        x = self._symbols("q", "v", "tau", "u", "Du_Dt")
         return function("forward_dynamics", x, {"a": self.forward_dynamics(*x.values())})
 
     def kinetic_energy_function(self) -> ca.Function:
@@ -231,7 +231,7 @@ class SymbolicDynamics:
 
     def _symbols(self, *names: str) -> dict[str, ca.SX]:
         n_v, n_links = self.model.nv, len(self.links)
-        shapes = {"q": (self.model.nq, 1), "u": (3, n_links), "u_dot": (3, n_links)}
+        shapes = {"q": (self.model.nq, 1), "u": (3, n_links), "Du_Dt": (3, n_links)}
         return {name: ca.SX.sym(name, *shapes.get(name, (n_v, 1))) for name in names}
 
 

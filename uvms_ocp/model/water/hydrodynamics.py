@@ -7,10 +7,20 @@ With the velocity nu of the link and u_L of the water, both relative to W and ex
     nu_r = nu - [u_L; 0]
     M_A nu_r_dot + C_A(nu_r) nu_r + D(nu_r) nu_r  =  wrench of the link on the water
 
-Accelerations are *relative to free fall*: ``a`` of the link and ``w_L = R_WL.T (u_dot - gravity)`` of the
+Accelerations are *relative to free fall*: ``a`` of the link and ``w_L = R_WL.T (Du_Dt - gravity)`` of the
 water. Gravity cancels in the relative acceleration ``a + omega x u_L - w_L``, and ``rho V w_L`` at the centre
 of buoyancy is buoyancy and Froude-Krylov force in one: the pressure gradient of the undisturbed water on the
-displaced volume.
+displaced volume [Taylor1928].
+
+``Du_Dt = du/dt + (u . grad) u`` is the acceleration of the water itself at L's origin, in both terms [Auton1988], and
+not the rate at which u changes along the way of the link: a link that sinks through steady parallel layers feels their
+drag, and no inertia. Of what water does that changes from place to place this is all. Neglected are
+
+- lift in vorticity, ``rho V C_L (u - v) x curl u`` on a body with velocity v, C_L = 1/2 for a sphere [Auton1988]: for one
+  that crosses layers a third of what added mass and Froude-Krylov would wrongly give along its way, in that direction;
+- what an anisotropic M_A adds in a gradient, ``E M_A w - M_A E w`` with the strain rate E and the relative velocity w of
+  the water, and moments;
+- the water's own rotation: ``nu_r`` turns with the link, so that water which turns drags no link along.
 """
 
 from __future__ import annotations
@@ -74,7 +84,7 @@ class LinkHydrodynamics:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Water:
-    """Motion of the undisturbed water in W: one row for all links (3,), or one per link (n_links, 3).
+    """Motion of the undisturbed water in W where the links are: one row for all (3,), or one per link (n_links, 3).
 
     Raises `InvalidInput` for another shape and for numbers that are not finite.
     """
@@ -82,7 +92,7 @@ class Water:
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """(3,) or (n_links, 3) [m/s] u."""
     acceleration: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    """(3,) or (n_links, 3) [m/s2] u_dot, its rate as felt at the link."""
+    """(3,) or (n_links, 3) [m/s2] ``Du_Dt = du/dt + (u . grad) u``: of the water's particles, whatever the links do."""
 
     def __post_init__(self) -> None:
         for name, value in (("velocity", self.velocity), ("acceleration", self.acceleration)):
@@ -101,10 +111,11 @@ def relative_velocity(nu: Array, u_L: Array) -> Array:
 
 
 def relative_acceleration(a: Array, nu: Array, u_L: Array, w_L: Array) -> Array:
-    """``nu_r_dot`` (6,) [m/s2, rad/s2]: rate of `relative_velocity`, from accelerations relative to free fall.
+    """``nu_r_dot`` (6,) [m/s2, rad/s2]: of the link relative to the water at it, from accelerations relative to free fall.
 
     a (6,) [m/s2, rad/s2] and nu (6,) [m/s, rad/s] of the link; w_L (3,) [m/s2] and u_L (3,) [m/s] of the water.
-    ``d/dt (R_WL.T u) = R_WL.T u_dot - omega x u_L``: taking nu_dot for nu_r_dot is right in still water only.
+    In axes that turn with the link u_L changes by ``R_WL.T Du_Dt - omega x u_L`` for a particle of the water: taking
+    nu_dot for nu_r_dot is right in still water only.
     """
     return column(a[:3] + cross(nu[3:], u_L) - w_L, a[3:])
 
