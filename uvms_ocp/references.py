@@ -18,6 +18,8 @@
   task-priority framework to inequality task, IEEE Transactions on Robotics 27(4), 2011.
 - [Kuffner2000] J. J. Kuffner, S. M. LaValle, RRT-Connect: an efficient approach to single-query path planning, IEEE
   International Conference on Robotics and Automation, 2000.
+- [Ng2009] M. Ng, L. Qi, G. Zhou, Finding the largest eigenvalue of a nonnegative tensor, SIAM Journal on Matrix Analysis
+  and Applications 31(3), 2009.
 - [Okabe2008] M. Okabe, K. Ito, Color universal design, J*FLY data depository for Drosophila researchers, 2008.
 - [Shepperd1978] S. W. Shepperd, Quaternion from rotation matrix, Journal of Guidance and Control 1(3), 1978.
 - [SimettiCasalino2016] E. Simetti, G. Casalino, A novel practical technique to integrate inequality control objectives

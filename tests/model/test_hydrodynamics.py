@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.optimize import minimize
 from wet_machines import random_link
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.water.dissipation import overload
 from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics, added_mass_wrench, drag_wrench
 
 RNG = np.random.default_rng(6)
+
+
+def coupled(above: float, below: float) -> np.ndarray:
+    """Quadratic drag of 1 on every axis, with two couplings of the first two."""
+    Q = np.eye(6)
+    Q[0, 1], Q[1, 0] = above, below
+    return Q
 
 
 @pytest.mark.parametrize(
@@ -24,9 +35,23 @@ RNG = np.random.default_rng(6)
         (
             "linear_drag",
             np.array([1, 1, -2, 0, 0, 0]),
-            r"fin: linear_drag generates energy \(eigenvalue -2\)",
+            r"fin: linear_drag feeds 2 W at nu = \(0, 0, 1, 0, 0, 0\) m/s, rad/s; allowed: no eigenvalue below 0",
         ),
-        ("quadratic_drag", np.array([0, -1, 0, 0, 0, 0]), "fin: quadratic_drag has a negative diagonal"),
+        (
+            "quadratic_drag",
+            np.array([0, -1, 0, 0, 0, 0]),
+            r"fin: quadratic_drag feeds 1 W at nu = \(0, 1, 0, 0, 0, 0\) m/s, rad/s; allowed: a diagonal of 0 or more",
+        ),
+        (
+            "quadratic_drag",
+            coupled(10.0, 10.0),
+            r"fin: quadratic_drag feeds 18 W at nu = \(1, -1, 0, 0, 0, 0\) .*; allowed: couplings at most 0\.1 times as large",
+        ),
+        (
+            "quadratic_drag",
+            coupled(2.5, -2.5),
+            "fin: quadratic_drag may feed energy: its diagonal does not outweigh its couplings; allowed: couplings at most 0.4",
+        ),
         ("volume", -0.1, r"fin: volume -0\.1 m3 given; allowed: 0 or more"),
         ("volume", np.inf, "fin: volume inf m3 given"),
     ],
@@ -66,3 +91,71 @@ def test_the_centre_of_buoyancy_is_given_in_the_link_s_frame() -> None:
     X_FL = pin.SE3(pin.exp3(np.array([0.1, 0.2, 0.3])), np.array([1.0, 2.0, 3.0]))
     link = LinkHydrodynamics(frame="fin", X_FL=X_FL, volume=1.0, centre_of_buoyancy=np.array([1.0, 2.0, 3.5]))
     np.testing.assert_allclose(X_FL.rotation @ link.p_LB, [0.0, 0.0, 0.5], atol=1e-15)
+
+
+def random_couplings(seed: int, *, adverse: bool) -> tuple[np.ndarray, np.ndarray]:
+    """A diagonal (6, 6) in units of any size, and couplings (6, 6); adverse ones can all act against it at once."""
+    rng = np.random.default_rng(seed)
+    units, signs = 10 ** rng.uniform(-1, 1, 6), rng.choice([-1.0, 1.0], 6)
+    Q = rng.normal(size=(6, 6)) * (rng.random((6, 6)) < rng.choice([0.1, 0.3, 1.0])) * (1 - np.eye(6))
+    Q[4, 1] = 1.0
+    Q = -np.abs(Q) * np.outer(signs, signs) if adverse else Q
+    scale = np.outer(units, units**2)
+    return np.diag(rng.uniform(0.2, 3.0, 6)) * scale, Q * scale
+
+
+def largest(diagonal: np.ndarray, couplings: np.ndarray) -> float:
+    """The factor of the couplings up to which drag is accepted."""
+    return 1e3 / overload(diagonal + 1e3 * couplings)[0]
+
+
+def power(link: LinkHydrodynamics, nu: np.ndarray) -> float:
+    return float(nu @ drag_wrench(link.linear_drag, link.quadratic_drag, nu))
+
+
+@pytest.mark.parametrize("adverse", [False, True])
+@pytest.mark.parametrize("seed", range(12))
+def test_drag_that_is_accepted_feeds_no_velocity_that_a_search_finds(seed: int, adverse: bool) -> None:
+    diagonal, couplings = random_couplings(seed, adverse=adverse)
+    link = LinkHydrodynamics(frame="fin", quadratic_drag=diagonal + 0.999 * largest(diagonal, couplings) * couplings)
+    root = np.cbrt(np.diag(diagonal))
+
+    def normed(x: np.ndarray) -> float:
+        return power(link, x / root) / max(np.linalg.norm(x) ** 3, 1e-30)
+
+    starts = np.random.default_rng(seed).normal(size=(3000, 6)) ** 3
+    starts = sorted((x / np.linalg.norm(x) for x in starts), key=normed)[:4]
+    least = min(minimize(normed, x, method="Nelder-Mead", options={"maxfev": 800}).fun for x in starts)
+    assert least > 0.0
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_couplings_that_all_act_against_the_diagonal_are_refused_from_where_they_feed_a_velocity(seed: int) -> None:
+    diagonal, couplings = random_couplings(seed, adverse=True)
+    couplings *= largest(diagonal, couplings)
+    LinkHydrodynamics(frame="fin", quadratic_drag=diagonal + 0.999 * couplings)
+    linear, quadratic = np.eye(6), diagonal + 1.05 * couplings
+    with pytest.raises(InvalidInput, match=r"quadratic_drag feeds .* times as large") as error:
+        LinkHydrodynamics(frame="fin", linear_drag=linear, quadratic_drag=quadratic)
+    assert "\n" not in str(error.value)
+    watts, nu = re.search(r"feeds (\S+) W at nu = \((.*)\) m/s", str(error.value)).groups()
+    nu = np.array([float(entry) for entry in nu.split(",")])
+    assert nu @ drag_wrench(linear, quadratic, nu) == pytest.approx(-float(watts), rel=5e-3)
+
+
+def test_the_largest_couplings_that_are_accepted_are_those_that_feed_nothing() -> None:
+    LinkHydrodynamics(frame="fin", quadratic_drag=coupled(1.0, 1.0))
+    for above, below in ((1.01, 1.0), (-1.0, -1.01)):
+        with pytest.raises(InvalidInput, match="feeds"):
+            LinkHydrodynamics(frame="fin", quadratic_drag=coupled(above, below))
+    assert np.array([1, -0.5, 0, 0, 0, 0]) @ drag_wrench(
+        np.zeros((6, 6)), coupled(10.0, 10.0), np.array([1, -0.5, 0, 0, 0, 0])
+    ) == pytest.approx(-6.375)
+
+
+def test_an_axis_without_drag_of_its_own_bears_no_couplings() -> None:
+    for i, j in ((0, 5), (5, 0)):
+        Q = np.diag([1.0, 1.0, 1.0, 1.0, 1.0, 0.0])
+        Q[i, j] = 0.01
+        with pytest.raises(InvalidInput, match="feeds"):
+            LinkHydrodynamics(frame="fin", quadratic_drag=Q)

@@ -23,7 +23,7 @@ def random_link(frame: str, rng: np.random.Generator) -> LinkHydrodynamics:
         X_FL=pin.SE3(pin.exp3(rng.normal(size=3)), rng.normal(size=3)),
         added_mass=added @ added.T,
         linear_drag=linear @ linear.T,
-        quadratic_drag=np.diag(10 * rng.uniform(size=6)) + 0.05 * quadratic,
+        quadratic_drag=np.diag(1 + 10 * rng.uniform(size=6)) + 0.1 * quadratic,
         volume=float(rng.uniform(0.001, 0.01)),
         centre_of_buoyancy=rng.normal(size=3),
     )

@@ -33,6 +33,7 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.spatial import Array, column, cross, diagonal
+from uvms_ocp.model.water.dissipation import fed_velocity, overload
 
 _TOLERANCE = 1e-9  # of symmetry and of signs, relative to the largest entry
 
@@ -45,8 +46,8 @@ def _zero6() -> np.ndarray:
 class LinkHydrodynamics:
     """What the water does to one link. Arrays are read-only; a diagonal (6,) is accepted for every matrix.
 
-    Raises InvalidInput for a wrong shape, NaN, an asymmetric or indefinite added mass, drag that generates
-    energy and a negative volume.
+    Raises InvalidInput for a wrong shape, NaN, an asymmetric or indefinite added mass, a negative volume, and drag that
+    feeds energy at some velocity, by the condition of `uvms_ocp.model.water.dissipation`.
     """
 
     frame: str
@@ -58,7 +59,7 @@ class LinkHydrodynamics:
     linear_drag: np.ndarray = field(default_factory=_zero6)
     """Wrench per velocity (6, 6) [N/(m/s), N m/(rad/s)] in L."""
     quadratic_drag: np.ndarray = field(default_factory=_zero6)
-    """Wrench per ``|nu_i| nu_i`` (6, 6) [N/(m/s)^2, N m/(rad/s)^2] in L."""
+    """Wrench per ``|nu_j| nu_j``, column by column, (6, 6) [N/(m/s)^2, N m/(rad/s)^2] in L."""
     volume: float = 0.0
     """Displaced volume [m3]."""
     centre_of_buoyancy: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -179,8 +180,24 @@ def _check_inertia(frame: str, matrix: np.ndarray) -> None:
 
 
 def _check_dissipates(frame: str, linear: np.ndarray, quadratic: np.ndarray) -> None:
-    smallest = float(np.linalg.eigvalsh((linear + linear.T) / 2).min())
-    if smallest < -_TOLERANCE * max(1.0, float(np.abs(linear).max())):
-        raise InvalidInput(f"{frame}: linear_drag generates energy (eigenvalue {smallest:.6g}); allowed: 0 or more")
-    if np.diag(quadratic).min() < 0.0:
-        raise InvalidInput(f"{frame}: quadratic_drag has a negative diagonal; allowed: 0 or more")
+    values, axes = np.linalg.eigh((linear + linear.T) / 2)
+    if values[0] < -_TOLERANCE * max(1.0, float(np.abs(linear).max())):
+        found = _feeding((axes[:, 0], -values[0]))
+        raise InvalidInput(f"{frame}: linear_drag {found}; allowed: no eigenvalue below 0 in its symmetric part")
+    worst = int(np.argmin(np.diag(quadratic)))
+    if quadratic[worst, worst] < 0.0:
+        found = _feeding(fed_velocity(linear, quadratic, np.eye(6)[worst]))
+        raise InvalidInput(f"{frame}: quadratic_drag {found}; allowed: a diagonal of 0 or more")
+    factor, d = overload(quadratic)
+    if factor > 1.0 + _TOLERANCE:
+        found = _feeding(fed_velocity(linear, quadratic, d))
+        raise InvalidInput(
+            f"{frame}: quadratic_drag {found}; allowed: couplings at most {1 / factor:.3g} times as large"
+        )
+
+
+def _feeding(known: tuple[np.ndarray, float] | None) -> str:
+    if known is None:
+        return "may feed energy: its diagonal does not outweigh its couplings"
+    nu, power = known
+    return f"feeds {power:.3g} W at nu = ({', '.join(f'{entry:.4g}' for entry in nu)}) m/s, rad/s"
