@@ -154,6 +154,58 @@ def test_late_readings_are_compared_with_the_past(robot, start):
     assert deviation([run], "altimeter", 5.0).max() < 0.015
 
 
+class Gliding:
+    """Truth with constant acceleration in W, and a spin about z that is constant or grows; exact readings, one of them late."""
+
+    def __init__(self, robot, spin_up):
+        self.robot, self.spin_up = robot, spin_up
+        self.p, self.v, self.a = np.array([1.0, 2.0, -36.0]), np.array([0.1, -0.2, 0.05]), np.array([0.06, 0.04, -0.03])
+        self.rates = np.linspace(-0.05, 0.05, robot.n_joints)
+
+    def state(self, t):
+        R = pin.exp3(np.array([0.0, 0.0, 0.1 * t + self.spin_up * t**2 / 2]))
+        twist = [R.T @ (self.v + self.a * t), [0.0, 0.0, 0.1 + self.spin_up * t]]
+        p = self.p + self.v * t + self.a * t**2 / 2
+        q = np.concatenate([p, pin.Quaternion(R).coeffs(), self.robot.configuration()[7:] + self.rates * t])
+        return State(q=q, v=np.concatenate([*twist, self.rates]))
+
+    def readings(self, t, late, delay):
+        def taken(name, value):
+            then = t - delay if name == late else t
+            return Reading(value=value(self.state(then)), t=then)
+
+        values = {
+            "position": lambda x: x.q[:3],
+            "depth": lambda x: x.q[2],
+            "attitude": lambda x: x.q[3:7],
+            "angular_velocity": lambda x: x.v[3:6],
+            "linear_velocity": lambda x: x.v[:3],
+            "joint_positions": lambda x: x.q[7:],
+        }
+        return Readings(**{name: taken(name, value) for name, value in values.items()})
+
+
+@pytest.mark.parametrize(
+    ("late", "spin_up"),
+    [
+        ("position", 0.0),
+        ("depth", 0.0),
+        ("attitude", 0.0),
+        ("linear_velocity", 0.0),
+        ("joint_positions", 0.0),
+        ("angular_velocity", 0.02),
+    ],
+)
+def test_a_late_exact_reading_of_steady_acceleration_tells_nothing_new(robot, late, spin_up):
+    sharp = SensorSpecs(**{name: SensorSpec(sigma=1e-3) for name in DEFAULT.__slots__})
+    truth, estimator, dt = Gliding(robot, spin_up), Estimator(robot, sharp), 0.02
+    for t in 1.0 + dt * np.arange(500):
+        measurement = estimator(truth.readings(t, late, delay=0.2), t)
+    error = pin.difference(robot.model, truth.state(t).q, measurement.q)
+    np.testing.assert_allclose(error, 0.0, atol=2e-4)
+    np.testing.assert_allclose(measurement.v, truth.state(t).v, atol=2e-4)
+
+
 def test_a_gyro_bias_is_found_from_the_attitude(robot, start):
     biased = replace(DEFAULT, angular_velocity=SensorSpec(rate=100.0, sigma=0.002, bias=(0.002, -0.001, 0.003)))
     run = Run(robot, start, at_rest(robot), 40.0, specs=biased)

@@ -89,16 +89,18 @@ class VehicleFilter:
         """Use what is new at time t [s]."""
         new = self._news.of
         if reading := new(readings, "angular_velocity"):
-            predicted = self._spin.x[:, 0] - (t - reading.t) * self._spin.x[:, 1]
-            self._spin.correct(0, reading.value - predicted, self._sigma["angular_velocity"])
+            age = t - reading.t
+            predicted = self._spin.x[:, 0] - age * self._spin.x[:, 1]
+            self._spin.correct(0, reading.value - predicted, self._sigma["angular_velocity"], age=age)
         if reading := new(readings, "attitude"):
             self._correct_attitude(reading, t)
         if reading := new(readings, "position"):
-            predicted = self._position_before(t - reading.t)
-            self._motion.correct(0, reading.value - predicted, self._sigma["position"])
+            age = t - reading.t
+            self._motion.correct(0, reading.value - self._position_before(age), self._sigma["position"], age=age)
         if reading := new(readings, "depth"):
-            predicted = self._position_before(t - reading.t)[2:]
-            self._motion.correct(0, reading.value - predicted, self._sigma["depth"], axes=slice(2, 3))
+            age = t - reading.t
+            error = reading.value - self._position_before(age)[2:]
+            self._motion.correct(0, error, self._sigma["depth"], age=age, axes=slice(2, 3))
         if reading := new(readings, "linear_velocity"):
             self._correct_velocity(reading, t)
 
@@ -116,15 +118,16 @@ class VehicleFilter:
         self._quaternion.normalize()
 
     def _correct_attitude(self, reading: Reading, t: float) -> None:
+        age = t - reading.t
         error = pin.log3((self._quaternion.inverse() * pin.Quaternion(reading.value)).matrix())
-        self._turn.correct(0, error + (t - reading.t) * self._angular_velocity(), self._sigma["attitude"])
+        self._turn.correct(0, error + age * self._angular_velocity(), self._sigma["attitude"], age=age)
         self._rotate(self._turn.take())
 
     def _correct_velocity(self, reading: Reading, t: float) -> None:
         age = t - reading.t
         then = self._quaternion * pin.Quaternion(pin.exp3(-age * self._angular_velocity()))
         predicted = self._motion.x[:, 1] - age * self._motion.x[:, 2]
-        self._motion.correct(1, then * reading.value - predicted, self._sigma["linear_velocity"])
+        self._motion.correct(1, then * reading.value - predicted, self._sigma["linear_velocity"], age=age)
 
     def _position_before(self, age: float) -> np.ndarray:
         return self._motion.x @ np.array([1.0, -age, 0.5 * age * age])
@@ -163,8 +166,9 @@ class JointFilter:
     def correct(self, readings: Readings, t: float) -> None:
         """Use what is new at time t [s]."""
         if reading := self._news.of(readings, "joint_positions"):
-            error = self._error(reading.value) + (t - reading.t) * self.velocity
-            self._track.correct(0, error, self._sigma["joint_positions"])
+            age = t - reading.t
+            error = self._error(reading.value) + age * self.velocity
+            self._track.correct(0, error, self._sigma["joint_positions"], age=age)
         if reading := self._news.of(readings, "joint_velocities"):
             self._track.correct(1, reading.value - self.velocity, self._sigma["joint_velocities"])
         self._move(self._track.take())

@@ -31,17 +31,22 @@ class Track:
         self.x = self.x @ _transition(len(self._density), round(dt, 9)).T
         self._elapsed += dt
 
-    def correct(self, order: int, innovation: np.ndarray, sigma: float, axes: slice = slice(None)) -> None:
-        """Use a measurement of the derivative `order` of the n axes, or of some.
+    def correct(
+        self, order: int, innovation: np.ndarray, sigma: float, *, age: float = 0.0, axes: slice = slice(None)
+    ) -> None:
+        """Use a measurement of the derivative `order` of the n axes, or of some, that was taken `age` [s] ago.
 
-        innovation (n,) [its unit]: measured minus predicted. sigma [its unit]: standard deviation of its noise.
+        innovation (n,) [its unit]: measured minus predicted, both as of then. sigma [its unit]: standard deviation of its
+        noise. An old measurement is one of all derivatives: a gain as if it were of the present would overshoot, and with
+        frequent ones the estimate would swing up without end.
         """
         if self._elapsed:
             self._predict_covariance()
-        P = self.P[axes]
-        gain = P[:, :, order] / (P[:, order, order] + sigma * sigma)[:, None]
+        P, then = self.P[axes], _transition(len(self._density), round(-age, 9))[order]
+        spread = P @ then
+        gain = spread / (spread @ then + sigma * sigma)[:, None]
         self.x[axes] += gain * innovation[:, None]
-        self.P[axes] = P - gain[:, :, None] * P[:, order, None, :]
+        self.P[axes] = P - gain[:, :, None] * (then @ P)[:, None, :]
 
     def take(self) -> np.ndarray:
         """Return the values (n,) and set them to zero: for values that live on a manifold elsewhere."""
