@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.control.force.dynamic import DynamicController
+from uvms_ocp.control.force.dynamic import DynamicController, VelocityGains
 from uvms_ocp.control.navigation.last_known import LastSound
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.control.velocity.tick_state import TickState
-from uvms_ocp.model.dynamics import robot_dynamics
+from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.model.state import Command, Measurement
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.scenarios.case1 import case1
@@ -138,3 +140,57 @@ def test_evaluating_a_measurement_leaves_the_commands_as_they_are(
             asked.evaluate(measurement, k * scenario.dt)
         commands = plain(measurement, k * scenario.dt), asked(measurement, k * scenario.dt)
         np.testing.assert_array_equal(commands[0].v, commands[1].v)
+
+
+@dataclass(frozen=True)
+class Asking:
+    """A velocity layer that asks for v0 + a t on every axis."""
+
+    v0: np.ndarray
+    a: np.ndarray
+    dt: float = 0.02
+
+    def observe(self, measurement: Measurement, t: float) -> SimpleNamespace:
+        return SimpleNamespace(measurement=measurement, t=t)
+
+    def command(self, tick: SimpleNamespace) -> Command:
+        return Command(v=self.v0 + self.a * tick.t)
+
+
+@pytest.fixture(scope="module")
+def dynamics(scenario: Scenario) -> Dynamics:
+    return robot_dynamics(scenario.robot)
+
+
+def efforts_after(scenario: Scenario, dynamics: Dynamics, asking: Asking, error: np.ndarray) -> np.ndarray:
+    """Wrench and torque (n_v,) that a controller asks for when nothing is amiss, 20 ticks after such errors of velocity."""
+    gains = VelocityGains(observer_vehicle=0.0)
+    control = DynamicController(robot=scenario.robot, dynamics=dynamics, kinematic=asking, gains=gains)
+    for k in range(21):
+        v = asking.v0 + asking.a * k * asking.dt
+        measured = v - error if k < 20 else v
+        command = control(Measurement(q=scenario.start, v=measured, altimeter_range=3.0), k * asking.dt)
+    return np.concatenate([command.telemetry["wrench"], command.torque])
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("axis", [0, 5, 9])
+def test_an_axis_at_the_end_of_its_force_does_not_wind_up(
+    scenario: Scenario, dynamics: Dynamics, axis: int, sign: float
+) -> None:
+    still = Asking(v0=np.zeros(scenario.robot.n_v), a=np.zeros(scenario.robot.n_v))
+    unit = sign * np.eye(scenario.robot.n_v)[axis]
+    fresh, pushed, leaned = (efforts_after(scenario, dynamics, still, size * unit) for size in (0.0, 50.0, 1e-3))
+    np.testing.assert_allclose(pushed, fresh, atol=1e-9)
+    assert (leaned - fresh) @ unit > 1e-6
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("axis", [0, 5])
+def test_an_axis_at_the_end_of_its_force_still_unwinds(
+    scenario: Scenario, dynamics: Dynamics, axis: int, sign: float
+) -> None:
+    unit = sign * np.eye(scenario.robot.n_v)[axis]
+    hurried = Asking(v0=unit, a=20.0 * unit)  # too fast from the first tick on
+    on_time, ahead = (efforts_after(scenario, dynamics, hurried, error * unit) for error in (0.0, -1e-2))
+    assert (ahead - on_time) @ unit < -1e-4
