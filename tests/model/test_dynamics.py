@@ -247,6 +247,13 @@ def test_damping_of_the_wrong_shape_is_refused() -> None:
         SymbolicDynamics(model=pin.Model(), damping=np.zeros(2))
 
 
+@pytest.mark.parametrize("value", [-0.1, np.nan, np.inf])
+def test_joint_friction_that_feeds_energy_is_refused(value: float) -> None:
+    model = MODELS["free_flyer"]()
+    with pytest.raises(InvalidInput, match=r"damping \[.*\] given; allowed: finite, 0 or more"):
+        SymbolicDynamics(model=model, damping=np.full(model.nv, value))
+
+
 def test_a_velocity_of_the_wrong_shape_is_refused(dynamics: Dynamics) -> None:
     s = states(dynamics)[0]
     with pytest.raises(InvalidInput, match=r"bias_force: v of shape \(1,\) given; allowed: "):

@@ -155,9 +155,8 @@ def test_a_neutrally_buoyant_drag_free_sphere_accelerates_as_the_water_however_i
         assert_close(nu_dot[3:], np.zeros(3))
 
 
-def rigid_energy_rate(dynamics: Dynamics, s: Motion) -> float:
-    """Rate [W] of the kinetic energy of bodies and rotors alone, along the motion."""
-    dry = Dynamics(SymbolicDynamics(model=dynamics.symbolic.model))
+def energy_rate(dry: Dynamics, s: Motion) -> float:
+    """Rate [W] of the kinetic energy along the motion."""
 
     def ahead(h: float) -> float:
         return dry.kinetic_energy(pin.integrate(dry.symbolic.model, s.q, h * s.v + h * h / 2 * s.a), s.v + h * s.a)
@@ -177,6 +176,7 @@ def test_kinetic_energy_of_the_bodies_changes_by_the_power_of_efforts_weight_and
     dynamics: Dynamics,
 ) -> None:
     symbolic, rng = dynamics.symbolic, np.random.default_rng(5)
+    dry = Dynamics(SymbolicDynamics(model=symbolic.model))  # bodies and rotors alone
     for s in motions(dynamics):
         tau = rng.normal(size=len(s.v))
         water = water_at(GUSTS, dynamics.link_positions(s.q), T)
@@ -188,7 +188,7 @@ def test_kinetic_energy_of_the_bodies_changes_by_the_power_of_efforts_weight_and
             nu = motion.J @ s.v
             parts += [-nu @ added, -nu @ dragged, nu @ pressure]
         scale = np.abs(parts).sum()
-        assert rigid_energy_rate(dynamics, felt) == pytest.approx(sum(parts), rel=1e-6, abs=1e-6 * scale)
+        assert energy_rate(dry, felt) == pytest.approx(sum(parts), rel=1e-6, abs=1e-6 * scale)
 
 
 WET = [(name, variant) for name in list_robots() for variant in (None, *list_variants(name))]

@@ -8,6 +8,7 @@ from uvms_ocp.sim.currents import OnsetCurrent as OnsetCurrent
 from uvms_ocp.sim.currents import ShearedCurrent as ShearedCurrent
 from uvms_ocp.sim.currents import StillWater as StillWater
 from uvms_ocp.sim.currents import UniformCurrent as UniformCurrent
+from uvms_ocp.sim.currents import water_at as water_at
 from uvms_ocp.sim.dynamic_plant import DynamicPlant as DynamicPlant
 from uvms_ocp.sim.environment import Environment as Environment
 from uvms_ocp.sim.height_field import HeightField as HeightField

@@ -44,7 +44,8 @@ def water_at(current: Current, p_W: np.ndarray, t: float) -> Water:
     """The water at points p_W (n, 3) [m] and time t [s]: u and its own acceleration ``Du/Dt = du/dt + (u . grad) u``.
 
     That is how u changes for a particle of the water, not for a robot that moves through it: nothing where the water
-    flows steadily in parallel layers. Raises `InvalidInput` where the current does.
+    flows steadily in parallel layers. `uvms_ocp.model.water.hydrodynamics` says what else slopes do, which is neglected.
+    Raises `InvalidInput` where the current does.
     """
     u = current.velocity(p_W, t)
     carried = (current.gradient(p_W, t) @ u[:, :, None])[:, :, 0]

@@ -82,8 +82,10 @@ class LinkCoefficients(_Section):
     def _linear_drag_dissipates(cls, value: Vector6 | Matrix6) -> Vector6 | Matrix6:
         matrix = as_matrix6(value)
         scale = max(1.0, float(np.abs(matrix).max()))
-        if np.linalg.eigvalsh(matrix + matrix.T).min() < -1e-9 * scale:
-            raise ValueError("drag must not generate energy: eigenvalues of its symmetric part >= 0")
+        powers, axes = np.linalg.eigh((matrix + matrix.T) / 2)
+        if powers[0] < -1e-9 * scale:
+            nu = ", ".join(f"{entry:.4g}" for entry in axes[:, 0])
+            raise ValueError(f"drag feeds {-powers[0]:.3g} W at nu = ({nu}); eigenvalues of its symmetric part >= 0")
         return value
 
     @model_validator(mode="after")

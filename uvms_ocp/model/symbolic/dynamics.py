@@ -67,6 +67,9 @@ class SymbolicDynamics:
             raise InvalidInput(f"density {self.density} kg/m3 given; allowed: 0 or more")
         if self.damping is not None and np.shape(self.damping) != (self.model.nv,):
             raise InvalidInput(f"damping of shape {np.shape(self.damping)} given; allowed: ({self.model.nv},)")
+        friction = np.asarray(0.0 if self.damping is None else self.damping)
+        if not (np.isfinite(friction).all() and (friction >= 0.0).all()):
+            raise InvalidInput(f"damping {friction.tolist()} given; allowed: finite, 0 or more: less feeds energy")
         object.__setattr__(self, "symbolic", SymbolicModel(self.model))
         object.__setattr__(self, "_wet", tuple(_wet_link(self.model, link, self.density) for link in self.links))
 
