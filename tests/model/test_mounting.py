@@ -36,7 +36,7 @@ def bare(vehicle: str) -> Robot:
 
 @cache
 def arm_of(name: str) -> Robot:
-    return load_robot(urdf=example_robot_data() / "robots" / ARMS[name][0], base="fixed")
+    return load_robot(urdf=example_robot_data() / "robots" / ARMS[name][0], base="fixed", mimic="free")
 
 
 @cache

@@ -23,16 +23,19 @@ def check_robot(
         typer.Argument(help="URDF, a folder with robot.urdf and hydrodynamics.yaml, or a name, see `uvms-ocp list`."),
     ],
     hydrodynamics: Annotated[Path | None, typer.Option(metavar="YAML", help="Hydrodynamics file.")] = None,
-    fixed: Annotated[bool, typer.Option("--fixed", help="The base does not float.")] = False,
+    base: Annotated[
+        str | None, typer.Option(metavar="free_flyer|fixed", help="Whether it floats; default: what its file says.")
+    ] = None,
     packages: Annotated[
         list[Path] | None, typer.Option("--packages", metavar="DIR", help="Where package:// meshes are; repeatable.")
+    ] = None,
+    mimic: Annotated[
+        str | None, typer.Option(metavar="free", help="Take joints that mimic another one for joints of their own.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Check a robot: inertias, trim, thruster rank, frames, meshes."""
-    report = check_robot_files(
-        _files(robot), hydrodynamics, base="fixed" if fixed else None, package_dirs=packages or ()
-    )
+    report = check_robot_files(_files(robot), hydrodynamics, base=base, package_dirs=packages or (), mimic=mimic)
     if as_json:
         findings = [{"subject": f.subject, "verdict": f.verdict.value, "text": f.text} for f in report.findings]
         print_json({"usable": report.usable, "findings": findings})

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import pinocchio as pin
@@ -27,22 +26,28 @@ def load_robot(
     urdf: Path | str | None = None,
     hydrodynamics: Path | str | None = None,
     variant: str | None = None,
-    base: Literal["free_flyer", "fixed"] | None = None,
+    base: str | None = None,
     package_dirs: Sequence[Path | str] = (),
+    mimic: str | None = None,
 ) -> Robot:
     """Load a robot by name, or from a URDF file and, if there is one, its hydrodynamics file.
 
     ``variant`` is another published data set of a named robot, see ``list_variants``. ``base`` overrides the file
-    (default: free_flyer). ``package_dirs`` are searched for ``package://`` meshes. Raises ``InvalidInput`` for neither or
-    both of name and URDF, or a variant without a name, ``NameNotFound`` for an unknown robot or variant, and
-    ``RobotDataError`` for a file that is missing, broken or does not fit the other.
+    (default: free_flyer). ``package_dirs`` are searched for ``package://`` meshes. Joints that ``<mimic>`` another one
+    are refused; ``mimic="free"`` makes them joints of their own, with the limits the URDF gives them. Raises
+    ``InvalidInput`` for neither or both of name and URDF, another ``mimic``, or a variant without a name,
+    ``NameNotFound`` for an unknown robot or variant, and ``RobotDataError`` for a file that is missing, broken, does not
+    fit the other, or holds numbers that the model built from it has not.
     """
+    if mimic not in (None, "free"):
+        raise InvalidInput(f"mimic: given {mimic!r}; allowed: 'free', or None to refuse joints that mimic others")
     urdf_path, yaml_path = _paths(name, urdf, hydrodynamics)
     description = _description(name, yaml_path, variant)
     if base is not None:
         description = checked_copy(description, base=base)
     free_flyer = description.base == "free_flyer"
-    models = read_urdf(urdf_path, free_flyer=free_flyer, package_dirs=[Path(folder) for folder in package_dirs])
+    folders = [Path(folder) for folder in package_dirs]
+    models = read_urdf(urdf_path, free_flyer=free_flyer, package_dirs=folders, let_mimic=mimic is not None)
     return assemble(models, description, yaml_path or urdf_path, name)
 
 

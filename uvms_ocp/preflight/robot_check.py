@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import pinocchio as pin
@@ -62,16 +61,18 @@ def check_robot_files(
     path: Path | str,
     hydrodynamics: Path | str | None = None,
     *,
-    base: Literal["free_flyer", "fixed"] | None = None,
+    base: str | None = None,
     package_dirs: Sequence[Path | str] = (),
+    mimic: str | None = None,
 ) -> RobotReport:
     """Load a URDF, or a folder with ``robot.urdf`` and ``hydrodynamics.yaml``, and check the robot.
 
-    Files that cannot be loaded give a report with that one error.
+    Options as in `load_robot`. Files that cannot be loaded give a report with that one error; raises ``InvalidInput``
+    for options that do not exist.
     """
     urdf, water = _files(Path(path), hydrodynamics)
     try:
-        robot = load_robot(urdf=urdf, hydrodynamics=water, base=base, package_dirs=package_dirs)
+        robot = load_robot(urdf=urdf, hydrodynamics=water, base=base, package_dirs=package_dirs, mimic=mimic)
     except RobotDataError as error:
         return RobotReport(name=Path(path).name, findings=(_error("files", str(error)),))
     return check_robot(robot)

@@ -1,11 +1,12 @@
 """URDF text to Pinocchio models.
 
 The XML is checked before Pinocchio sees it, because its parser writes to stderr and its messages do not say
-which element is wrong.
+which element is wrong; and the models are checked against the XML, because it leaves out what it cannot read.
 """
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,9 +15,12 @@ from xml.etree import ElementTree
 import pinocchio as pin
 
 from uvms_ocp.exceptions import RobotDataError
+from uvms_ocp.model.files.urdf_agreement import check_agreement
 from uvms_ocp.model.files.urdf_checks import check_urdf
 
 Element = ElementTree.Element
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -29,14 +33,19 @@ class UrdfModels:
     collision: pin.GeometryModel
 
 
-def read_urdf(path: Path, *, free_flyer: bool, package_dirs: Sequence[Path] = ()) -> UrdfModels:
-    """Read a URDF file; every mistake in it is a one-line ``RobotDataError``.
+def read_urdf(
+    path: Path, *, free_flyer: bool, package_dirs: Sequence[Path] = (), let_mimic: bool = False
+) -> UrdfModels:
+    """Read a URDF file; every mistake in it is a one-line ``RobotDataError``, and so is a number that gets lost.
 
     ``package://name/...`` is searched as ``<dir>/name/...`` in ``package_dirs`` and in the folders above the
-    file; other mesh paths are relative to the file.
+    file; other mesh paths are relative to the file. Joints that
+    mimic another one are refused, unless ``let_mimic`` makes them joints of their own.
     """
     root = _parse(path)
-    check_urdf(path, root)
+    check_urdf(path, root, let_mimic=let_mimic)
+    for joint in root.findall("joint[mimic]"):
+        _log.warning("%s: joint %r moves on its own, its <mimic> is not kept", path, joint.get("name"))
     _resolve_meshes(path, root, (*package_dirs, *path.resolve().parents))
     return _build(path, root, free_flyer)
 
@@ -84,6 +93,7 @@ def _build(path: Path, root: Element, free_flyer: bool) -> UrdfModels:
         ]
     except (ValueError, RuntimeError) as error:
         raise RobotDataError(path, f"Pinocchio refuses it ({' '.join(str(error).split())})") from None
+    check_agreement(path, root, model, shapes)
     name = root.get("name", path.stem)
     model.name = name
     return UrdfModels(name=name, model=model, visual=shapes[0], collision=shapes[1])

@@ -13,21 +13,25 @@ from xml.etree import ElementTree
 import numpy as np
 
 from uvms_ocp.exceptions import RobotDataError
+from uvms_ocp.model.files.urdf_numbers import SHAPES, quoted, read_number, read_sizes, read_vector, to_floats
 
 Element = ElementTree.Element
 
 _JOINT_TYPES = ("revolute", "continuous", "prismatic", "planar", "floating", "fixed")
 _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-_SHAPES = {"box": (), "sphere": ("radius",), "cylinder": ("radius", "length"), "mesh": ()}
+_SOFT_LIMIT = ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity")
 
 
-def check_urdf(path: Path, root: Element) -> None:
-    """Raise ``RobotDataError`` for the first mistake in links, joints or the tree they form."""
+def check_urdf(path: Path, root: Element, *, let_mimic: bool = False) -> None:
+    """Raise ``RobotDataError`` for the first mistake in links, joints or the tree they form.
+
+    Joints that mimic another one are a mistake unless ``let_mimic`` lets them through.
+    """
     if not root.get("name"):
         raise RobotDataError(path, "the <robot> has no name")
     _check_materials(path, root)
     _check_links(path, root)
-    _check_joints(path, root)
+    _check_joints(path, root, let_mimic)
     _check_tree(path, root)
 
 
@@ -44,9 +48,10 @@ def _check_materials(path: Path, root: Element) -> None:
 def _check_colour(path: Path, colour: Element | None, where: str) -> None:
     if colour is None:
         return
-    values = [_to_float(word) for word in colour.get("rgba", "").split()]
+    values = to_floats(colour.get("rgba", ""))
     if len(values) != 4 or not all(0.0 <= value <= 1.0 for value in values):
-        raise RobotDataError(path, f"{where} rgba: given {colour.get('rgba')!r}; allowed: four numbers from 0 to 1")
+        given = quoted(colour.get("rgba", ""))
+        raise RobotDataError(path, f"{where} rgba: given {given}; allowed: four numbers from 0 to 1")
 
 
 def _check_links(path: Path, root: Element) -> None:
@@ -69,13 +74,13 @@ def _check_shapes(path: Path, link: Element) -> None:
 
 
 def _check_shape(path: Path, shape: Element | None, where: str) -> None:
-    if shape is None or shape.tag not in _SHAPES:
+    if shape is None or shape.tag not in SHAPES:
         given = "nothing" if shape is None else f"<{shape.tag}>"
-        raise RobotDataError(path, f"{where} geometry: given {given}; allowed: {', '.join(_SHAPES)}")
-    sizes = [_number(path, shape, key, f"{where} {shape.tag} {key}") for key in _SHAPES[shape.tag]]
-    if shape.tag == "box":
-        sizes.extend(_vector(path, shape, "size", f"{where} box"))
-    if min(sizes, default=1.0) <= 0.0:
+        raise RobotDataError(path, f"{where} geometry: given {given}; allowed: {', '.join(SHAPES)}")
+    sizes = read_sizes(path, shape, f"{where} {shape.tag}")
+    if shape.tag == "mesh" and 0.0 in sizes:
+        raise RobotDataError(path, f"{where} mesh scale: given {shape.get('scale')!r}; allowed: numbers other than 0")
+    if shape.tag != "mesh" and min(sizes) <= 0.0:
         raise RobotDataError(path, f"{where} {shape.tag}: given {dict(shape.attrib)}; allowed: sizes > 0 m")
 
 
@@ -85,7 +90,7 @@ def _check_inertial(path: Path, link: Element) -> float:
         return 0.0
     where = f"link {link.get('name')!r}"
     _check_origin(path, inertial, where)
-    mass = _number(path, inertial.find("mass"), "value", f"{where} mass")
+    mass = read_number(path, inertial.find("mass"), "value", f"{where} mass")
     if mass < 0.0:
         raise RobotDataError(path, f"{where} mass: given {mass} kg; allowed: >= 0 kg")
     _check_inertia(path, inertial.find("inertia"), f"{where} inertia", mass)
@@ -93,13 +98,13 @@ def _check_inertial(path: Path, link: Element) -> float:
 
 
 def _check_inertia(path: Path, element: Element | None, where: str, mass: float) -> None:
-    xx, xy, xz, yy, yz, zz = (_number(path, element, key, f"{where} {key}") for key in _INERTIA)
+    xx, xy, xz, yy, yz, zz = (read_number(path, element, key, f"{where} {key}") for key in _INERTIA)
     moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     if mass > 0.0 and moments[0] < -1e-9 * max(1.0, moments[2]):
         raise RobotDataError(path, f"{where}: principal moment {moments[0]:.4g} kg m2; allowed: >= 0")
 
 
-def _check_joints(path: Path, root: Element) -> None:
+def _check_joints(path: Path, root: Element, let_mimic: bool) -> None:
     _names(path, root, "joint")
     for joint in root.findall("joint"):
         where = f"joint {joint.get('name')!r}"
@@ -109,13 +114,35 @@ def _check_joints(path: Path, root: Element) -> None:
         _check_origin(path, joint, where)
         _check_axis(path, joint, where)
         _check_dynamics(path, joint.find("dynamics"), f"{where} dynamics")
-        if kind in ("revolute", "prismatic"):
-            _check_limit(path, joint.find("limit"), f"{where} limit")
+        _check_limit(path, joint, f"{where} limit")
+        _check_unused(path, joint, where)
+        if not let_mimic:
+            _check_independent(path, joint, where)
+
+
+def _check_independent(path: Path, joint: Element, where: str) -> None:
+    leader = joint.find("mimic")
+    if leader is not None:
+        follows = f"{where} mimics {leader.get('joint')!r}, which is not modelled"
+        problem = f"{follows}; remove <mimic>, or give mimic='free' (check-robot --mimic free) for a joint of its own"
+        raise RobotDataError(path, problem)
+
+
+def _check_unused(path: Path, joint: Element, where: str) -> None:
+    """Numbers that nothing here uses, but for which urdfdom gives up the whole file."""
+    for tag, keys in (
+        ("mimic", ("multiplier", "offset")),
+        ("calibration", ("rising", "falling")),
+        ("safety_controller", _SOFT_LIMIT),
+    ):
+        for key in keys:
+            needed = key == "k_velocity" and joint.find(tag) is not None
+            read_number(path, joint.find(tag), key, f"{where} {tag} {key}", default=None if needed else 0.0)
 
 
 def _check_dynamics(path: Path, element: Element | None, where: str) -> None:
     for key in ("damping", "friction"):
-        value = _number(path, element, key, f"{where} {key}", default=0.0)
+        value = read_number(path, element, key, f"{where} {key}", default=0.0)
         if value < 0.0:
             raise RobotDataError(path, f"{where} {key}: given {value}; allowed: >= 0")
 
@@ -124,18 +151,21 @@ def _check_axis(path: Path, joint: Element, where: str) -> None:
     axis = joint.find("axis")
     if axis is None or joint.get("type") in ("fixed", "floating"):
         return
-    if math.hypot(*_vector(path, axis, "xyz", f"{where} axis")) < 1e-9:
+    if math.hypot(*read_vector(path, axis, "xyz", f"{where} axis")) < 1e-9:
         raise RobotDataError(path, f"{where} axis: given {axis.get('xyz')!r}; allowed: a direction, not zero")
 
 
-def _check_limit(path: Path, element: Element | None, where: str) -> None:
+def _check_limit(path: Path, joint: Element, where: str) -> None:
+    element, bounded = joint.find("limit"), joint.get("type") in ("revolute", "prismatic")
     if element is None:
-        raise RobotDataError(path, f"{where} is missing; give lower, upper, velocity and effort")
-    lower, upper = (_number(path, element, key, f"{where} {key}", default=0.0) for key in ("lower", "upper"))
-    if lower > upper:
+        if bounded:
+            raise RobotDataError(path, f"{where} is missing; give lower, upper, velocity and effort")
+        return
+    lower, upper = (read_number(path, element, key, f"{where} {key}", default=0.0) for key in ("lower", "upper"))
+    if bounded and lower > upper:
         raise RobotDataError(path, f"{where}: lower {lower} > upper {upper}; allowed: lower <= upper")
     for key in ("velocity", "effort"):
-        value = _number(path, element, key, f"{where} {key}")
+        value = read_number(path, element, key, f"{where} {key}")
         if value < 0.0:
             raise RobotDataError(path, f"{where} {key}: given {value}; allowed: >= 0")
 
@@ -185,29 +215,4 @@ def _check_origin(path: Path, element: Element, where: str) -> None:
     origin = element.find("origin")
     for key in ("xyz", "rpy"):
         if origin is not None and key in origin.attrib:
-            _vector(path, origin, key, f"{where} origin")
-
-
-def _vector(path: Path, element: Element, key: str, where: str) -> tuple[float, ...]:
-    text = element.get(key, "")
-    values = tuple(_to_float(word) for word in text.split())
-    if len(values) != 3 or not all(map(math.isfinite, values)):
-        raise RobotDataError(path, f"{where} {key}: given {text!r}; allowed: three finite numbers")
-    return values
-
-
-def _number(path: Path, element: Element | None, key: str, where: str, default: float | None = None) -> float:
-    text = None if element is None else element.get(key)
-    if text is None and default is not None:
-        return default
-    value = _to_float(text)
-    if not math.isfinite(value):
-        raise RobotDataError(path, f"{where}: given {text!r}; allowed: a finite number")
-    return value
-
-
-def _to_float(text: str | None) -> float:
-    try:
-        return float(text) if text is not None else math.nan
-    except ValueError:
-        return math.nan
+            read_vector(path, origin, key, f"{where} origin")
