@@ -19,6 +19,15 @@ class MetaValue(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, ser_json_inf_nan="constants")
 
 
+class QuantityMeta(MetaValue):
+    """One value of a measured quantity."""
+
+    name: str
+    """``task.quantity``"""
+    value: float
+    """[m] or [rad]"""
+
+
 class EventMeta(MetaValue):
     """Why a phase ended."""
 
@@ -28,6 +37,14 @@ class EventMeta(MetaValue):
     target: str
     """The phase that began, or ``done``, or ``abort``."""
     reason: str
+    """The conditions, as estimated."""
+    true_quantities: tuple[QuantityMeta, ...] = ()
+    """At the true state at that moment; empty in older records."""
+
+    @property
+    def truth(self) -> dict[str, float]:
+        """`true_quantities` by name [m] or [rad]."""
+        return {item.name: item.value for item in self.true_quantities}
 
 
 class AlarmMeta(MetaValue):
@@ -111,15 +128,6 @@ class MarkerMeta(MetaValue):
     name: str
     position: Triple
     """(3,) [m] in W."""
-
-
-class QuantityMeta(MetaValue):
-    """One value of a measured quantity."""
-
-    name: str
-    """``task.quantity``"""
-    value: float
-    """[m] or [rad]"""
 
 
 class PackageMeta(MetaValue):

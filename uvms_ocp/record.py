@@ -108,6 +108,10 @@ class Recorder:
         """The newest value of the series `name`."""
         return self._arrays[name][self._n - 1]
 
+    def at(self, name: str, row: int) -> Any:
+        """The value of the series `name` in a row."""
+        return self._arrays[name][: self._n][row]
+
     def freeze(self, meta: RunMeta | PlanMeta) -> Record:
         """The rows so far as a `Record`."""
         return Record(series=self.series(), meta=meta)

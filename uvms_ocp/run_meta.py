@@ -76,12 +76,19 @@ class RunMeta(RecordMeta):
     alarms: tuple[AlarmMeta, ...] = ()
     true_quantities: tuple[QuantityMeta, ...] = ()
     """At the true state at the end."""
+    sensors_allow: tuple[QuantityMeta, ...] = ()
+    """Standard deviations of the estimate at the end, as far as the noise of the sensors tells; none with ideal sensors."""
     statuses: tuple[str, ...] = ()
     """Words for the numbers of the series ``status``."""
     seed: int = 0
     noise: bool = False
     wall_s: float = 0.0
     """[s] that the simulation took."""
+
+    @property
+    def allowance(self) -> dict[str, float]:
+        """`sensors_allow` by name [m] or [rad]."""
+        return {item.name: item.value for item in self.sensors_allow}
 
     def true_quantity(self, name: str) -> float | None:
         """The value of ``task.quantity`` at the true state at the end, in its unit [m] or [rad]; `None` if not measured."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
@@ -22,7 +22,7 @@ from uvms_ocp.model.state import Measurement, State
 from uvms_ocp.preflight.checks import check_mission
 from uvms_ocp.preflight.findings import PreflightReport
 from uvms_ocp.preflight.setup import Setup
-from uvms_ocp.record import Record
+from uvms_ocp.record import Record, Recorder
 from uvms_ocp.report.meta import Ending, run_meta
 from uvms_ocp.run_meta import RunMeta
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
@@ -106,6 +106,7 @@ class Scenario:
             with_forces=self.plant == "dynamic",
             dt=self.dt,
             duration=self.duration,
+            sensors=self.sensors,
         )
 
     def run(self, progress: Progress | None = None, kinematic: KinematicController | None = None) -> Record:
@@ -127,8 +128,20 @@ class Scenario:
         )
         wall = perf_counter() - begin
         truth = kinematic.evaluate(self._true_measurement(plant.state), recorder.last("t"))
-        ending = Ending(q=recorder.last("q"), quantities=truth, wall_s=wall)
+        at_events = self._truth_at_events(kinematic, recorder)
+        ending = Ending(q=recorder.last("q"), quantities=truth, at_events=at_events, wall_s=wall)
         return recorder.freeze(self._meta(kinematic, ending))
+
+    def _truth_at_events(self, kinematic: KinematicController, recorder: Recorder) -> tuple[dict[str, float], ...]:
+        """All quantities at the true state when each phase ended, of the goals that it had."""
+        truths, state = [], self.mission.start()
+        for event in kinematic.events:
+            row, phase = round(event.t / self.dt), self.mission.phase_names.index(event.source)
+            then = State(q=recorder.at("q", row), v=recorder.at("v", row))
+            state = replace(state, phase=phase)
+            truths.append(kinematic.evaluate(self._true_measurement(then), event.t, state))
+            state = replace(state, since=event.t)
+        return tuple(truths)
 
     def _meta(self, controller: KinematicController, ending: Ending) -> RunMeta:
         return run_meta(

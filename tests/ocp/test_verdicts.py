@@ -15,9 +15,9 @@ from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
 from uvms_ocp.ocp.first_step import impossible_start
-from uvms_ocp.ocp.plan import OcpStatus
+from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
-from uvms_ocp.ocp.problem import OcpLevel, single_phase
+from uvms_ocp.ocp.problem import Actuation, OcpLevel, single_phase
 from uvms_ocp.ocp.terms import (
     AtRest,
     Ball,
@@ -31,6 +31,7 @@ from uvms_ocp.ocp.terms import (
     TaskTerm,
     Term,
 )
+from uvms_ocp.ocp.trajectory import hold
 from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 from uvms_ocp.tasks.task import Residual, zero_residual
 
@@ -170,3 +171,20 @@ def test_a_level_that_minimises_time_must_leave_the_lower_ones_some(robot: Robot
     with pytest.raises(InvalidInput, match="level 'fast' minimises time: give it `relax`"):
         reach(robot, levels=[fast, slow])
     assert reach(robot, levels=[replace(fast, relax=0.01), slow]).levels[0].relax == 0.01
+
+
+def test_electrical_power_that_is_not_known_is_neither_minimised_nor_reported_as_none(robot: Robot) -> None:
+    cheap = [OcpLevel(name="cheap", terms=(Energy(),))]
+    with pytest.raises(InvalidInput, match="energy: the power of a wrench is not known"):
+        reach(robot, levels=cheap, actuation=Actuation.WRENCH)
+    thrusters = tuple(item.model_copy(update={"power": None}) for item in robot.description.thrusters)
+    mute = replace(robot, description=robot.description.model_copy(update={"thrusters": thrusters}))
+    with pytest.raises(InvalidInput, match="energy: no power is given for thruster"):
+        reach(mute, levels=cheap)
+    for machine, actuation in ((robot, Actuation.WRENCH), (mute, Actuation.THRUSTERS), (robot, Actuation.THRUSTERS)):
+        known = machine is robot and actuation is Actuation.THRUSTERS
+        guess = hold(reach(machine, actuation=actuation))
+        plan = Plan(robot=machine, trajectory=guess, status=OcpStatus.SOLVED, reason="", levels=(), solve_time=0.0)
+        assert (plan.energy is None) != known
+        assert (plan.summary()["energy"] is None) != known
+        assert np.isnan(plan.powers()[0]).all() != known

@@ -74,6 +74,8 @@ def _print_plan(console: Console, report: dict[str, Any], paths: list[Path]) -> 
         near = "" if least is None else f", {least:.3g} m between {report['min_clearance_between']} "
         near += "" if least is None else f"at {report['min_clearance_at_s']:.2f} s"
         console.print(f"{report['duration_s']:.1f} s long{near}; found in {report['solve_time_s']:.2f} s", markup=False)
-    if report.get("energy_j") is not None:
-        console.print(f"{report['energy_j']:.0f} J, thrust up to {report['peak_thrust_n']:.0f} N", markup=False)
+    if report.get("peak_thrust_n") is not None:
+        energy = report["energy_j"]
+        taken = "- J (not known)" if energy is None else f"{energy:.0f} J"
+        console.print(f"{taken}, thrust up to {report['peak_thrust_n']:.0f} N", markup=False)
     print_paths(console, paths)

@@ -172,22 +172,27 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
         f"tick p50 {report['tick_us']['p50']:.0f} us",
         markup=False,
     )
-    if not report["completed"]:
+    if not report["completed"] or report["ended_too_early"]:
         console.print(f"cause: {report['cause']['kind']}: {report['cause']['text']}", markup=False)
     print_paths(console, paths)
 
 
 def _active_errors(phase: dict[str, Any]) -> Iterator[str]:
-    """Errors of the tasks that the phase had turned on."""
+    """Errors of the tasks that the phase had turned on: as estimated, and where sensors are noisy the truth beside it."""
     for name, value in phase["final_errors"].items():
         task, quantity = name.split(".")
         if task in phase["tasks"] and "error" in quantity:
-            yield f"{name} {value:.3g}"
+            allowed = phase["sensors_allow"].get(name)
+            beside = f", true {cell(phase['true_errors'].get(name))}, sensors allow {allowed:.2g}" if allowed else ""
+            yield f"{name} {value:.3g}{beside}"
 
 
 def _transposed(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """One row per figure that some phase has, one column per visit to a phase."""
+    """One row per figure that some phase has, one column per visit to a phase; energy that is not known has its row too."""
     names = [row["phase"] if row["phase"] == "total" else f"{k + 1} {row['phase']}" for k, row in enumerate(rows)]
-    figures = [name for name in rows[0] if name != "phase" and any(row[name] is not None for row in rows)]
+    had = {name for name in rows[0] if any(row[name] is not None for row in rows)}
+    if "joint_energy_j" in had:
+        had |= {"thruster_energy_j", "energy_j"}
+    figures = [name for name in rows[0] if name != "phase" and name in had]
     values = [[row[figure] for row in rows] for figure in figures]
     return [{"figure": name, **dict(zip(names, row, strict=True))} for name, row in zip(figures, values, strict=True)]

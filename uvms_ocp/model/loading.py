@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +18,10 @@ from uvms_ocp.model.files.library import robot_folder, variant_file
 from uvms_ocp.model.files.urdf import UrdfModels, read_urdf
 from uvms_ocp.model.limits import home_of, joints_of, limits_of
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.unknowns import unknowns
 from uvms_ocp.model.water.coefficients import links_in_water
+
+_log = logging.getLogger(__name__)
 
 
 def load_robot(
@@ -38,6 +42,9 @@ def load_robot(
     ``InvalidInput`` for neither or both of name and URDF, another ``mimic``, or a variant without a name,
     ``NameNotFound`` for an unknown robot or variant, and ``RobotDataError`` for a file that is missing, broken, does not
     fit the other, or holds numbers that the model built from it has not.
+
+    What the files leave open, such as links without water and thrusters without power data, is a warning of this module's
+    logger.
     """
     if mimic not in (None, "free"):
         raise InvalidInput(f"mimic: given {mimic!r}; allowed: 'free', or None to refuse joints that mimic others")
@@ -48,7 +55,10 @@ def load_robot(
     free_flyer = description.base == "free_flyer"
     folders = [Path(folder) for folder in package_dirs]
     models = read_urdf(urdf_path, free_flyer=free_flyer, package_dirs=folders, let_mimic=mimic is not None)
-    return assemble(models, description, yaml_path or urdf_path, name)
+    robot = assemble(models, description, yaml_path or urdf_path, name)
+    for _, text in unknowns(models.model, description):
+        _log.warning("%s: %s", yaml_path or urdf_path, text)
+    return robot
 
 
 def _paths(name: str | None, urdf: Path | str | None, hydrodynamics: Path | str | None) -> tuple[Path, Path | None]:

@@ -102,11 +102,11 @@ class Plan:
     def powers(self) -> tuple[np.ndarray, np.ndarray]:
         """Electrical power of every thruster (N, n_thrusters) and of every joint (N, n_joints) at the steps [W].
 
-        Thrusters take none where the plan is for a wrench instead, or the description knows no power.
+        NaN where it is not known: of thrusters without power data, and of the axes of a wrench (N, n_vehicle).
         """
         description, thrust = self.robot.description, np.abs(self.trajectory.thrust)
-        thrusters = np.zeros_like(thrust)
-        if thrust.shape[1] == len(description.thrusters):
+        thrusters = np.full_like(thrust, np.nan)
+        if not self.trajectory.of_wrench:
             for i, thruster in enumerate(description.thrusters):
                 if thruster.power is not None:
                     share = thrust[:, i] / thruster.power.thrust
@@ -116,9 +116,10 @@ class Plan:
         return thrusters, np.abs(self.trajectory.torque * middle) / description.joint_efficiency
 
     @property
-    def energy(self) -> float:
-        """[J] Electrical, of thrusters and joints."""
-        return float(np.diff(self.trajectory.t) @ np.hstack(self.powers()).sum(axis=1))
+    def energy(self) -> float | None:
+        """[J] Electrical, of thrusters and joints; `None` where it is not known."""
+        energy = float(np.diff(self.trajectory.t) @ np.hstack(self.powers()).sum(axis=1))
+        return None if np.isnan(energy) else energy
 
     def summary(self) -> dict[str, Any]:
         """Plain numbers and texts, ready for JSON."""

@@ -94,8 +94,8 @@ class OcpProblem:
     """Levels from the highest priority to the lowest, subject to dynamics, limits of the robot and `constraints`.
 
     Raises `NameNotFound` for a term of a phase that there is not, and `InvalidInput` without phases or levels, for phases of one
-    name, a level that minimises time above others without `relax`, thrusters that the robot does not have, and a start or
-    current of the wrong shape or not finite.
+    name, a level that minimises time above others without `relax`, thrusters that the robot does not have, power that is
+    not known, and a start or current of the wrong shape or not finite.
     """
 
     robot: Robot
@@ -124,6 +124,7 @@ class OcpProblem:
             raise InvalidInput(f"current {self.current}; give three finite numbers [m/s]")
         if self.robot.n_vehicle and self.actuation is Actuation.THRUSTERS and not self.robot.description.thrusters:
             raise InvalidInput(f"robot {self.robot.name!r} has no thrusters; give some, or use Actuation.WRENCH")
+        self._check_powers()
         _check_state(self.robot, self.start)
 
     @property
@@ -155,6 +156,19 @@ class OcpProblem:
         for term in self.terms:
             if term.phase is not None and term.phase not in names:
                 raise NameNotFound(f"phase of {term.name}", term.phase, names)
+
+    def _check_powers(self) -> None:
+        """What a term on electrical power would take for 0."""
+        names = [term.name for term in self.terms if term.needs_powers]
+        if not (names and self.robot.n_vehicle):
+            return
+        if self.actuation is Actuation.WRENCH:
+            raise InvalidInput(f"{names[0]}: the power of a wrench is not known; use Actuation.THRUSTERS, or Effort")
+        unknown = [thruster.name for thruster in self.robot.description.thrusters if thruster.power is None]
+        if unknown:
+            raise InvalidInput(
+                f"{names[0]}: no power is given for thruster {', '.join(unknown)}; add it, or use Effort"
+            )
 
     def _check_relaxed_levels(self) -> None:
         for level in self.levels[:-1]:

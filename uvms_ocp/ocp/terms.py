@@ -54,6 +54,8 @@ class Term(ABC):
     is_goal: ClassVar[bool] = True
     """Something to be reached: a plan that leaves it away from its range has missed it. False for costs."""
     minimises_time: ClassVar[bool] = False
+    needs_powers: ClassVar[bool] = False
+    """Its rows are electrical powers."""
     at: At = At.END
     weight: float = 1.0
     """[1/unit of the row] Factor on the rows, before their squares are added up."""
@@ -138,11 +140,13 @@ class Effort(Term):
 class Energy(Term):
     """Electrical energy: rows whose squares are the powers of thrusters and joints [kW], smooth at zero.
 
-    Thruster ``k |T|^n`` and joint ``|tau q_dot| / efficiency``, as in the robot's description.
+    Thruster ``k |T|^n`` and joint ``|tau q_dot| / efficiency``, as in the robot's description. For a vehicle it needs the
+    power of every thruster, and thrusters instead of a wrench: `OcpProblem` refuses what it would leave out.
     """
 
     state_only: ClassVar[bool] = False
     is_goal: ClassVar[bool] = False
+    needs_powers: ClassVar[bool] = True
     at: At = At.PATH
 
     @property

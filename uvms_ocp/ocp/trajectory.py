@@ -31,6 +31,8 @@ class Trajectory:
     """(N, n_thrusters) [N] at the middle of each step; with `Actuation.WRENCH` (N, n_vehicle) [N, N m]."""
     torque: np.ndarray
     """(N, n_joints) [N m or N]"""
+    of_wrench: bool = False
+    """`thrust` is the wrench of `Actuation.WRENCH`, whose electrical power no one knows."""
 
     def state_at(self, model: pin.Model, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """q, v and a at time t [s]; the end is held."""
@@ -58,6 +60,7 @@ def hold(problem: OcpProblem, start: State | None = None) -> Trajectory:
         a=np.zeros((n - 1, robot.n_v)),
         thrust=np.zeros((n - 1, _n_thrust(problem))),
         torque=np.zeros((n - 1, robot.n_joints)),
+        of_wrench=not has_thrusters(problem),
     )
 
 
@@ -68,7 +71,8 @@ def shifted(problem: OcpProblem, last: Trajectory, delay: float, start: State) -
     steps = [last.step_at(moment + delay) for moment in t[:-1]]
     q, v = np.array([state[0] for state in states]), np.array([state[1] for state in states])
     q[0], v[0] = start.q, start.v
-    return Trajectory(t=t, q=q, v=v, a=last.a[steps], thrust=last.thrust[steps], torque=last.torque[steps])
+    inputs = {"thrust": last.thrust[steps], "torque": last.torque[steps]}
+    return Trajectory(t=t, q=q, v=v, a=last.a[steps], **inputs, of_wrench=last.of_wrench)
 
 
 def through(problem: OcpProblem, times: np.ndarray, configurations: np.ndarray) -> Trajectory:
@@ -87,7 +91,8 @@ def through(problem: OcpProblem, times: np.ndarray, configurations: np.ndarray) 
     a = np.diff(v, axis=0) / h[:, None]
     forces = _forces(problem, q, v, a)
     n = problem.robot.n_vehicle
-    return Trajectory(t=t, q=q, v=v, a=a, thrust=_thrust(problem, forces[:, :n]), torque=forces[:, n:])
+    inputs = {"thrust": _thrust(problem, forces[:, :n]), "torque": forces[:, n:]}
+    return Trajectory(t=t, q=q, v=v, a=a, **inputs, of_wrench=not has_thrusters(problem))
 
 
 def _between(model: pin.Model, times: np.ndarray, configurations: np.ndarray, t: float) -> np.ndarray:
@@ -103,15 +108,16 @@ def _forces(problem: OcpProblem, q: np.ndarray, v: np.ndarray, a: np.ndarray) ->
 
 
 def _thrust(problem: OcpProblem, wrench: np.ndarray) -> np.ndarray:
-    if not _thrusters(problem):
+    if not has_thrusters(problem):
         return wrench
     lower, upper = thrust_limits(problem.robot)
     return np.clip(wrench @ np.linalg.pinv(thruster_matrix(problem.robot)).T, lower, upper)
 
 
-def _thrusters(problem: OcpProblem) -> bool:
+def has_thrusters(problem: OcpProblem) -> bool:
+    """Whether `thrust` is that of thrusters; else it is a wrench on the vehicle, or nothing on a fixed base."""
     return bool(problem.robot.n_vehicle) and problem.actuation is Actuation.THRUSTERS
 
 
 def _n_thrust(problem: OcpProblem) -> int:
-    return len(problem.robot.description.thrusters) if _thrusters(problem) else problem.robot.n_vehicle
+    return len(problem.robot.description.thrusters) if has_thrusters(problem) else problem.robot.n_vehicle

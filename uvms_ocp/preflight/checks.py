@@ -8,6 +8,9 @@ import numpy as np
 
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.parameters import parameters_of
+from uvms_ocp.model.trim import without_trim
+from uvms_ocp.model.unknowns import unknowns
+from uvms_ocp.preflight.accuracy import check_accuracy
 from uvms_ocp.preflight.altitude import check_altitude, check_goals
 from uvms_ocp.preflight.findings import Finding, PreflightReport, Severity
 from uvms_ocp.preflight.forces import check_forces
@@ -26,7 +29,8 @@ def check_mission(setup: Setup) -> PreflightReport:
     problem = build_levels(setup.robot, setup.mission.hierarchy, setup.dt)
     setup.mission.check_quantities(problem.quantity_names)
     if not setup.robot.n_vehicle:
-        return PreflightReport(findings=(*check_structure(setup.mission), *check_goals(setup)))
+        findings = [*check_structure(setup.mission), *check_goals(setup), *check_accuracy(setup)]
+        return PreflightReport(findings=(*findings, *check_unknowns(setup)))
     visits = forecast(setup)
     findings = [
         *check_structure(setup.mission),
@@ -35,8 +39,17 @@ def check_mission(setup: Setup) -> PreflightReport:
         *check_obstacles(setup, visits),
         *check_freedom(setup, visits, problem),
         *check_forces(setup, visits),
+        *check_accuracy(setup),
+        *check_unknowns(setup),
     ]
     return PreflightReport(findings=(*findings, *check_tool(setup, visits)))
+
+
+def check_unknowns(setup: Setup) -> Iterator[Finding]:
+    """What the robot's files leave open and the plant takes for nothing."""
+    if setup.with_forces:
+        for subject, text in unknowns(without_trim(setup.robot).model, setup.robot.description):
+            yield Finding(severity=Severity.WARNING, check=subject, text=text)
 
 
 def check_freedom(setup: Setup, visits: Sequence[Visit], problem: LevelsProblem) -> Iterator[Finding]:

@@ -14,7 +14,8 @@ from uvms_ocp.exceptions import RobotDataError
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.thrusters import thruster_matrix
-from uvms_ocp.model.trim import static_residual
+from uvms_ocp.model.trim import static_residual, without_trim
+from uvms_ocp.model.unknowns import unknowns
 
 FORCE_TOLERANCE = 0.5  # [N] residual of a trimmed robot with its arm stowed
 MOMENT_TOLERANCE = 0.5  # [N m]
@@ -87,6 +88,7 @@ def check_robot(robot: Robot) -> RobotReport:
         *_frames(robot),
         *_shapes(robot),
         *_water(robot),
+        *(_warning(*gap) for gap in unknowns(without_trim(robot).model, robot.description)),
     )
     return RobotReport(name=robot.name, findings=findings)
 
@@ -175,7 +177,6 @@ def _water(robot: Robot) -> Iterator[Finding]:
         yield _good("vehicle", "fixed base: no trim and no thrusters to check")
         return
     if not robot.hydrodynamics:
-        yield _warning("water", "no link is in water: give a hydrodynamics.yaml")
         return
     yield _trim(robot)
     yield _thrusters(robot)

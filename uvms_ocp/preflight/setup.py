@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
 from uvms_ocp.sim.environment import Environment
 
 
@@ -29,6 +30,8 @@ class Setup:
     """[s] control period."""
     duration: float
     """[s] time limit."""
+    sensors: SensorSpecs = IDEAL_SENSORS
+    """What the mission is judged by while it runs."""
 
     def floor_at(self, x: float, y: float) -> float:
         """Height [m] of the floor in W at x [m], y [m]."""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from uvms_ocp.meta_values import ThresholdMeta
 from uvms_ocp.mission.conditions import ABORT
 from uvms_ocp.record import Record
+from uvms_ocp.report.goals import ended_too_early
 from uvms_ocp.report.series import quantity
 
 _WINDOW = 5.0  # [s] at the end of the run over which progress is judged
@@ -14,16 +17,26 @@ _PROGRESS = 0.02  # share of what is missing that must have been gained in the w
 
 
 def cause_of_end(record: Record) -> dict[str, str]:
-    """``kind``: completed, given up, slow, stalled; ``text``: one sentence with the figures.
+    """``kind``: completed, ended too early, given up, slow, stalled; ``text``: one sentence with the figures.
+
+    A mission has ended too early where it is complete by the estimate and a true error is over its limit.
 
     Raises `InvalidInput` for the record of a plan.
     """
     meta = record.run_meta
+    if meta.completed and (missed := ended_too_early(record)):
+        return {"kind": "ended too early", "text": f"complete by the estimate; {'; '.join(map(_missed, missed))}"}
     if meta.completed:
         return {"kind": "completed", "text": "every phase came to its end"}
     if meta.events and meta.events[-1].target == ABORT:
         return {"kind": "given up", "text": meta.events[-1].reason}
     return _unfinished(record)
+
+
+def _missed(row: dict[str, Any]) -> str:
+    allowed = "" if row["sensors_allow"] is None else f", and the sensors allow {row['sensors_allow']:.2g}"
+    was = f"estimated at {row['estimated']:.3g} but truly {row['true']:.3g}"
+    return f"phase {row['phase']}: {row['quantity']} was {was} against a limit of {row['limit']:g}{allowed}"
 
 
 def _unfinished(record: Record) -> dict[str, str]:

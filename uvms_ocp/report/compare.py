@@ -10,7 +10,7 @@ import numpy as np
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.record import Record
 from uvms_ocp.report.resources import resources
-from uvms_ocp.report.series import max_velocity_step, quantity
+from uvms_ocp.report.series import max_velocity_step, quantities_at, quantity
 
 
 def compare(first: Record, second: Record) -> list[dict[str, Any]]:
@@ -32,6 +32,9 @@ def _run_figures(record: Record) -> Iterator[tuple[str, Any]]:
     yield "phases", " ".join(row["phase"] for row in resources(record)[:-1])
     yield from ((name, value) for name, value in resources(record)[-1].items() if name != "phase")
     yield "tool_position_error_m", meta.true_quantity(f"{meta.tool_task}.position_error")
+    estimated = quantities_at(record, float(record["t"][-1]))
+    yield "estimated_tool_position_error_m", estimated.get(f"{meta.tool_task}.position_error")
+    yield "sensors_allow_tool_position_m", meta.allowance.get(f"{meta.tool_task}.position_error")
     tilt = quantity(record, "HA.tilt")
     yield "largest_tilt_rad", None if tilt is None else float(tilt.max())
     yield "max_velocity_step", max_velocity_step(record)
@@ -57,7 +60,9 @@ def _path_length(record: Record) -> float:
 
 
 def _last(record: Record, name: str) -> float | None:
-    return float(np.sum(record[name][-1])) if name in record.series else None
+    """The total at the end; `None` where it is not known."""
+    total = float(np.sum(record[name][-1])) if name in record.series else np.nan
+    return None if np.isnan(total) else total
 
 
 def _change(a: Any, b: Any) -> float | None:

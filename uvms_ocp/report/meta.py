@@ -33,6 +33,7 @@ from uvms_ocp.meta_values import (
 from uvms_ocp.mission.conditions import Below
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model.limits import Limits
+from uvms_ocp.preflight.accuracy import quantity_spreads
 from uvms_ocp.preflight.setup import Setup
 from uvms_ocp.report.motion import Motion
 from uvms_ocp.run_meta import PlanMeta, RunMeta
@@ -57,6 +58,8 @@ class Ending:
     """(n_q,) [m, rad] the true configuration."""
     quantities: Mapping[str, float]
     """By ``task.quantity``, at the true state [m] or [rad]."""
+    at_events: tuple[Mapping[str, float], ...]
+    """The same at the end of each phase, event by event."""
     wall_s: float
     """[s] that the simulation took."""
 
@@ -97,9 +100,10 @@ def run_meta(
         dt=setup.dt,
         completed=state.completed,
         pending="" if state.completed else controller.pending(),
-        events=_events(controller),
+        events=_events(controller, ending),
         alarms=tuple(AlarmMeta(t=t, text=text) for t, text in controller.watchdog.alarms),
-        true_quantities=tuple(QuantityMeta(name=key, value=value) for key, value in ending.quantities.items()),
+        true_quantities=_values(ending.quantities),
+        sensors_allow=_values(quantity_spreads(setup, ending.q)),
         statuses=tuple(status.value for status in Status),
         seed=seed,
         noise=noise,
@@ -119,8 +123,15 @@ def _levels(controller: KinematicController) -> tuple[LevelMeta, ...]:
     return tuple(LevelMeta(name=name, rows=n) for name, n in zip(problem.names, problem.sizes, strict=True))
 
 
-def _events(controller: KinematicController) -> tuple[EventMeta, ...]:
-    return tuple(EventMeta(t=e.t, source=e.source, target=e.target, reason=e.reason) for e in controller.events)
+def _events(controller: KinematicController, ending: Ending) -> tuple[EventMeta, ...]:
+    return tuple(
+        EventMeta(t=e.t, source=e.source, target=e.target, reason=e.reason, true_quantities=_values(truth))
+        for e, truth in zip(controller.events, ending.at_events, strict=True)
+    )
+
+
+def _values(quantities: Mapping[str, float]) -> tuple[QuantityMeta, ...]:
+    return tuple(QuantityMeta(name=name, value=value) for name, value in quantities.items())
 
 
 def _thresholds(mission: Mission) -> tuple[ThresholdMeta, ...]:

@@ -26,7 +26,7 @@ def resources(record: Record) -> list[dict[str, Any]]:
 
 
 def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
-    """What the time from `start` to `end` [s] took; `None` where the plant does not tell.
+    """What the time from `start` to `end` [s] took; `None` where the plant does not tell or the robot's file does not.
 
     Path of the vehicle and of the joints, energy of thrusters and joints, peak thrust, time with thrusters at their
     limits, least distance of a joint to its limits, largest velocity and torque in units of their limits.
@@ -51,11 +51,12 @@ def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
 
 
 def _gain(record: Record, name: str, rows: slice) -> float | None:
-    """Increase of a running total."""
+    """Increase of a running total; of thrusters only where the power of each is known."""
     if name not in record.series:
         return None
     total = record[name] if record[name].ndim == 1 else record[name].sum(axis=1)
-    return float(total[rows.stop - 1] - total[rows.start])
+    gain = float(total[rows.stop - 1] - total[rows.start])
+    return None if np.isnan(gain) else gain
 
 
 def _length(points: np.ndarray) -> float:

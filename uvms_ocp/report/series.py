@@ -12,3 +12,9 @@ def max_velocity_step(record: Record) -> float:
     """Largest change of any component of the command in one tick, from rest at the start."""
     steps = np.diff(record["command"], axis=0, prepend=np.zeros((1, record["command"].shape[1])))
     return float(np.abs(steps).max())
+
+
+def quantities_at(record: Record, t: float) -> dict[str, float]:
+    """All quantities [in their units] at time t [s], as estimated."""
+    row = record["quantities"][min(int(np.searchsorted(record["t"], t - 1e-9)), len(record) - 1)]
+    return dict(zip(record.meta.quantities, row.tolist(), strict=True))

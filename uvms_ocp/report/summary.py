@@ -9,19 +9,22 @@ import numpy as np
 from uvms_ocp.mission.conditions import ABORT, DONE
 from uvms_ocp.record import Record
 from uvms_ocp.report.cause import cause_of_end
+from uvms_ocp.report.goals import ended_too_early, goal_table
 from uvms_ocp.report.meta import versions
 from uvms_ocp.report.resources import figures_between, resources
-from uvms_ocp.report.series import max_velocity_step, quantity
+from uvms_ocp.report.series import max_velocity_step, quantities_at, quantity
 
 _SETTLING = 0.5  # [s] after the start of a phase, before its drift counts
 
 
 def summarize(record: Record) -> dict[str, Any]:
-    """The content of ``report.json``; `None` where a figure does not apply to the run. Tool errors are true ones.
+    """The content of ``report.json``; `None` where a figure does not apply to the run or is not known. Tool errors are
+    true ones, with what the mission went by beside them.
 
     Lengths in m, angles in rad, times in s unless the key says otherwise. Raises `InvalidInput` for the record of a plan.
     """
     meta, tilt = record.run_meta, quantity(record, "HA.tilt")
+    estimated = quantities_at(record, float(record["t"][-1]))
     return {
         "scenario": meta.scenario,
         "robot": meta.robot,
@@ -30,6 +33,8 @@ def summarize(record: Record) -> dict[str, Any]:
         "completed": meta.completed,
         "pending": meta.pending,
         "cause": cause_of_end(record),
+        "ended_too_early": sorted({row["phase"] for row in ended_too_early(record)}) if meta.completed else [],
+        "goals": goal_table(record),
         "phases": phase_table(record),
         "resources": resources(record),
         "seed": meta.seed,
@@ -37,6 +42,10 @@ def summarize(record: Record) -> dict[str, Any]:
         "alarms": [alarm.model_dump() for alarm in meta.alarms],
         "tool_position_error_m": meta.true_quantity(f"{meta.tool_task}.position_error"),
         "tool_orientation_error_rad": meta.true_quantity(f"{meta.tool_task}.orientation_error"),
+        "estimated_tool_position_error_m": estimated.get(f"{meta.tool_task}.position_error"),
+        "estimated_tool_orientation_error_rad": estimated.get(f"{meta.tool_task}.orientation_error"),
+        "sensors_allow_tool_position_m": meta.allowance.get(f"{meta.tool_task}.position_error"),
+        "sensors_allow_tool_orientation_rad": meta.allowance.get(f"{meta.tool_task}.orientation_error"),
         "vehicle_drift_in_last_phase_m": _drift_in_last_phase(record),
         "largest_tilt_rad": None if tilt is None else float(tilt.max()),
         "min_altimeter_m": _smallest(record["altimeter_range"]),
@@ -50,12 +59,16 @@ def summarize(record: Record) -> dict[str, Any]:
 
 
 def phase_table(record: Record) -> list[dict[str, Any]]:
-    """One row per phase that was entered, in order of time: name, title, start, end, reason, errors at its end."""
+    """One row per phase that was entered, in order of time: name, title, start, end, reason, errors at its end.
+
+    ``final_errors`` are those that the mission went by, ``true_errors`` the true ones, empty in older records.
+    """
     meta = record.run_meta
     entered = [event for event in meta.events if event.target not in (DONE, ABORT)]
     starts = [0.0, *(event.t for event in entered)]
     names = [meta.phases[0].name, *(event.target for event in entered)]
     ends = [*(event.t for event in meta.events), float(record["t"][-1])]
+    truths = [*(event.truth for event in meta.events), {item.name: item.value for item in meta.true_quantities}]
     reasons = [*(event.reason for event in meta.events), f"time is over, waiting for: {meta.pending}"]
     phases = {phase.name: phase for phase in meta.phases}
     return [
@@ -66,16 +79,13 @@ def phase_table(record: Record) -> list[dict[str, Any]]:
             "start_s": start,
             "end_s": end,
             "reason": reason,
-            "final_errors": _quantities_at(record, end),
+            "final_errors": quantities_at(record, end),
+            "true_errors": truth,
+            "sensors_allow": meta.allowance,
             **figures_between(record, start, end),
         }
-        for name, start, end, reason in zip(names, starts, ends, reasons, strict=False)
+        for name, start, end, reason, truth in zip(names, starts, ends, reasons, truths, strict=False)
     ]
-
-
-def _quantities_at(record: Record, t: float) -> dict[str, float]:
-    row = record["quantities"][min(int(np.searchsorted(record["t"], t - 1e-9)), len(record) - 1)]
-    return dict(zip(record.meta.quantities, row.tolist(), strict=True))
 
 
 def _drift_in_last_phase(record: Record) -> float | None:

@@ -34,8 +34,8 @@ class ThrusterBank:
     """Thrust of all thrusters of a robot in time; ``thrust``, ``power`` and the totals are to be read only.
 
     Thrust follows the command, clipped to the limits and cut in the dead zone, with the first-order lag
-    ``time_constant thrust_dot = command - thrust``, exact for a command held over the step. A thruster without
-    power data takes no energy.
+    ``time_constant thrust_dot = command - thrust``, exact for a command held over the step. What a thruster
+    without power data takes is not known: NaN.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -50,14 +50,14 @@ class ThrusterBank:
         n = len(thrusters)
         self.thrust = np.zeros(n)
         """(n,) [N] now."""
-        self.energy = np.zeros(n)
-        """(n,) [J] taken so far: the integral of the electrical power."""
+        self.energy = 0.0 * self._factor
+        """(n,) [J] taken so far: the integral of the electrical power, NaN where that is not known."""
         self.saturation_time = np.zeros(n)
         """(n,) [s] with the command at a limit or beyond."""
 
     @property
     def power(self) -> np.ndarray:
-        """Electrical power now (n,) [W]."""
+        """Electrical power now (n,) [W], NaN where it is not known."""
         return self._factor * np.abs(self.thrust) ** self._exponent
 
     def step(self, command: ArrayLike, dt: float) -> np.ndarray:
@@ -120,9 +120,9 @@ def _decay(t: float, time_constant: np.ndarray) -> np.ndarray:
 
 
 def _power_law(thrusters: tuple[Thruster, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Factor (n,) [W/N^exponent] and exponent (n,)."""
+    """Factor (n,) [W/N^exponent], NaN where the file gives none, and exponent (n,)."""
     powers = [thruster.power for thruster in thrusters]
-    factor = [power.watts / power.thrust**power.exponent if power else 0.0 for power in powers]
+    factor = [power.watts / power.thrust**power.exponent if power else np.nan for power in powers]
     return np.array(factor), np.array([power.exponent if power else 1.0 for power in powers])
 
 

@@ -21,7 +21,9 @@ def figure_efforts(record: Record) -> Figure | None:
         axes[0].plot(t, thrust, color=LINES[i % len(LINES)], lw=0.8)
     for i, torque in enumerate(record["torque"].T):
         axes[1].plot(t, torque, color=LINES[i % len(LINES)], lw=0.8, label=record.meta.joints[i])
-    axes[2].plot(t, record["thruster_energy"].sum(axis=1), color=BLUE, label="thrusters")
+    thrusters = record["thruster_energy"].sum(axis=1)
+    unknown = " (not known)" if np.isnan(thrusters).any() else ""
+    axes[2].plot(t, thrusters, color=BLUE, label=f"thrusters{unknown}")
     axes[2].plot(t, record["joint_energy"], color=VERMILLION, label="joints")
     for axis, label in zip(axes, ("thrust [N]", "torque [N m]", "energy [J]"), strict=True):
         axis.set_ylabel(label)

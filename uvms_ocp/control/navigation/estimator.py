@@ -97,6 +97,12 @@ class Estimator:
         age, joint_age = age_of(readings, self._needed, t), age_of(readings, _JOINT_CHANNELS, t)
         return Measurement(q=q, v=v, altimeter_range=echo, age=age, joint_age=joint_age)
 
+    @property
+    def spread(self) -> np.ndarray:
+        """Standard deviation (n_v,) [m, rad] of the estimated q, by its own covariance: position in W, attitude in B, joints."""
+        vehicle = self._vehicle.spread[: self._n_vehicle]
+        return np.concatenate([vehicle, self._joints.spread])
+
     def _follow(self, command: Command, dt: float) -> np.ndarray:
         """The velocity (n_v,) [m/s, rad/s] that the command has brought about, were there nothing else."""
         self._response = command.v + math.exp(-dt / self._response_time) * (self._response - command.v)

@@ -71,6 +71,11 @@ class VehicleFilter:
         """Quaternion xyzw (4,) [-] of R_WB."""
         return self._quaternion.coeffs()
 
+    @property
+    def spread(self) -> np.ndarray:
+        """Standard deviation (6,) [m, rad] of the position in W and the attitude in B."""
+        return np.sqrt(np.concatenate([self._motion.P[:, 0, 0], self._turn.P[:, 0, 0]]))
+
     def velocity(self) -> np.ndarray:
         """Twist (6,) [m/s, rad/s] of B in B."""
         v_B = self._quaternion.conjugate() * self._motion.x[:, 1]
@@ -149,6 +154,11 @@ class JointFilter:
     def position(self) -> np.ndarray:
         """The joint part of q [rad or m]."""
         return self._q[self._joint_q]
+
+    @property
+    def spread(self) -> np.ndarray:
+        """Standard deviation (n_joints,) [rad or m] of the positions."""
+        return np.sqrt(self._track.P[:, 0, 0])
 
     @property
     def velocity(self) -> np.ndarray:

@@ -109,16 +109,20 @@ class KinematicController:
         """What the current phase still waits for, with the last measured values."""
         return self.mission.pending(self.state, self.quantities)
 
-    def evaluate(self, measurement: Measurement, t: float) -> dict[str, float]:
-        """All quantities at a measurement at time t [s], such as the true state after a run; the mission stays where it is."""
+    def evaluate(self, measurement: Measurement, t: float, state: MissionState | None = None) -> dict[str, float]:
+        """All quantities at a measurement at time t [s], such as the true state after a run; the mission stays where it is.
+
+        state: where the mission was then, for the goals of another phase than the present one.
+        """
+        state = state or self.state
         echo = measurement.altimeter_range
         tick = TickState(
             begin=perf_counter(),
             t=t,
             measurement=measurement,
             echo=echo if np.isfinite(echo) else self._echo.carried(measurement.q),
-            mission=self.state,
-            gates=self.mission.gates(self.state, t),
+            mission=state,
+            gates=self.mission.gates(state, t),
             freshness=Freshness.FRESH,
         )
         outputs = self.problem.function(*self._inputs(tick))

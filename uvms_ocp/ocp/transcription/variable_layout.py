@@ -9,7 +9,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.ocp.trajectory import Trajectory
+from uvms_ocp.ocp.trajectory import Trajectory, has_thrusters
 from uvms_ocp.ocp.transcription.stage import StageModel
 
 
@@ -149,4 +149,5 @@ class VariableLayout:
             a=Z[:-1, layout.a],
             thrust=thrust * actuators.thrust_unit,
             torque=torque * actuators.torque_unit,
+            of_wrench=not has_thrusters(self.model.problem),
         )

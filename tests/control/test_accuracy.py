@@ -1,0 +1,85 @@
+"""What the sensors allow: the spread that is promised is the spread that the estimator has."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from uvms_ocp.control.navigation.accuracy import spread_at_rest
+from uvms_ocp.control.navigation.estimator import Estimator
+from uvms_ocp.mission.conditions import Below
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.sensing import SensorSpec, SensorSpecs
+from uvms_ocp.model.state import State
+from uvms_ocp.preflight.accuracy import quantity_spreads
+from uvms_ocp.scenario import Scenario
+from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.sim.seafloor import FlatSeafloor
+from uvms_ocp.sim.sensors import SensorSuite
+
+SPECS = SensorSpecs()
+
+
+def test_the_estimate_of_a_robot_at_rest_spreads_as_promised() -> None:
+    robot = load_robot("girona_maris7")
+    q, dt = robot.configuration(position=(0.0, 0.0, -5.0)), 0.01
+    state, estimator = State(q=q, v=np.zeros(robot.n_v)), Estimator(robot, SPECS)
+    sensors = SensorSuite(robot, FlatSeafloor(z=-20.0), SPECS, seed=5)
+    errors = []
+    for k in range(7000):
+        measured = estimator(sensors.read(state, k * dt), k * dt).q
+        if k * dt > 10.0:
+            error = pin.difference(robot.model, q, measured)
+            errors.append(np.concatenate([measured[:3] - q[:3], error[3:]]))
+    share = np.sqrt(np.mean(np.square(errors), axis=0)) / spread_at_rest(robot, SPECS)
+    # The filter expects more motion than there is at rest, so that it knows a little more than it says.
+    assert share.max() < 1.5
+    assert share.min() > 0.25
+
+
+@pytest.mark.parametrize("name", ["girona_maris7", "planar5"])
+def test_better_sensors_allow_more(name: str) -> None:
+    robot = load_robot(name)
+    noisy = spread_at_rest(robot, SPECS)
+    fields = {item: getattr(SPECS, item) for item in SPECS.__slots__ if getattr(SPECS, item) is not None}
+    better = SensorSpecs(**{item: replace(spec, sigma=spec.sigma / 4) for item, spec in fields.items()})
+    assert (spread_at_rest(robot, better) < 0.7 * noisy).all()
+    biased = replace(SPECS, joint_positions=replace(SPECS.joint_positions, bias=0.01))
+    np.testing.assert_allclose(spread_at_rest(robot, biased)[-1], np.hypot(noisy[-1], 0.01))
+    silent = replace(SPECS, joint_positions=SensorSpec(rate=200.0, sigma=1e-4, dropout=1.0))
+    assert spread_at_rest(robot, silent)[-1] > 1.0
+
+
+def with_limit(scenario: Scenario, limit: float) -> Scenario:
+    """The tool's position must come nearer than that."""
+    phases = [
+        replace(
+            phase,
+            transitions=tuple(
+                replace(
+                    transition,
+                    when=tuple(
+                        Below(quantity=c.quantity, limit=limit) if c.quantity == "T.position_error" else c
+                        for c in transition.when
+                    ),
+                )
+                for transition in phase.transitions
+            ),
+        )
+        for phase in scenario.mission.phases
+    ]
+    return replace(scenario, mission=replace(scenario.mission, phases=tuple(phases)))
+
+
+@pytest.mark.parametrize("noise", [True, False])
+def test_a_threshold_below_what_the_sensors_allow_is_a_warning(noise: bool) -> None:
+    scenario = case1(noise=noise, plant="kinematic")
+    allowed = quantity_spreads(scenario.setup(), scenario.start).get("T.position_error", 0.0)
+    assert (allowed > 1e-3) == noise
+    for limit in (1e-3, 0.99 * allowed, 1.01 * allowed):
+        found = with_limit(scenario, max(limit, 1e-6)).check().of_check("accuracy")
+        assert [f.phase for f in found] == (["D"] if noise and limit < allowed else [])
+        assert all("T.position_error" in f.text for f in found)

@@ -1,0 +1,115 @@
+"""Reports tell the estimate, the truth and what the sensors allow; what is not known is no number."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from typer.testing import CliRunner
+from yaml import safe_dump, safe_load
+
+from uvms_ocp.cli import app
+from uvms_ocp.model.files.library import robot_folder
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.record import Record
+from uvms_ocp.report.cause import cause_of_end
+from uvms_ocp.report.compare import compare
+from uvms_ocp.report.goals import ended_too_early, goal_table
+from uvms_ocp.report.summary import summarize
+from uvms_ocp.scenario import Scenario
+from uvms_ocp.scenarios.case1 import Thresholds, case1
+
+LOOSE = Thresholds(way_point=50.0, misalignment=4.0, landing_altitude=50.0, tool_position=50.0, tool_orientation=4.0)
+
+
+def short(**options: object) -> Scenario:
+    """All phases of case 1, one after the other."""
+    return case1(thresholds=LOOSE, duration=3.0, dt=0.01, **options)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def noisy() -> tuple[Scenario, Record]:
+    scenario = short(noise=True, plant="kinematic", seed=3)
+    return scenario, scenario.run()
+
+
+def test_the_truth_at_the_end_of_a_phase_is_that_of_the_true_state(noisy: tuple[Scenario, Record]) -> None:
+    scenario, record = noisy
+    robot, rows = scenario.robot, [row for row in goal_table(record) if row["quantity"] == "T.position_error"]
+    assert rows
+    goal = next(task.goal for task in scenario.mission.hierarchy.tasks if task.name == "T")
+    data = robot.model.createData()
+    for row in rows:
+        at = int(np.searchsorted(record["t"], row["t"] - 1e-9))
+        for series, value in (("q", row["true"]), ("q_measured", row["estimated"])):
+            pin.framesForwardKinematics(robot.model, data, record[series][at])
+            place = data.oMf[robot.frame_id("tool")].translation
+            assert np.linalg.norm(place - goal.translation) == pytest.approx(value, rel=1e-9)
+        assert row["true"] != row["estimated"]
+
+
+def test_with_ideal_sensors_the_estimate_is_the_truth() -> None:
+    record = short(plant="kinematic").run()
+    assert record.run_meta.completed
+    assert {row["phase"] for row in goal_table(record)} == {"A", "B", "C", "D"}
+    for row in goal_table(record):
+        assert row["true"] == pytest.approx(row["estimated"], rel=1e-9, abs=1e-12)
+        assert row["sensors_allow"] is None
+        assert row["met"]
+
+
+def test_a_mission_whose_true_error_is_over_its_limit_has_ended_too_early(noisy: tuple[Scenario, Record]) -> None:
+    _, record = noisy
+    last = record.run_meta.events[-1]
+    assert cause_of_end(record)["kind"] == "completed"
+    truths = tuple(
+        item.model_copy(update={"value": 51.0}) if item.name == "T.position_error" else item
+        for item in last.true_quantities
+    )
+    events = (*record.run_meta.events[:-1], last.model_copy(update={"true_quantities": truths}))
+    worse = replace(record, meta=record.run_meta.model_copy(update={"events": events}))
+    assert [row["quantity"] for row in ended_too_early(worse)] == ["T.position_error"]
+    report = summarize(worse)
+    assert report["completed"]
+    assert report["ended_too_early"] == ["D"]
+    assert report["cause"]["kind"] == "ended too early"
+    assert "but truly 51 against a limit of 50, and the sensors allow 0.0044" in report["cause"]["text"]
+
+
+def test_the_report_has_estimate_truth_and_what_the_sensors_allow_side_by_side(noisy: tuple[Scenario, Record]) -> None:
+    report = summarize(noisy[1])
+    assert report["tool_position_error_m"] != report["estimated_tool_position_error_m"]
+    assert report["sensors_allow_tool_position_m"] == pytest.approx(4.4e-3, rel=0.1)
+    assert all(phase["true_errors"].keys() == phase["final_errors"].keys() for phase in report["phases"])
+    rows = {row["figure"]: row for row in compare(noisy[1], noisy[1])}
+    assert rows["estimated_tool_position_error_m"]["first"] == report["estimated_tool_position_error_m"]
+
+
+def test_records_that_do_not_tell_the_truth_are_not_judged(noisy: tuple[Scenario, Record]) -> None:
+    _, record = noisy
+    events = tuple(event.model_copy(update={"true_quantities": ()}) for event in record.run_meta.events)
+    older = replace(record, meta=record.run_meta.model_copy(update={"events": events, "sensors_allow": ()}))
+    assert {row["met"] for row in goal_table(older)} == {None}
+    assert summarize(older)["ended_too_early"] == []
+
+
+def test_energy_without_power_data_is_unknown_and_not_zero(tmp_path: Path) -> None:
+    content = safe_load((robot_folder("girona_maris7_full") / "hydrodynamics.yaml").read_text(encoding="utf-8"))
+    del content["thrusters"][0]["power"]
+    (tmp_path / "water.yaml").write_text(safe_dump(content), encoding="utf-8")
+    robot = load_robot("girona_maris7_full", hydrodynamics=tmp_path / "water.yaml")
+    known, unknown = (short(robot=machine).run() for machine in ("girona_maris7_full", robot))
+    assert np.isnan(unknown["thruster_energy"][-1]).tolist() == [True] + [False] * 7
+    for row in summarize(unknown)["resources"]:
+        assert row["thruster_energy_j"] is row["energy_j"] is None
+        assert row["joint_energy_j"] >= 0.0
+    assert '"thruster_energy_j": null' in json.dumps(summarize(unknown))
+    for name, record in (("known.npz", known), ("unknown.npz", unknown)):
+        record.save(tmp_path / name)
+    shown = CliRunner().invoke(app, ["compare", str(tmp_path / "known.npz"), str(tmp_path / "unknown.npz")])
+    (line,) = [line for line in shown.output.splitlines() if "thruster_energy_j" in line]
+    assert [word.strip() for word in line.strip("│").split("│")][2:] == ["-", "-"]
