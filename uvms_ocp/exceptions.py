@@ -8,10 +8,22 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
 
 
 class UvmsError(Exception):
-    """Base of every exception that uvms_ocp raises on purpose."""
+    """Base of every exception that uvms_ocp raises on purpose. It can be pickled, whatever its constructor takes."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # By default an exception is made anew by its constructor, which takes other arguments than the message.
+        _, given, *state = super().__reduce__()
+        return (_again, (type(self), given, self.args), *state)
+
+
+def _again(cls: type[UvmsError], given: tuple[Any, ...], args: tuple[Any, ...]) -> UvmsError:
+    error = cls.__new__(cls, *given)
+    error.args = args
+    return error
 
 
 class InvalidInput(UvmsError, ValueError):
@@ -23,7 +35,7 @@ class NameNotFound(UvmsError, LookupError):
 
     def __init__(self, kind: str, given: str, allowed: Iterable[str]) -> None:
         self.kind, self.given, self.allowed = kind, given, tuple(allowed)
-        close = get_close_matches(given, self.allowed, n=1)
+        close = get_close_matches(str(given), self.allowed, n=1)
         hint = f" Did you mean {close[0]!r}?" if close else ""
         names = ", ".join(self.allowed) or "none"
         super().__init__(f"unknown {kind} {given!r}; known: {names}.{hint}")

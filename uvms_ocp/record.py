@@ -11,12 +11,14 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.run_meta import PlanMeta, RunMeta, read_meta, write_meta
 
 _META_KEY = "__meta__"
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Record:
     """Named time series that share their first axis, and what is needed to read them.
@@ -37,6 +39,7 @@ class Record:
     def __len__(self) -> int:
         return len(self.series["t"])
 
+    @late
     def __getitem__(self, name: str) -> np.ndarray:
         """The series `name` (n, ...); raises `NameNotFound` with the names there are."""
         if name not in self.series:
@@ -80,6 +83,7 @@ class Record:
             raise InvalidInput(f"{path}: {error}") from error
 
 
+@checked
 def quantity(record: Record, name: str) -> np.ndarray | None:
     """The series (n,) of a measured quantity such as ``T.position_error``; `None` where no task measures it."""
     names = record.meta.quantities

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.control.force.dynamic import DynamicController, VelocityGains
 from uvms_ocp.control.navigation.estimator import Estimator, PassThrough
 from uvms_ocp.control.velocity.kinematic import HierarchySolver, KinematicController
@@ -35,6 +36,7 @@ from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 PLANTS = ("dynamic", "kinematic")
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Scenario:
     """Everything that one simulation needs.
@@ -186,6 +188,7 @@ class Scenario:
             raise InvalidInput(text)
 
 
+@checked
 def pose_at(position: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)) -> pin.SE3:
     """Pose from a position (3,) [m] and rpy (3,) [rad], R = Rz Ry Rx. Raises `InvalidInput` for anything else."""
     p, angles = _three("position", position), _three("rpy", rpy)

@@ -148,5 +148,5 @@ def test_obstacles_need_finite_poses_and_names_of_their_own():
         Environment(seafloor=FlatSeafloor(z=0.0), obstacles=(sphere, sphere))
     with pytest.raises(InvalidInput, match="name"):
         Obstacle(name="", shape=coal.Sphere(0.5), X_WO=pin.SE3.Identity())
-    with pytest.raises(InvalidInput, match="rock"):
+    with pytest.raises(InvalidInput, match="X_WO"):
         Obstacle(name="rock", shape=coal.Sphere(0.5), X_WO=pin.SE3(np.eye(3), np.array([0.0, math.nan, 0.0])))

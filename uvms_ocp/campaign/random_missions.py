@@ -10,6 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.campaign.study import Row, Study, seeds_from
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model.shapes.collision_model import CollisionModel
@@ -31,6 +32,7 @@ _WITH_BOULDER = 0.3  # share of the missions
 _RUN_UP = 4.0  # [m] by which they start farther away, to leave room for the boulder
 
 
+@checked
 def random_missions(
     *, n: int = 200, seed: int = 0, plant: str = "dynamic", dt: float = 0.02, force: bool = False
 ) -> Study:

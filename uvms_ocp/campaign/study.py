@@ -9,12 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 
 Row = Mapping[str, Any]
 """One line of a table: plain values by column name."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class StudyResult:
     """Rows of all cases, and the table that sums them up."""
@@ -37,6 +39,7 @@ class StudyResult:
             writer.writerows(self.cases)
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Study:
     """Cases are arguments of `run_case`, a function at module level so that other processes find it."""

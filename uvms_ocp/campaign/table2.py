@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.campaign.study import Row, Study
 from uvms_ocp.scenarios.transit import transit
 from uvms_ocp.sim.closest_approach import closest_approach
@@ -28,6 +29,7 @@ _DT = 1 / 50  # [s] control period
 _EVERY = 5  # ticks between two configurations whose clearance is measured
 
 
+@checked
 def table2(*, seeds: int = 5, seed: int = 0, length: float = 30.0, plant: str = "kinematic") -> Study:
     """Three floors by three thresholds by `seeds` floors each, the first drawn with `seed`; length [m]: of a transit.
 

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.arrays import Array, Indices, Mask
 from uvms_ocp.collision.collision_scene import CollisionScene
 from uvms_ocp.model.axis_reach import largest_change
@@ -58,6 +59,7 @@ class _Bounds:
         self.x = x.copy()
 
 
+@checked
 @dataclass(frozen=True, slots=True, eq=False)
 class CoalDistances:
     """Distances by coal, for any shapes.
@@ -81,6 +83,7 @@ class CoalDistances:
         object.__setattr__(self, "_geometry_data", geometry_data)
         object.__setattr__(self, "_bounds", _Bounds(x=np.zeros((0, 0)), lower=np.zeros((0, 0))))
 
+    @late
     def distances(self, x: Array) -> Array:
         """(n, n_pairs) [m] signed distances at x (n, n_axes) [m, rad]; -inf for an overlap whose depth coal cannot tell."""
         result = np.empty((x.shape[0], self.scene.n_pairs))
@@ -91,6 +94,7 @@ class CoalDistances:
         result[result < _FAILED] = -np.inf
         return result
 
+    @late
     def near(self, x: Array, thresholds: Array) -> NearPairs:
         """The pairs closer than their thresholds (n_pairs,) [m] at x (n, n_axes) [m, rad].
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.arrays import Array
 from uvms_ocp.collision.coordinates import Coordinates
 from uvms_ocp.exceptions import InvalidInput
@@ -42,6 +43,7 @@ class Nearest:
     """The two shapes it is between; empty where there are no pairs."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class CollisionScene:
     """What ``collision_scene`` builds: a geometry model whose pairs are the ones checked."""
@@ -66,10 +68,12 @@ class CollisionScene:
     def n_pairs(self) -> int:
         return len(self.pairs)
 
+    @late
     def is_obstacle(self, shape: int) -> bool:
         """True for the index of an obstacle; the robot's own shapes come first."""
         return shape >= self.coordinates.robot.collision_model.ngeoms
 
+    @late
     def nearest(self, t: Array, distances: Array) -> Nearest:
         """The smallest of the distances (n, n_pairs) [m] at times t (n,) [s]."""
         if not distances.size:
@@ -85,6 +89,7 @@ class CollisionScene:
             groups.setdefault(name, []).append(index)
         return groups
 
+    @late
     def check_apart(self, distances: Array, place: str) -> None:
         """Raise `InvalidInput` where two shapes touch, by the distances (n_pairs,) [m] at the place of that name."""
         if distances.min(initial=np.inf) <= 0.0:
@@ -95,6 +100,7 @@ class CollisionScene:
             )
 
 
+@checked
 def collision_scene(
     coordinates: Coordinates, obstacles: Sequence[Obstacle], *, self_collision: bool = True
 ) -> CollisionScene:

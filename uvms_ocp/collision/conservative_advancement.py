@@ -14,6 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.collision.collision_scene import CollisionScene, Nearest
 from uvms_ocp.model.axis_reach import largest_change
@@ -46,6 +47,7 @@ class ClearanceReport:
     n_samples: int
 
 
+@checked
 def check_clearance(
     distances: PairDistances,
     trajectory: PiecewisePolynomial,
@@ -85,6 +87,7 @@ def check_clearance(
 _TOLERANCE = 1e-7
 
 
+@checked
 def clearance_along(
     distances: PairDistances, trajectory: PiecewisePolynomial, n_samples: int = 500
 ) -> tuple[Array, Array]:

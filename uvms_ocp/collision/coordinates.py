@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.arrays import Array, Indices
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.robot import Robot
@@ -22,6 +23,7 @@ from uvms_ocp.model.robot import Robot
 VEHICLE_AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Coordinates:
     """Which axes of a robot are planned, and where the others stay; see ``coordinates``."""
@@ -42,12 +44,14 @@ class Coordinates:
         names = _axis_names(self.robot)
         return tuple(names[i] for i in self.planned)
 
+    @late
     def all_axes(self, x: Array) -> Array:
         """(..., n_v) [m, rad] values of all axes from x (..., n_axes) [m, rad]."""
         full = np.broadcast_to(self.reference, (*x.shape[:-1], self.reference.size)).copy()
         full[..., self.planned] = x
         return full
 
+    @late
     def configurations(self, x: Array) -> Array:
         """(n, n_q) [m, rad] configurations from x (n, n_axes) [m, rad]."""
         full = self.all_axes(x)
@@ -55,10 +59,12 @@ class Coordinates:
             return full
         return np.concatenate([full[:, :3], _quaternions(full[:, 3:6]), full[:, 6:]], axis=1)
 
+    @late
     def x(self, q: ArrayLike) -> Array:
         """(n_axes,) [m, rad] coordinates of a configuration q (n_q,) [m, rad]. Raises `InvalidInput` for an invalid one."""
         return _axis_values(self.robot, self.robot.check_configuration(q))[self.planned]
 
+    @late
     def velocity_map(self, x: Array) -> Array:
         """(n, n_v, n_axes) [-]: generalized velocity v = map @ rate of x, at x (n, n_axes) [m, rad]."""
         full = self.all_axes(x)
@@ -75,6 +81,7 @@ class Coordinates:
             return full
         return ca.vertcat(full[:3], _symbolic_quaternion(full[3:6]), full[6:])
 
+    @late
     def follows(self) -> Array:
         """(n_axes, n_axes) [-] 1 where the column's axis is carried by the row's; the vehicle turns yaw, pitch, roll."""
         model = self.robot.model
@@ -98,6 +105,7 @@ class Coordinates:
         return lower[self.planned], upper[self.planned]
 
 
+@checked
 def coordinates(robot: Robot, *, reference: ArrayLike | None = None, axes: Sequence[str] | None = None) -> Coordinates:
     """Choose the planned axes, by their names among x, y, z, roll, pitch, yaw and the joints; default all.
 

@@ -21,6 +21,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 from scipy.spatial import ConvexHull
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.shapes.obstacles import Obstacle, mesh_shape, obstacle
 from uvms_ocp.obstacle_data import N_SIZES, ObstacleData
@@ -47,6 +48,7 @@ class ObstacleFile(BaseModel):
     obstacles: tuple[ObstacleData, ...]
 
 
+@checked
 def read_obstacles(path: Path | str) -> tuple[ObstacleData, ...]:
     """Read a file of obstacles. Raises ``InvalidInput`` naming the file and the entry that is wrong."""
     try:
@@ -60,6 +62,7 @@ def read_obstacles(path: Path | str) -> tuple[ObstacleData, ...]:
         raise InvalidInput(f"{path}: cannot be read as YAML ({' '.join(str(error).split())})") from error
 
 
+@checked
 def obstacle_from_words(shape: str, words: str, name: str) -> ObstacleData:
     """An obstacle from its position and sizes, numbers with commas or blanks between: ``"X,Y,Z,R"`` for a sphere.
 
@@ -79,6 +82,7 @@ def obstacle_from_words(shape: str, words: str, name: str) -> ObstacleData:
         raise InvalidInput(f"{shape} {words!r}: {_first(error)}") from error
 
 
+@checked
 def build_obstacle(data: ObstacleData) -> Obstacle:
     """The obstacle that the data describe."""
     rotation = pin.rpy.rpyToMatrix(*data.rpy)
@@ -89,6 +93,7 @@ def build_obstacle(data: ObstacleData) -> Obstacle:
     return obstacle(data.name, shape, data.position, rotation)
 
 
+@checked
 def describe_obstacle(item: Obstacle) -> ObstacleData | None:
     """The data from which `build_obstacle` makes the obstacle again, a convex shape as the mesh of its surface.
 

@@ -8,10 +8,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import late
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
 
 
+@late
 class BufferedFunction:
     """Call a function of dense inputs and outputs through fixed memory.
 

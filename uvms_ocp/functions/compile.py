@@ -24,12 +24,15 @@ from pathlib import Path
 
 import casadi as ca
 
+from uvms_ocp.arguments import checked
+
 _FLAGS = ("-O3", "-shared", "-fPIC", "-ffp-contract=off")
 _TIMEOUT = 300.0  # [s]
 _SLOWER = "everything works, only slower"
 _log = logging.getLogger(__name__)
 
 
+@checked
 def compile_library(source: str, flags: Sequence[str] = ()) -> Path | None:
     """Path of the library of ``source`` (C, linked with libm), None where it cannot be compiled (logged once).
 
@@ -46,6 +49,7 @@ def compile_library(source: str, flags: Sequence[str] = ()) -> Path | None:
     return library
 
 
+@checked
 def compile_function(function: ca.Function) -> ca.Function:
     """``function`` in machine code with the same names and sparsities; itself where it cannot be compiled."""
     generator = ca.CodeGenerator("function.c")

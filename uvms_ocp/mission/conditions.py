@@ -7,12 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, TypeAlias
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput
 
 DONE, ABORT = "done", "abort"
 """Where a mission ends: as wanted, or given up."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Below:
     """True once a measured quantity, named ``task.quantity``, is below `limit`, until it reaches `release` again.
@@ -35,6 +37,7 @@ class Below:
         if self.release is not None and not (math.isfinite(self.release) and self.release >= self.limit):
             raise InvalidInput(f"release of {self.quantity} = {self.release}; give at least the limit {self.limit:g}")
 
+    @late
     def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
         """Whether it is true of the quantities [in their units], given whether it was `held` to be true before."""
         limit = self.limit if self.release is None or not held else self.release
@@ -45,6 +48,7 @@ class Below:
         return _described(self, quantities)
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Above:
     """True once a measured quantity exceeds `limit`, and until it falls to `release`; mirror of `Below`.
@@ -66,6 +70,7 @@ class Above:
         if self.release is not None and not (math.isfinite(self.release) and self.release <= self.limit):
             raise InvalidInput(f"release of {self.quantity} = {self.release}; give at most the limit {self.limit:g}")
 
+    @late
     def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
         """Whether it is true of the quantities [in their units], given whether it was `held` to be true before."""
         limit = self.limit if self.release is None or not held else self.release
@@ -79,6 +84,7 @@ class Above:
 Condition: TypeAlias = Below | Above
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Transition:
     """Leads to phase `to` (or `DONE`, or `ABORT`) once every condition has held for `hold` seconds without a gap.
@@ -107,6 +113,7 @@ class Transition:
         if self.retries is not None and self.retries < 0:
             raise InvalidInput(f"transition to {self.to!r}: retries = {self.retries}; give 0 or more")
 
+    @late
     def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
         """Whether all conditions are true of the quantities [in their units], given whether they were `held` to be."""
         return all(condition.holds(quantities, held) for condition in self.when)

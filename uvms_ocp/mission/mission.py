@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.mission.conditions import ABORT, DONE, Transition
 from uvms_ocp.mission.diagram import closure, mermaid, successors, text_table
@@ -18,6 +19,7 @@ from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.task import Task
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Mission:
     """Phases over one hierarchy; the first phase begins at t = 0.
@@ -50,6 +52,7 @@ class Mission:
     def phase_names(self) -> tuple[str, ...]:
         return tuple(phase.name for phase in self.phases)
 
+    @late
     def tasks_of(self, phase: int) -> tuple[Task, ...]:
         """All tasks with the goals that they have in a phase, highest priority first."""
         return self._tasks[phase]
@@ -66,6 +69,7 @@ class Mission:
         """The state at t = 0: every gate rises from zero."""
         return self._enter(0, 0.0, np.zeros(len(self.hierarchy.tasks)))
 
+    @late
     def gates(self, state: MissionState, t: float) -> np.ndarray:
         """External activation (n_tasks,) [-] of each task at time t [s] ([Gao2022] eq. 22 in time)."""
         if t - state.since >= self.ramp:
@@ -73,14 +77,17 @@ class Mission:
         blend = float(Bell(0.0, self.ramp).increasing(t - state.since))
         return (1 - blend) * state.gates_before + blend * self._targets[state.phase]
 
+    @late
     def idle(self, state: MissionState, gates: np.ndarray) -> np.ndarray:
         """Which tasks (n_tasks,) are off, by the `gates` (n_tasks,) [-] of now, and stay off in this phase."""
         return np.asarray((self._targets[state.phase] == 0) & (gates == 0))
 
+    @late
     def references(self, state: MissionState, t: float) -> list[np.ndarray]:
         """Goal of each task at time t [s], highest priority first, as `Task.reference` gives it."""
         return [task.reference(self._clock(state, task, t)) for task in self._tasks[state.phase]]
 
+    @late
     def step(self, state: MissionState, t: float, quantities: Mapping[str, float]) -> tuple[MissionState, Event | None]:
         """The state after the quantities [in their units] measured at t [s], and the event if a transition fired."""
         if state.over:

@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.mission.conditions import Transition
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Phase:
     """One action: the external activation of each task, and what ends it.
@@ -38,6 +40,7 @@ class Phase:
             raise InvalidInput(f"phase {self.name!r}: activations {bad}; give values from 0 to 1")
 
 
+@late
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class MissionState:
     """Where a mission is."""
@@ -63,6 +66,7 @@ class MissionState:
         return self.completed or bool(self.aborted)
 
 
+@late
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Event:
     """Why a phase ended."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
@@ -14,6 +15,7 @@ from uvms_ocp.model.water.coefficients import links_in_water
 from uvms_ocp.model.water.hydrodynamics import STILL_WATER, Water
 
 
+@late
 @dataclass(frozen=True, slots=True, eq=False)
 class Dynamics:
     """Equations of motion ``M a + C v + D v + g = tau``; see `SymbolicDynamics` for the terms.
@@ -97,6 +99,7 @@ class Dynamics:
         return self._positions(q)[0].reshape(3, -1).T
 
 
+@checked
 def robot_dynamics(robot: Robot, density: float | None = None) -> Dynamics:
     """Dynamics of a robot with the water of its description and the joint friction of its URDF.
 

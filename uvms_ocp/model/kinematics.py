@@ -7,12 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import late
 from uvms_ocp.model.robot import Robot
 
 STEEP = 0.1
 """[-] cosine of a beam's tilt below which its range says nothing about the height."""
 
 
+@late
 @dataclass(frozen=True, slots=True, eq=False)
 class Kinematics:
     """A robot at a configuration; its existence proves that q is valid.

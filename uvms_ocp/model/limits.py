@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.model.files.description import RobotDescription
 
 _UNLIMITED = 1e12  # Pinocchio writes the largest float where a URDF has no limit
@@ -40,6 +41,7 @@ class Joint:
         return slice(self.idx_v, self.idx_v + self.n_v)
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Limits:
     """Actuator and position limits, infinite where there is none; read-only arrays."""

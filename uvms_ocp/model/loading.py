@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput, RobotDataError
 from uvms_ocp.model.files.conventions import forward_left_up
 from uvms_ocp.model.files.description import RobotDescription, TrimBody, checked_copy
@@ -24,6 +25,7 @@ from uvms_ocp.model.water.coefficients import links_in_water
 _log = logging.getLogger(__name__)
 
 
+@checked
 def load_robot(
     name: str | None = None,
     *,

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.files.description import LinkDescription, RobotDescription, checked_copy
 from uvms_ocp.model.files.urdf import UrdfModels
@@ -14,6 +15,7 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.bounding import cylinders_around_links
 
 
+@checked
 def mount(
     vehicle: Robot,
     arm: Robot,
@@ -42,6 +44,7 @@ def mount(
     return robot_of(joined, description, f"{vehicle.name}+{arm.name}")
 
 
+@checked
 def without_arm(robot: Robot) -> Robot:
     """Return the vehicle alone: everything fixed to the base of a free-flyer, its trim included.
 

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import FrameNotFound, NameNotFound
 from uvms_ocp.model import frames
 from uvms_ocp.model.configuration import ConfigurationSpace
@@ -18,6 +19,7 @@ from uvms_ocp.model.water.coefficients import links_in_water
 from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
 class Robot:
     """A vehicle with an arm, or a fixed-base arm; see `uvms_ocp.model.loading.load_robot`.
@@ -88,16 +90,19 @@ class Robot:
         """Names of all frames, without Pinocchio's universe."""
         return tuple(frame.name for frame in self.model.frames[1:])
 
+    @late
     def has_frame(self, name: str) -> bool:
         """Tell whether the frame exists."""
         return name in self.frame_names
 
+    @late
     def frame_id(self, name: str) -> int:
         """Return Pinocchio's index of a frame. Raises ``FrameNotFound`` with the alternatives."""
         if not self.has_frame(name):
             raise FrameNotFound(name, self.frame_names)
         return int(self.model.getFrameId(name))
 
+    @late
     def joint(self, name: str) -> Joint:
         """Return a joint by name. Raises ``NameNotFound`` with the alternatives."""
         for joint in self.joints:
@@ -130,6 +135,7 @@ class Robot:
         description = checked_copy(self.description, water_density=density)
         return replace(self, description=description, hydrodynamics=links_in_water(description))
 
+    @late
     def configuration(
         self,
         position: ArrayLike | None = None,
@@ -146,6 +152,7 @@ class Robot:
         space = self._space
         return space.checked(np.concatenate([space.vehicle_part(position, rpy, quaternion), space.joint_part(joints)]))
 
+    @late
     def check_configuration(self, q: ArrayLike) -> np.ndarray:
         """Return q (n_q,) [m, rad] as a read-only array. Raises ``InvalidInput`` naming what is wrong."""
         return self._space.checked(q)

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields, replace
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.files.description import RobotDescription, SensorDescription
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SensorSpec:
     """One channel. Raises `InvalidInput` for a value outside its range."""
@@ -47,6 +49,7 @@ class SensorSpec:
         return self.sigma == 0.0 and not any(self.biases)
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SensorSpecs:
     """All channels of `Readings`; `None` where the robot has no such sensor. The noise of the defaults is assumed."""

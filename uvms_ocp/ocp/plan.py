@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import OutputError
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.ocp.trajectory import Trajectory
@@ -65,6 +66,7 @@ class LevelReport:
     iterations: int
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Plan:
     """States at nodes, inputs of steps, and how it came about."""

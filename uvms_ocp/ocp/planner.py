@@ -8,6 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.ocp.first_step import impossible_start
 from uvms_ocp.ocp.plan import LevelReport, OcpStatus, Plan
 from uvms_ocp.ocp.problem import OcpPhase, OcpProblem
@@ -24,6 +25,7 @@ Verdict: TypeAlias = tuple[OcpStatus, str]
 """With the reason in words."""
 
 
+@checked
 class Planner:
     """Solves problems of one shape: built once, with its NLPs, for any start, current, goals and fixed durations."""
 
@@ -193,6 +195,7 @@ def _stretched(phase: OcpPhase, share: float) -> OcpPhase:
     return replace(phase, duration=phase.nominal * share)
 
 
+@checked
 def plan(problem: OcpProblem, options: NlpOptions | None = None, guess: Trajectory | None = None) -> Plan:
     """Plan once; build a `Planner` to plan again and again."""
     return Planner(problem, options).plan(guess=guess)

@@ -8,6 +8,7 @@ from enum import Enum
 
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
@@ -41,6 +42,7 @@ class HessianKind(Enum):
     GAUSS_NEWTON = "gauss-newton"
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class OcpPhase:
     """A stretch of the horizon. Raises `InvalidInput` without steps, and for durations that are not finite and positive."""
@@ -72,6 +74,7 @@ class OcpPhase:
         return 0.5 * sum(self.range)
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class OcpLevel:
     """Terms of one priority; their squared distances add up, path terms as a mean over the nominal time.
@@ -89,6 +92,7 @@ class OcpLevel:
             raise InvalidInput(f"level {self.name!r} has no terms; give at least one")
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class OcpProblem:
     """Levels from the highest priority to the lowest, subject to dynamics, limits of the robot and `constraints`.
@@ -178,6 +182,7 @@ class OcpProblem:
                 )
 
 
+@checked
 def single_phase(
     *, robot: Robot, start: State, duration: float, n_steps: int, levels: Sequence[OcpLevel], **options: object
 ) -> OcpProblem:

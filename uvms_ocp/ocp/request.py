@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import CollisionScene, Nearest, collision_scene
@@ -28,6 +29,7 @@ _PERIOD = 0.02  # [s] between the samples whose clearance is looked at
 _MAX_SAMPLES = 5000
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class OcpRequest:
     """What to plan: first the goal, at rest and within all limits, then little effort on smooth ways."""
@@ -49,6 +51,7 @@ class OcpRequest:
     """[s] for the solver."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OcpResult:
     """The plan, and what its true shapes keep from each other; of a plan that is not usable that means nothing."""
@@ -87,6 +90,7 @@ class OcpResult:
         return self.nearest.distance > 0.0
 
 
+@checked
 def solve_ocp(request: OcpRequest) -> OcpResult:
     """Plan by lexicographic optimal control.
 

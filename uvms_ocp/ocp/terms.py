@@ -13,6 +13,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.limits import bounded_joints
 from uvms_ocp.model.robot import Robot
@@ -45,6 +46,7 @@ class StageSymbols:
     """(n_joints,) [-]"""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Term(ABC):
     """Rows over a horizon. Raises `InvalidInput` for a weight that is not finite and positive."""
@@ -84,6 +86,7 @@ class Term(ABC):
         return np.zeros(0)
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class TaskTerm(Term):
     """A task of the velocity hierarchy over the horizon, by its `Task.residual`."""
@@ -108,6 +111,7 @@ class TaskTerm(Term):
         return self.task.reference(t)
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class AtRest(Term):
     """All velocities are zero, in shares of their limits."""
@@ -120,6 +124,7 @@ class AtRest(Term):
         return zero_residual(stage.tick.velocity / ca.DM(finite_or(stage.tick.robot.limits.velocity, 1.0)))
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Effort(Term):
     """Thrust and torque, in shares of their limits: the integral of their squares."""
@@ -136,6 +141,7 @@ class Effort(Term):
         return zero_residual(ca.vertcat(stage.thrust_share, stage.torque_share))
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Energy(Term):
     """Electrical energy: rows whose squares are the powers of thrusters and joints [kW], smooth at zero.
@@ -167,6 +173,7 @@ class Energy(Term):
         return zero_residual(ca.vertcat(ca.SX(0, 1), *rows))
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Smoothness(Term):
     """Accelerations, in shares of their limits: the integral of their squares."""
@@ -183,6 +190,7 @@ class Smoothness(Term):
         return zero_residual(stage.acceleration / ca.DM(finite_or(stage.tick.robot.limits.acceleration, 1.0)))
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Duration(Term):
     """Time: a row of ones, whose integral is the duration. Of use where durations are free."""
@@ -200,6 +208,7 @@ class Duration(Term):
         return zero_residual(ca.SX(1))
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Posture(Term):
     """Joints away from a preferred posture, in shares of their range: the integral of the squares."""
@@ -223,6 +232,7 @@ class Posture(Term):
         return zero_residual(ca.vertcat(ca.SX(0, 1), *away))
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Ball:
     """A ball fixed to a frame of the robot or, without a frame, to the world.
@@ -248,6 +258,7 @@ class Ball:
         return p + R @ ca.DM(self.centre)
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class BallClearance(Term):
     """Every ball of the robot stays `margin` away from every obstacle: one row per pair, signed distance [m] >= 0."""

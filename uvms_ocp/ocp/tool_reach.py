@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
@@ -14,6 +15,7 @@ from uvms_ocp.ocp.terms import AtRest, Effort, Smoothness, TaskTerm
 from uvms_ocp.tasks.pose import ToolPose
 
 
+@checked
 def tool_reach(
     robot: Robot,
     q: np.ndarray,

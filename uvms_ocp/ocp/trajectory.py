@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.model.state import State
@@ -15,6 +16,7 @@ from uvms_ocp.model.water.hydrodynamics import Water
 from uvms_ocp.ocp.problem import Actuation, OcpProblem
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Trajectory:
     """States at nodes and inputs of steps."""
@@ -48,6 +50,7 @@ class Trajectory:
         return int(np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.a) - 1))
 
 
+@checked
 def hold(problem: OcpProblem, start: State | None = None) -> Trajectory:
     """Guess: stay at the start of the problem or at another one, at rest."""
     robot, t = problem.robot, problem.nominal_times()
@@ -75,6 +78,7 @@ def shifted(problem: OcpProblem, last: Trajectory, delay: float, start: State) -
     return Trajectory(t=t, q=q, v=v, a=last.a[steps], **inputs, of_wrench=last.of_wrench)
 
 
+@checked
 def through(problem: OcpProblem, times: np.ndarray, configurations: np.ndarray) -> Trajectory:
     """Guess through configurations (n, n_q) [m, rad] at `times` (n,) [s]: a rollout of the hierarchy, or a minimum-snap path.
 

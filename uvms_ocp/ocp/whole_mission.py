@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
 from uvms_ocp.ocp.problem import OcpLevel, OcpPhase, OcpProblem
@@ -21,6 +22,7 @@ from uvms_ocp.tasks.pose import ToolPose, ToolPosition
 from uvms_ocp.tasks.velocity import NullVelocity
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class WholeMission:
     """Goals of the four phases, and how long each may take."""
@@ -48,6 +50,7 @@ class WholeMission:
     """(3,) [m/s]"""
 
 
+@checked
 def whole_mission(robot: Robot, start: State, mission: WholeMission, *, floor: float) -> OcpProblem:
     """One problem over all phases: goals first, energy below them, smoothness of thrust last.
 

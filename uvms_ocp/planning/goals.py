@@ -12,6 +12,7 @@ from typing import TypeAlias
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.collision.conservative_advancement import PairDistances
 from uvms_ocp.collision.coordinates import VEHICLE_AXES, coordinates
@@ -28,6 +29,7 @@ Triple: TypeAlias = tuple[float, float, float]
 _SAME = 1e-9  # [m or rad] difference between a goal and a start that is none
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ToolGoal:
     """A frame of the robot at a place. Raises `InvalidInput` for numbers that are not finite."""
@@ -68,6 +70,7 @@ class ToolGoal:
         return (ToolPosition(frame=self.frame, goal=pin.SE3(np.eye(3), self.target)),)
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PostureGoal:
     """A posture of the vehicle and joints; what is left out stays as at the start."""

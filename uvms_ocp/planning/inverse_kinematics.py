@@ -8,12 +8,14 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.collision.conservative_advancement import PairDistances
 from uvms_ocp.collision.coordinates import Coordinates
 from uvms_ocp.exceptions import InvalidInput
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ToolGoalOptions:
     """Settings of ``tool_goal``."""
@@ -32,6 +34,7 @@ class ToolGoalOptions:
     seed: int = 0
 
 
+@checked
 def tool_goal(
     distances: PairDistances,
     frame: str,

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import CollisionScene, collision_scene
@@ -28,6 +29,7 @@ AXES = ("level", "all", "joints")
 """Planned axes: all but roll and pitch, all, or the joints alone."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PlanRequest:
     """What to plan."""
@@ -43,6 +45,7 @@ class PlanRequest:
     seed: int = 0
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PlanResult:
     """The scene that was built, and the plan; None where no posture reaches the tool's goal."""
@@ -56,6 +59,7 @@ class PlanResult:
         return self.plan is not None and self.plan.collision_free
 
 
+@checked
 def solve(request: PlanRequest) -> PlanResult:
     """Find where to go, then how.
 

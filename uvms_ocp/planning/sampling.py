@@ -10,12 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.collision.conservative_advancement import PairDistances
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.axis_reach import largest_change
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SamplingOptions:
     """Settings of ``sampled_waypoints``. Raises `InvalidInput` for a step or room that is not positive."""
@@ -37,6 +39,7 @@ class SamplingOptions:
                 raise InvalidInput(f"{name} is {getattr(self, name)}; it must be positive.")
 
 
+@checked
 def sampled_waypoints(
     distances: PairDistances, start: ArrayLike, goal: ArrayLike, options: SamplingOptions | None = None
 ) -> Array | None:

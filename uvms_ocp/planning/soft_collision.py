@@ -10,6 +10,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.arrays import Array, Indices, Mask
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import CollisionScene
@@ -43,6 +44,7 @@ class PlanStatus(AdvisedStatus):
     )
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SoftCollisionOptions:
     """Settings of ``plan_soft_collision``."""
@@ -62,6 +64,7 @@ class SoftCollisionOptions:
     seed: int = 0
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class CollisionPlan:
     """A trajectory of the scene's coordinates and how clear of collision it is."""
@@ -80,6 +83,7 @@ class CollisionPlan:
         return self.clearance.collision_free
 
 
+@checked
 def plan_soft_collision(
     scene: CollisionScene,
     waypoints: ArrayLike,

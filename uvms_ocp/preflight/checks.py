@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.parameters import parameters_of
 from uvms_ocp.model.trim import without_trim
@@ -24,6 +25,7 @@ from uvms_ocp.tasks.task import Task, TaskClass
 _RANK = 1e-6  # singular values below it count as zero
 
 
+@checked
 def check_mission(setup: Setup) -> PreflightReport:
     """Every check on a mission; see `PreflightReport`. Raises what `build_levels` raises for unknown names."""
     problem = build_levels(setup.robot, setup.mission.hierarchy, setup.dt)

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from uvms_ocp.arguments import checked
+
 
 class Severity(enum.Enum):
     """How bad a finding is."""
@@ -19,6 +21,7 @@ class Severity(enum.Enum):
     """A figure worth knowing."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Finding:
     """One result of one check, in one sentence, with its figures (lengths in m, angles in rad, forces in N)."""
@@ -31,6 +34,7 @@ class Finding:
     figures: Mapping[str, Any] = field(default_factory=dict)
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PreflightReport:
     """All findings of one mission, errors first."""

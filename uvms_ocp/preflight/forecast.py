@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.mission.conditions import DONE, Below
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.preflight.setup import Setup
@@ -64,6 +65,7 @@ class Visit:
         return next((task for task in self.tasks if isinstance(task, kind)), None)
 
 
+@checked
 def forecast(setup: Setup) -> list[Visit]:
     """The phases in the order in which a mission without trouble goes through them."""
     start = setup.start

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
 from uvms_ocp.sim.environment import Environment
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Setup:
     """A mission before it begins."""

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.meta_values import ThresholdMeta
 from uvms_ocp.mission.conditions import ABORT
 from uvms_ocp.record import Record
@@ -16,6 +17,7 @@ _WINDOW = 5.0  # [s] at the end of the run over which progress is judged
 _PROGRESS = 0.02  # share of what is missing that must have been gained in the window
 
 
+@checked
 def cause_of_end(record: Record) -> dict[str, str]:
     """``kind``: completed, ended too early, given up, slow, stalled; ``text``: one sentence with the figures.
 

@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.record import Record
 from uvms_ocp.report.resources import resources
 from uvms_ocp.report.series import max_velocity_step, quantities_at, quantity
 
 
+@checked
 def compare(first: Record, second: Record) -> list[dict[str, Any]]:
     """Rows with the keys ``figure``, ``first``, ``second`` and ``change`` [%], `None` where one record lacks it.
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.meta_values import AxisLimitsMeta
 from uvms_ocp.ocp.plan import OcpStatus
@@ -20,6 +21,7 @@ _ADVICE = {  # where a request has other means than a problem
 }
 
 
+@checked
 def ocp_report(result: OcpResult) -> dict[str, Any]:
     """The content of ``report.json``: lengths in m, angles in rad, times in s, energy in J, thrust in N.
 
@@ -54,6 +56,7 @@ def ocp_report(result: OcpResult) -> dict[str, Any]:
     }
 
 
+@checked
 def ocp_record(result: OcpResult) -> Record:
     """The planned motion: t (n,) [s], q (n, n_q), v (n, n_v), axes ``x`` and their rates, clearance, and efforts.
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import Nearest
 from uvms_ocp.collision.conservative_advancement import clearance_along
@@ -24,6 +25,7 @@ _UNREACHED_ADVICE = "move the goal or the obstacles, leave its orientation free,
 _RATES = ("velocity", "acceleration")
 
 
+@checked
 def plan_report(result: PlanResult) -> dict[str, Any]:
     """The content of ``report.json``: lengths in m, angles in rad, times in s."""
     request, scene = result.request, result.scene
@@ -70,6 +72,7 @@ def _limit_ratios(result: PlanResult, curve: PiecewisePolynomial) -> dict[str, d
     }
 
 
+@checked
 def motion_record(result: PlanResult, plan: CollisionPlan) -> Record:
     """The planned motion: series t (n,) [s], q (n, n_q), v (n, n_v), x, its rates up to the snap, and clearance.
 

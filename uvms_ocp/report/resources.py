@@ -6,12 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.mission.conditions import ABORT, DONE
 from uvms_ocp.record import Record
 
 _N_VEHICLE = 6  # velocity degrees of freedom of a free-flyer
 
 
+@checked
 def resources(record: Record) -> list[dict[str, Any]]:
     """One row per visit to a phase, in order of time, and a last row ``total``: `phase` and `figures_between`.
 

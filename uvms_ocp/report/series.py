@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
 from uvms_ocp.record import quantity as quantity
 
 
+@checked
 def max_velocity_step(record: Record) -> float:
     """Largest change of any component of the command in one tick, from rest at the start."""
     steps = np.diff(record["command"], axis=0, prepend=np.zeros((1, record["command"].shape[1])))

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.mission.conditions import ABORT, DONE
 from uvms_ocp.record import Record
 from uvms_ocp.report.cause import cause_of_end
@@ -17,6 +18,7 @@ from uvms_ocp.report.series import max_velocity_step, quantities_at, quantity
 _SETTLING = 0.5  # [s] after the start of a phase, before its drift counts
 
 
+@checked
 def summarize(record: Record) -> dict[str, Any]:
     """The content of ``report.json``; `None` where a figure does not apply to the run or is not known. Tool errors are
     true ones, with what the mission went by beside them.
@@ -58,6 +60,7 @@ def summarize(record: Record) -> dict[str, Any]:
     }
 
 
+@checked
 def phase_table(record: Record) -> list[dict[str, Any]]:
     """One row per phase that was entered, in order of time: name, title, start, end, reason, errors at its end.
 

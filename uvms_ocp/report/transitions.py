@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.record import Record
 
@@ -15,6 +16,7 @@ WINDOW = 1.0  # [s] after a phase change that belongs to it
 _NOT_ABOVE = (",AD]", ",O]")  # labels of actions and of what is optimised
 
 
+@checked
 def transition_series(record: Record) -> dict[str, np.ndarray]:
     """Series over time ``t`` (n,) [s] of the commanded velocity, and the times ``changes`` (k,) [s] of phase changes.
 
@@ -42,6 +44,7 @@ def _acceleration(record: Record) -> np.ndarray:
     return np.array(record.meta.limits.acceleration)
 
 
+@checked
 def transition_table(records: Mapping[str, Record]) -> list[dict[str, Any]]:
     """One row per run and phase change, and one per run for all ticks: largest step, jerk and loss, root mean square jerk.
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.mission.conditions import DONE, Below, Transition
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.model.kinematics import Kinematics
@@ -49,6 +50,7 @@ class Circle:
         return pin.SE3(np.eye(3), point), np.concatenate([rate, np.zeros(3)])
 
 
+@checked
 def bluerov_inspection(
     *,
     target: Sequence[float] = (2.5, 1.0, -6.0),

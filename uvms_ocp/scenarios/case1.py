@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.mission.conditions import DONE, Below, Transition
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.model.robot import Robot
@@ -25,6 +26,7 @@ from uvms_ocp.tasks.velocity import NullVelocity
 _N_POSTURE_JOINTS = 4  # MP holds the last four joints ([Gao2022] Case 2)
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Thresholds:
     """What ends the phases of Case 1."""
@@ -52,6 +54,7 @@ class Thresholds:
         return Thresholds(landing_altitude=landing, tool_position=tool[0], tool_orientation=tool[1])
 
 
+@checked
 def case1(
     *,
     start: pin.SE3 | None = None,
@@ -88,6 +91,7 @@ def case1(
     )
 
 
+@checked
 def case1_unreachable(**options: Any) -> Scenario:
     """Case 1 with a way point from which, once landed, the arm stays 0.2 to 0.4 m short of its target.
 

@@ -10,6 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.collision import collision_scene, coordinates
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.exceptions import InvalidInput
@@ -39,6 +40,7 @@ ROCK = obstacle("rock", coal.Sphere(0.12), (12.25, 37.1, -39.8))
 _SHARE = 0.4  # of the joint limits that the plan uses: the rest is for the tool task to correct
 
 
+@checked
 def case2(
     *, with_mp: bool = True, obstacles: Sequence[Obstacle] = (ROCK,), clearance: float = 0.05, **options: Any
 ) -> Scenario:

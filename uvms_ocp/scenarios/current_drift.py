@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.control.force.dynamic import VelocityGains
 from uvms_ocp.mission.conditions import Above, Transition
 from uvms_ocp.mission.phase import Phase
@@ -15,6 +16,7 @@ from uvms_ocp.sim.currents import OnsetCurrent
 ADRIFT = Above(quantity="PC.horizontal_error", limit=0.5, release=0.4)  # [m] off the way point
 
 
+@checked
 def current_drift(*, back_steps: bool = True, retries: int = 3, **options: Any) -> Scenario:
     """Case 1 in a current that sets in during phase D and pushes the vehicle off, for null velocity is not position.
 

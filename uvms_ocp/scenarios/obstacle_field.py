@@ -7,6 +7,7 @@ from typing import Any
 
 import coal
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.mission.conditions import DONE, Below, Transition
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.model.shapes.collision_model import CollisionModel
@@ -29,6 +30,7 @@ FIELD = (
 """None of them straight ahead, all of them in the way of the hull."""
 
 
+@checked
 def obstacle_field(
     *,
     obstacles: Sequence[Obstacle] = FIELD,

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.scenario import Scenario, pose_at
 from uvms_ocp.scenarios.case1 import case1
 from uvms_ocp.tasks.hierarchy import Hierarchy
 
 
+@checked
 def priority_swap(*, swapped: bool = True, **options: Any) -> Scenario:
     """Case 1 with a way point whose attitude is pitched by 0.3 rad, and PC above HA ([Gao2022], after Table 3).
 

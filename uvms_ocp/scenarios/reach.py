@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.mission.conditions import DONE, Below, Transition
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.model.kinematics import Kinematics
@@ -21,6 +22,7 @@ from uvms_ocp.tasks.joints import JointLimits, JointTracking
 from uvms_ocp.tasks.pose import ToolPosition, VehiclePose
 
 
+@checked
 def reach(
     *,
     variant: str | None = None,

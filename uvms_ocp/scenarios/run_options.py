@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.control.force.dynamic import VelocityGains
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.exceptions import NameNotFound
@@ -29,6 +30,7 @@ from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 Markers = Mapping[str, tuple[float, float, float]]
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RunOptions:
     """Options of every scenario. `run_options` makes them from keywords, which may give a robot or a current by less."""

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.mission.conditions import DONE, Below, Transition
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.scenario import Scenario, pose_at
@@ -20,6 +21,7 @@ from uvms_ocp.tasks.pose import VehiclePose
 _ABOVE_FLOOR = 0.8  # [m] height of the way point: low enough for the minimum altitude to decide the height everywhere
 
 
+@checked
 def transit(*, relief: str = "small", min_altitude: float = 1.0, length: float = 30.0, **options: Any) -> Scenario:
     """A transit of length [m] towards a way point near the floor, held up by the minimum altitude alone.
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.mission.conditions import Transition
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.scenario import Scenario, pose_at
@@ -17,6 +18,7 @@ from uvms_ocp.scenarios.case1 import case1
 _APPROACH = np.array([-1.4025, 0.0752, 1.886])  # [m] from a target to its way point
 
 
+@checked
 def two_targets(
     *, second: Sequence[float] = (13.6, 36.2, -39.886), second_yaw: float = -0.7, **options: Any
 ) -> Scenario:

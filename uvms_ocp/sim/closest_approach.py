@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.collision_model import CollisionModel
 from uvms_ocp.model.shapes.obstacles import Obstacle
@@ -15,6 +16,7 @@ from uvms_ocp.sim.seafloor import floor_obstacle
 _AROUND = 4.0  # [m] of floor beyond the vehicle's track
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ClosestApproach:
     """The smallest distance over a run; 0 or less is contact."""
@@ -27,6 +29,7 @@ class ClosestApproach:
     """Names of the two shapes."""
 
 
+@checked
 def closest_approach(
     robot: Robot,
     environment: Environment,

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import late
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.water.hydrodynamics import Water
 
@@ -52,6 +53,7 @@ def water_at(current: Current, p_W: np.ndarray, t: float) -> Water:
     return Water(velocity=u, acceleration=current.rate(p_W, t) + carried)
 
 
+@late
 @dataclass(frozen=True, kw_only=True, slots=True)
 class StillWater(Current):
     """No current."""
@@ -66,6 +68,7 @@ class StillWater(Current):
         return np.zeros((len(p_W), 3, 3))
 
 
+@late
 @dataclass(frozen=True, slots=True, eq=False)
 class UniformCurrent(Current):
     """The same velocity (3,) [m/s] everywhere and always.
@@ -89,6 +92,7 @@ class UniformCurrent(Current):
         return np.zeros((len(p_W), 3, 3))
 
 
+@late
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ShearedCurrent(Current):
     """A steady current that varies with depth: linear between the given heights, constant beyond them.
@@ -137,6 +141,7 @@ class ShearedCurrent(Current):
         return gradient
 
 
+@late
 @dataclass(frozen=True, slots=True, eq=False)
 class OnsetCurrent(Current):
     """A uniform current that sets in: from rest to its velocity by a cosine step, as when the tide turns."""
@@ -173,6 +178,7 @@ class OnsetCurrent(Current):
         return min(max((t - self.start) / self.rise, 0.0), 1.0)
 
 
+@late
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class GustyCurrent(Current):
     """A first-order Gauss-Markov process on top of another current, the same everywhere.

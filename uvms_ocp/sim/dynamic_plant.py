@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.model.dynamics import Dynamics
@@ -24,6 +25,7 @@ from uvms_ocp.sim.thrusters import ThrusterBank, joint_power
 BRAKE_FRICTION = 1e6  # [N m s/rad] of a locked joint, which creeps by less than a milliradian in a minute (assumed)
 
 
+@checked
 class DynamicPlant(Plant):
     """Robot, thrusters, water and floor at `max_step` or finer; see `uvms_ocp.sim.dynamic_step` for the equations."""
 
@@ -63,6 +65,7 @@ class DynamicPlant(Plant):
         self._joint_energy = 0.0
         self.state = State(q=robot.check_configuration(q0), v=np.zeros(robot.n_v))
 
+    @late
     def step(self, command: Command, dt: float) -> None:
         """Advance by dt [s]. Water and floor are sampled once, thrust and motion in steps of at most `max_step`.
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.shapes.obstacles import Obstacle
 from uvms_ocp.sim.currents import Current, StillWater
 from uvms_ocp.sim.seafloor import Seafloor
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Environment:
     """Everything that is not the robot. Raises `InvalidInput` for two obstacles of the same name."""

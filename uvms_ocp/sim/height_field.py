@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.optimize import brentq
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.sim.seafloor import Seafloor
 
@@ -48,6 +49,7 @@ RELIEFS = {
 """The floors of [Gao2022] table 2, which names but does not measure them: the figures are assumed."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class HeightField(Seafloor):
     """A plane with bumps ``h (1 - (d/r)^2)^3`` where the distance d to the bump's centre is below r.
@@ -114,6 +116,7 @@ class HeightField(Seafloor):
             radii=rng.uniform(*relief.radius, n),
         )
 
+    @late
     def height(self, x: float, y: float) -> float:
         return self.z + float(_elevation(self._bumps, x, y))
 
@@ -128,10 +131,12 @@ class HeightField(Seafloor):
         slope = 6.0 * height * rest * rest * scale
         return np.array([slope @ dx, slope @ dy])
 
+    @late
     def normal(self, x: float, y: float) -> np.ndarray:
         upwards = np.array([*-self.gradient(x, y), 1.0])
         return upwards / np.linalg.norm(upwards)
 
+    @late
     def range_along(self, origin: np.ndarray, direction: np.ndarray) -> float:
         # Marches with a fraction of the smallest radius, then refines by Brent's method.
         descent = -float(direction[2])

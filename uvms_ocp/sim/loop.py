@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.model.state import Command, Measurement, Readings, State
 from uvms_ocp.record import Recorder
 from uvms_ocp.sim.plant import Plant
@@ -24,6 +25,7 @@ Progress = Callable[[float, Command], None]
 """Told the time [s] and the command of a tick."""
 
 
+@checked
 def simulate(
     *,
     plant: Plant,

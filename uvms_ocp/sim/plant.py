@@ -7,6 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, State
 
@@ -24,6 +25,7 @@ class Plant(Protocol):
         """What it knows beside its state, for the record."""
 
 
+@checked
 class KinematicPlant(Plant):
     """The paper's plant: velocities follow the command at once."""
 
@@ -32,6 +34,7 @@ class KinematicPlant(Plant):
         self._model = robot.model
         self.state = State(q=robot.check_configuration(q0), v=np.zeros(robot.n_v))
 
+    @late
     def step(self, command: Command, dt: float) -> None:
         self.state = State(q=pin.integrate(self._model, self.state.q, command.v * dt), v=command.v)
 

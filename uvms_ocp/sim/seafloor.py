@@ -10,6 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.meta_values import FloorRelief
 from uvms_ocp.model.shapes.obstacles import Obstacle, mesh_shape
@@ -37,6 +38,7 @@ class Seafloor(Protocol):
         """
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FlatSeafloor(Seafloor):
     """A horizontal plane. Raises `InvalidInput` for a height that is not finite."""
@@ -48,17 +50,21 @@ class FlatSeafloor(Seafloor):
         if not math.isfinite(self.z):
             raise InvalidInput(f"seafloor at z = {self.z}; give a finite height [m]")
 
+    @late
     def height(self, x: float, y: float) -> float:
         return self.z
 
+    @late
     def normal(self, x: float, y: float) -> np.ndarray:
         return np.array([0.0, 0.0, 1.0])
 
+    @late
     def range_along(self, origin: np.ndarray, direction: np.ndarray) -> float:
         descent = -float(direction[2])
         return (float(origin[2]) - self.z) / descent if descent > _LEVEL else math.nan
 
 
+@checked
 def floor_relief(seafloor: Seafloor, low: np.ndarray, high: np.ndarray) -> FloorRelief | None:
     """A rectangle of the floor from `low` (2,) to `high` (2,) [m], rounded to a millimetre, for records; `None` for a plane."""
     if isinstance(seafloor, FlatSeafloor):
@@ -68,6 +74,7 @@ def floor_relief(seafloor: Seafloor, low: np.ndarray, high: np.ndarray) -> Floor
     return FloorRelief(x=tuple(x.round(3).tolist()), y=tuple(y.round(3).tolist()), z=z)
 
 
+@checked
 def floor_mesh(
     seafloor: Seafloor, *, centre: tuple[float, float], extent: float, spacing: float
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -87,6 +94,7 @@ def floor_mesh(
     return np.stack([x, y, z], axis=1), triangles.reshape(-1, 3)
 
 
+@checked
 def floor_obstacle(
     seafloor: Seafloor, *, centre: tuple[float, float], extent: float, spacing: float = 0.25
 ) -> Obstacle:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.kinematics import AltimeterBeam
 from uvms_ocp.model.robot import Robot
@@ -22,6 +23,7 @@ Truth = Callable[[State], Any]
 Disturb = Callable[[Any, np.ndarray], Any]
 
 
+@checked
 class Altimeter:
     """Range along -z of a frame of the robot to the seafloor, without noise. Raises `FrameNotFound` for an unknown frame."""
 
@@ -34,6 +36,7 @@ class Altimeter:
         return self._seafloor.range_along(beam.origin, beam.direction)
 
 
+@checked
 class SensorSuite:
     """All sensors of a robot. Holds their last readings: build one per run and read it at increasing times.
 
@@ -61,6 +64,7 @@ class SensorSuite:
             if (spec := getattr(specs, name)) is not None and name in sources
         ]
 
+    @late
     def read(self, state: State, t: float) -> Readings:
         """The last reading of every channel at time t [s], the time of the true `state`."""
         return Readings(**{name: channel.read(state, t) for name, channel in self._channels})

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from uvms_ocp.arguments import late
 from uvms_ocp.exceptions import InvalidInput
 
 
+@late
 @dataclass(frozen=True, slots=True)
 class Bell:
     """A cosine step over ``start <= x <= end``: C1 everywhere, 0 or 1 outside.

@@ -9,6 +9,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.axis_reach import point_reach
 from uvms_ocp.model.kinematics import AltimeterBeam
@@ -61,6 +62,7 @@ def height_of(robot: Robot, frame: str) -> Callable[[np.ndarray, np.ndarray | No
     return height
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class MinimumAltitude(Task):
     """MAC: the altimeter stays above `threshold` ([Gao2022] eqs 16-26)."""
@@ -127,6 +129,7 @@ class MinimumAltitude(Task):
         )
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LandingAltitude(Task):
     """LA: the altimeter descends to ``landing_distance + safeguard`` ([Gao2022] eqs 34-35)."""

@@ -8,6 +8,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.spatial import skew
@@ -84,6 +85,7 @@ class AngleTask(Task):
         )
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class HorizontalAttitude(AngleTask):
     """HA: the body z axis stays vertical. Row ``-n . omega`` ([Gao2022], horizontal attitude)."""
@@ -111,6 +113,7 @@ class HorizontalAttitude(AngleTask):
         return self._angle_rows(symbols, theta, row, {"tilt": theta})
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Alignment(AngleTask):
     """AT: the body x axis points along the horizontal direction to a target ([Gao2022] eqs 36-58).
@@ -142,6 +145,7 @@ class Alignment(AngleTask):
     def n_parameters(self, robot: Robot) -> int:
         return 6
 
+    @late
     def reference(self, t: float) -> np.ndarray:
         return np.concatenate(evaluate_vector(self.name, self.goal, t))
 
@@ -174,6 +178,7 @@ class Alignment(AngleTask):
         )
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class FieldOfView(AngleTask):
     """FV: a point stays inside the cone that a camera sees.
@@ -208,6 +213,7 @@ class FieldOfView(AngleTask):
     def n_parameters(self, robot: Robot) -> int:
         return 6
 
+    @late
     def reference(self, t: float) -> np.ndarray:
         return np.concatenate(evaluate_vector(self.name, self.goal, t))
 

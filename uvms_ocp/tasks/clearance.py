@@ -8,6 +8,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.model.limits import PositionLimit
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.collision_model import CollisionModel
@@ -17,6 +18,7 @@ from uvms_ocp.tasks.nearest_pairs import NearestPairs
 from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, require_positive
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Clearance(Task):
     """CL: the nearest pairs of shapes stay `threshold` apart, one row per pair.
@@ -64,6 +66,7 @@ class Clearance(Task):
     def n_parameters(self, robot: Robot) -> int:
         return self._pairs.n_parameters
 
+    @late
     def reference(self, t: float) -> np.ndarray:
         return self._pairs.far_away()
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.tasks.task import Task
 
 
+@checked
 class Hierarchy:
     """Tasks from the highest priority to the lowest.
 

@@ -8,6 +8,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.limits import Joint, bounded_joints
 from uvms_ocp.model.robot import Robot
@@ -29,6 +30,7 @@ from uvms_ocp.tasks.task import (
 _SINGULAR = 1e-12  # keeps the square root of the manipulability differentiable at singular postures
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class JointLimits(Task):
     """JL: every bounded joint stays inside its range, one row per joint ([Gao2022] Case 2).
@@ -102,6 +104,7 @@ class JointLimits(Task):
         )
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class JointTracking(Task):
     """MP: chosen joints follow a trajectory or hold a preferred posture ([Gao2022] Case 2).
@@ -129,6 +132,7 @@ class JointTracking(Task):
     def n_parameters(self, robot: Robot) -> int:
         return 2 * len(self.joints)
 
+    @late
     def reference(self, t: float) -> np.ndarray:
         return np.concatenate(evaluate_vector(self.name, self.goal, t))
 
@@ -145,6 +149,7 @@ class JointTracking(Task):
         return equality_rows(jacobian, rate, {"posture_error": ca.norm_2(error)})
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Manipulability(Task):
     """MU: the manipulability ``mu = sqrt(det(J J'))`` of the arm stays away from 0.

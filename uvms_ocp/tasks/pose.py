@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.spatial import log3
 from uvms_ocp.tasks.limits import saturate
@@ -26,6 +27,7 @@ from uvms_ocp.tasks.task import (
 _N_POSE = 12 + 6  # p (3), R column by column (9), rate (6)
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PoseTask(Task):
     """A frame F reaches a pose and follows it ([Gao2022] eqs 28-33, and the tool's CartError).
@@ -60,6 +62,7 @@ class PoseTask(Task):
     def n_parameters(self, robot: Robot) -> int:
         return _N_POSE
 
+    @late
     def reference(self, t: float) -> np.ndarray:
         pose, rate = evaluate_pose(self.name, self.goal, t)
         return pose_parameters(pose, rate)
@@ -84,6 +87,7 @@ class PoseTask(Task):
         return equality_rows(symbols.kinematics.jacobian(self.frame), rate, quantities)
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class VehiclePose(PoseTask):
     """PC: the vehicle reaches a way point."""
@@ -97,6 +101,7 @@ class VehiclePose(PoseTask):
     """[1/s]"""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ToolPose(PoseTask):
     """T: the tool reaches a pose."""
@@ -110,6 +115,7 @@ class ToolPose(PoseTask):
     """[1/s]"""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ToolPosition(Task):
     """The origin of a frame reaches a position; its orientation stays free."""
@@ -132,6 +138,7 @@ class ToolPosition(Task):
     def n_parameters(self, robot: Robot) -> int:
         return 6
 
+    @late
     def reference(self, t: float) -> np.ndarray:
         pose, rate = evaluate_pose(self.name, self.goal, t)
         return np.concatenate([pose.translation, rate[:3]])

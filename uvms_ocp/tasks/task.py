@@ -16,6 +16,7 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.limits import PositionLimit
 from uvms_ocp.model.robot import Robot
@@ -60,6 +61,7 @@ class TickSymbols:
         return ca.SX.eye(self.robot.n_v)[indices, :]
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Rows:
     """What a task asks of v: ``jacobian @ v`` at `rate`, or within ``[lower, upper]``."""
@@ -82,6 +84,7 @@ class Rows:
         return int(self.jacobian.shape[0])
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Residual:
     """What a task asks of a state: `value` within ``[lower, upper]``; an equality has lower = upper.
@@ -101,6 +104,7 @@ class Residual:
         return int(self.value.shape[0])
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Task(ABC):
     """Base of all tasks. Fields of every task can be changed with `dataclasses.replace`.
@@ -145,6 +149,7 @@ class Task(ABC):
         """Length of the vector that `reference` returns."""
         return 0
 
+    @late
     def reference(self, t: float) -> np.ndarray:
         """Goal at time t [s] as a parameter vector (n_parameters,); for `nearest_pairs`, that nothing is near."""
         return np.zeros(0)

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import casadi as ca
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.tasks.task import (
     Residual,
@@ -19,6 +20,7 @@ from uvms_ocp.tasks.task import (
 )
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class VehicleVelocity(Task):
     """Shared part of tasks on chosen vehicle axes (0-2 linear, 3-5 angular, in B).
@@ -36,6 +38,7 @@ class VehicleVelocity(Task):
             raise InvalidInput(f"{self.name}: axes {self.axes}; give some of 0 to 5")
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NullVelocity(VehicleVelocity):
     """NR: the vehicle stands still."""
@@ -51,6 +54,7 @@ class NullVelocity(VehicleVelocity):
         return equality_rows(symbols.velocity_rows(list(self.axes)), ca.SX.zeros(len(self.axes)))
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class UnderActuation(VehicleVelocity):
     """Axes without thrust keep their measured velocity, so that the other rows reckon with it."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.arrays import Array, Mask
 from uvms_ocp.trajectories.free_derivatives import (
     Pieces,
@@ -39,6 +40,7 @@ class CostGradients:
     """(k, n + 1, n_axes) [axis/s^(2k - 1 - d)] by every derivative at every way point; zero where it is free."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class MinSnap:
     """A minimum-derivative trajectory and the data of its nodes."""
@@ -57,6 +59,7 @@ class MinSnap:
         return CostGradients(times=by_time, durations=by_duration, waypoints=by_node[0], node_derivatives=by_node)
 
 
+@checked
 def min_snap(waypoints: ArrayLike, times: ArrayLike, specification: CurveSpecification = MINIMUM_SNAP) -> MinSnap:
     """Minimise the integral of the squared derivative through way points, in time linear in their number.
 

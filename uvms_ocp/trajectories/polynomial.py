@@ -16,12 +16,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput, OutputError
 
 _EXTREMUM_GRID = np.linspace(0.0, 1.0, 65)
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PiecewisePolynomial:
     """A curve ``t -> R^n_axes`` made of polynomials; as a callable it is a ``Reference``, ``t -> (value, rate)``.
@@ -73,6 +75,7 @@ class PiecewisePolynomial:
         """(n_pieces,) [s]"""
         return np.diff(self.breaks)
 
+    @late
     def __call__(self, t: float) -> tuple[Array, Array]:
         """Value (n_axes,) [axis] and rate (n_axes,) [axis/s] at t [s]; outside of its times the curve rests at its ends."""
         inside = min(max(t, self.start), self.end)
@@ -82,6 +85,7 @@ class PiecewisePolynomial:
         value, rate = _horner_with_rate(self.coefficients[:, piece], u)
         return value, rate / duration if inside == t else np.zeros(self.n_axes)
 
+    @late
     def evaluate(self, t: ArrayLike, derivative: int = 0) -> Array:
         """The derivative-th derivative (..., n_axes) [axis/s^derivative] at times t (...) [s], clipped to the ends.
 
@@ -180,6 +184,7 @@ class PiecewisePolynomial:
             raise InvalidInput(f"{path}: not a trajectory written by to_numpy ({error}).") from error
 
 
+@checked
 def concatenate(curves: Sequence[PiecewisePolynomial]) -> PiecewisePolynomial:
     """One curve after the other, each shifted to begin where the one before ends; lower degrees are padded.
 

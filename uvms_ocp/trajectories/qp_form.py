@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.arrays import Array, Mask
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.trajectories.free_derivatives import pieces_of
@@ -35,6 +36,7 @@ class Bound:
     """[axis/s^derivative]"""
 
 
+@checked
 def min_snap_qp(
     waypoints: ArrayLike,
     times: ArrayLike,

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.trajectories.min_snap import MinSnap, min_snap
@@ -18,6 +19,7 @@ from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.trajectories.specification import MINIMUM_SNAP, CurveSpecification, checked_waypoints
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class MotionLimits:
     """Largest absolute derivatives, a number or one per axis; infinity is no limit.
@@ -55,6 +57,7 @@ class MotionLimits:
         return float(np.max(peaks / self.rows(trajectory.n_axes)))
 
 
+@checked
 def trapezoidal_times(waypoints: ArrayLike, limits: MotionLimits) -> Array:
     """(n + 1,) [s] times at which every leg, from rest to rest, lasts as long as its slowest axis needs.
 
@@ -72,6 +75,7 @@ def trapezoidal_times(waypoints: ArrayLike, limits: MotionLimits) -> Array:
     return np.concatenate([[0.0], np.cumsum(durations)])
 
 
+@checked
 def scale_to_limits(trajectory: PiecewisePolynomial, limits: MotionLimits) -> PiecewisePolynomial:
     """The same path as fast as a uniform change of time allows: the largest ratio to a limit becomes 1.
 
@@ -86,6 +90,7 @@ def scale_to_limits(trajectory: PiecewisePolynomial, limits: MotionLimits) -> Pi
     return trajectory.scaled(factor)
 
 
+@checked
 def optimal_times(
     waypoints: ArrayLike,
     times: ArrayLike,

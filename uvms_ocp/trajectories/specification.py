@@ -10,11 +10,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.arrays import Array, Mask
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.trajectories.polynomial import frozen
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Boundary:
     """Derivatives 1, 2, ... at both ends: a number for all of them (0 is rest), rows (n_given, n_axes), or None (free).
@@ -28,6 +30,7 @@ class Boundary:
     """() or (n_given, n_axes) [axis/s^d]"""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Constraint:
     """One derivative fixed at one way point, for all axes or some of them."""
@@ -42,6 +45,7 @@ class Constraint:
     """Axes concerned; None is all of them."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class CurveSpecification:
     """Which derivative is made least, and what holds at the way points besides their positions.

@@ -6,12 +6,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.meta_values import TaskMeta
 from uvms_ocp.record import Record
 from uvms_ocp.viz.series import phase_spans, task_activity, task_gate
 from uvms_ocp.viz.style import BLUE, VERMILLION, heading_legend, shade_phases, stacked, styled
 
 
+@checked
 @styled
 def figure_activations(record: Record) -> Figure | None:
     """One small panel per task: activation of its rows (internal bell x phase) under the phase's own activation."""
@@ -39,6 +41,7 @@ def _activation_panel(axis: Axes, record: Record, task: TaskMeta) -> None:
     axis.annotate(task.label, (1.008, 0.5), xycoords="axes fraction", va="center", fontsize=6.5, annotation_clip=False)
 
 
+@checked
 @styled
 def figure_row_activations(record: Record, task: str = "JL") -> Figure | None:
     """Activation of every row of a task, such as each joint of JL; `None` where the task has no level."""

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
 from uvms_ocp.viz.series import n_joints, phase_spans
 from uvms_ocp.viz.style import (
@@ -28,6 +29,7 @@ _LEAST = {"step": 1e-4, "jerk": 1e-2, "lost": 1e-18}
 """What is drawn of the figures of a phase change on a logarithmic axis."""
 
 
+@checked
 @styled
 def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> Figure:
     """Positions of all joints during the last stay in a phase, for runs by name, over time since its start."""
@@ -49,6 +51,7 @@ def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> 
     return figure
 
 
+@checked
 @styled
 def figure_paths(paths: Mapping[str, np.ndarray]) -> Figure:
     """From above and from the side: `paths` (n, 3) [m] in W by name, such as a tool's planned and tracked one."""
@@ -72,6 +75,7 @@ def figure_paths(paths: Mapping[str, np.ndarray]) -> Figure:
     return figure
 
 
+@checked
 @styled
 def figure_transitions(runs: Mapping[str, Mapping[str, np.ndarray]]) -> Figure:
     """How smoothly runs change phase; thin lines: changes.

@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
 from uvms_ocp.viz.series import has_vehicle, phase_spans
 from uvms_ocp.viz.style import AXES_XYZ, BLUE, LINES, VERMILLION, shade_phases, stacked, styled
 
 
+@checked
 @styled
 def figure_efforts(record: Record) -> Figure | None:
     """Thrust of every thruster, torque of every joint, and the energy taken so far."""
@@ -34,6 +36,7 @@ def figure_efforts(record: Record) -> Figure | None:
     return figure
 
 
+@checked
 @styled
 def figure_tracking(record: Record) -> Figure | None:
     """How well the vehicle follows its reference velocity, and the force that the observer holds responsible."""

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
 from uvms_ocp.viz.series import PhaseSpan, has_vehicle, n_joints, phase_spans
 from uvms_ocp.viz.style import AXES_XYZ, DASHES, LINES, VERMILLION, WIDTH, RecordFigure, shade_phases, styled
@@ -17,6 +18,7 @@ _MAX_ZOOMS = 4
 _LEAST_SPAN = 0.02  # [m/s, rad/s] of a velocity panel
 
 
+@checked
 @styled
 def figure_velocities(record: Record) -> Figure | None:
     """Linear and angular velocity of the vehicle in B, whole run and a zoom on every change of phase."""
@@ -77,6 +79,7 @@ def _velocity_lines(axis: Axes, record: Record, part: slice, names: Sequence[str
         axis.plot(t[shown], values, color=color, ls=dashes, label=name, lw=1.2)
 
 
+@checked
 @styled
 def figure_joints(record: Record) -> Figure | None:
     """Joint positions and velocities, with limits where the record gives them; one small panel per joint."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
 from uvms_ocp.viz.series import floor_heights, has_vehicle, phase_spans
 from uvms_ocp.viz.style import BLACK, LINES, WIDTH, RecordFigure, styled
@@ -12,6 +13,7 @@ from uvms_ocp.viz.style import BLACK, LINES, WIDTH, RecordFigure, styled
 _SAND = "#8C6D46"
 
 
+@checked
 @styled
 def figure_path(record: Record) -> Figure | None:
     """The vehicle's path from above and from the side, coloured by phase, with the markers of the scenario."""

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.meta_values import ClearanceMeta
 from uvms_ocp.record import Record
 from uvms_ocp.viz.efforts import figure_efforts
@@ -28,18 +29,21 @@ _FAR = 0.5  # [m] farther than this needs no look
 _VEHICLE = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
+@checked
 @styled
 def figure_vehicle_motion(record: Record) -> Figure | None:
     """Planned vehicle axes from position to snap; `None` where none is planned."""
     return _motion(record, _VEHICLE, "Planned motion of the vehicle")
 
 
+@checked
 @styled
 def figure_joint_motion(record: Record) -> Figure | None:
     """Planned joints from position to snap; `None` where none is planned."""
     return _motion(record, record.meta.joints, "Planned motion of the joints")
 
 
+@checked
 @styled
 def figure_clearance(record: Record) -> Figure | None:
     """Distance from each obstacle and between links along the path, and the clearance that was wanted."""
@@ -79,6 +83,7 @@ def _mark_least(axis: Axes, nearest: ClearanceMeta) -> None:
     )
 
 
+@checked
 def write_plan_figures(record: Record, folder: Path | str) -> tuple[Path, ...]:
     """Write every figure that the plan can fill as PNG; returns the paths. Raises `OutputError`."""
     figures = {

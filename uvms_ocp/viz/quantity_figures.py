@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
 from uvms_ocp.viz.series import phase_spans, quantity, task_gate, thresholds
 from uvms_ocp.viz.style import (
@@ -28,12 +29,14 @@ from uvms_ocp.viz.style import (
 _LOG_FLOOR = 1e-9  # [m, rad] below this an error is rounding
 
 
+@checked
 @styled
 def figure_errors(record: Record, task: str = "PC") -> Figure | None:
     """Position and orientation error of the vehicle to its way point; faded while the task is off."""
     return _pose_error_figure(record, task, "Vehicle: error to the way point")
 
 
+@checked
 @styled
 def figure_tool_error(record: Record, task: str | None = None) -> Figure | None:
     """Position and orientation error of the tool; faded while the task is off. `task` is the record's tool task."""
@@ -105,6 +108,7 @@ def _required(record: Record, name: str) -> np.ndarray:
     return np.full(len(record), np.nan) if values is None else values
 
 
+@checked
 @styled
 def figure_misalignment(record: Record) -> Figure | None:
     """Angle between the vehicle's x axis and the horizontal direction to the target (AT), and tilt (HA)."""
@@ -112,6 +116,7 @@ def figure_misalignment(record: Record) -> Figure | None:
     return _quantity_figure(record, rows, "Vehicle: alignment with the target, and tilt", _linear_panel)
 
 
+@checked
 @styled
 def figure_altitude(record: Record) -> Figure | None:
     """Altitude above the floor with the thresholds on it, and a closer view of its end."""

@@ -11,6 +11,7 @@ from types import MappingProxyType
 
 from matplotlib.figure import Figure
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
 from uvms_ocp.viz.activation_figures import figure_activations
 from uvms_ocp.viz.efforts import figure_efforts, figure_tracking
@@ -38,6 +39,7 @@ FIGURES: Mapping[str, Callable[[Record], Figure | None]] = MappingProxyType(
 )
 
 
+@checked
 def write_figures(record: Record, folder: Path | str) -> tuple[Path, ...]:
     """Write every figure that the record can fill as ``folder/<name>.png``; returns the paths written.
 

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
 from uvms_ocp.viz.series import phase_spans
 from uvms_ocp.viz.style import (
@@ -24,6 +25,7 @@ from uvms_ocp.viz.style import (
 )
 
 
+@checked
 @styled
 def figure_tick_time(record: Record) -> Figure | None:
     """How long one control tick took, over time and as a distribution."""

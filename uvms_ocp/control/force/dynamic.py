@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.control.force.actuators import Actuators
 from uvms_ocp.control.force.allocation import allocation_of
 from uvms_ocp.control.force.observer import DisturbanceObserver
@@ -18,6 +19,7 @@ from uvms_ocp.model.state import Command, Measurement
 _ENCODER_SILENCE = 0.05  # [s] after which joints are no longer fed back; a joint falls faster than a vehicle drifts
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class VelocityGains:
     """Gains of the velocity loop, in units of the closed loop: the model takes care of mass and water.
@@ -49,6 +51,7 @@ class VelocityGains:
             raise InvalidInput(f"gain lead = {self.lead}; give a factor >= 1")
 
 
+@checked
 class DynamicController:
     """Tracks the velocities of a kinematic layer: a callable ``(Measurement, t) -> Command`` with thrust and torque.
 
@@ -81,6 +84,7 @@ class DynamicController:
         self._integral = np.zeros(robot.n_v)
         self._reference = np.zeros(robot.n_v)
 
+    @late
     def __call__(self, measurement: Measurement, t: float) -> Command:
         """The command for the tick at time t [s]."""
         tick = self.kinematic.observe(measurement, t)

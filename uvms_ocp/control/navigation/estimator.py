@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.control.navigation.filters import AltitudeFilter, JointFilter, VehicleFilter
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.robot import Robot
@@ -18,6 +19,7 @@ _JOINT_CHANNELS = ("joint_positions",)
 _OPTIONAL_CHANNELS = ("depth", "joint_velocities")  # improve an estimate that does not need them
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class EstimatorTuning:
     """How fast the robot and the floor are expected to change. Raises `InvalidInput` for a number not > 0.
@@ -49,6 +51,7 @@ class EstimatorTuning:
                 raise InvalidInput(f"{name} of the estimator = {value}; give a finite number > 0")
 
 
+@checked
 class Estimator:
     """A callable ``(Readings, t, command) -> Measurement``. Holds its estimate: build one per run.
 
@@ -79,6 +82,7 @@ class Estimator:
         self._response = np.zeros(robot.n_v)
         self._t: float | None = None
 
+    @late
     def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
         """The estimate at time t [s]; `command` has been acting since the last call.
 
@@ -123,6 +127,7 @@ class Estimator:
         return (self._vehicle.position, self._vehicle.quaternion), self._vehicle.velocity()
 
 
+@checked
 class PassThrough:
     """Takes readings for the truth: for sensors without noise, which it repeats exactly."""
 
@@ -142,6 +147,7 @@ class PassThrough:
             "joint_velocities",
         )
 
+    @late
     def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
         """The last readings at time t [s]; `command` is not read. Raises `InvalidInput` before the first ones."""
         age = age_of(readings, self._needed, t)

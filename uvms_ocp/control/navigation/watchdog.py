@@ -6,6 +6,7 @@ import enum
 import math
 from dataclasses import dataclass, field
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 
 
@@ -20,6 +21,7 @@ class Freshness(enum.IntEnum):
     """Stop: no thrust; motors hold the arm."""
 
 
+@checked
 @dataclass(slots=True)
 class Watchdog:
     """Judges the age of measurements and logs every change of its verdict in `alarms`.

@@ -9,6 +9,7 @@ from time import perf_counter, process_time
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.control.force.computed_torque import ComputedTorque, TrackingGains
 from uvms_ocp.control.force.dynamic import VelocityGains, observer_of
 from uvms_ocp.control.navigation.last_known import LastSound
@@ -52,6 +53,7 @@ class _Planned:
     """[s] of its first node."""
 
 
+@checked
 class Nmpc:
     """A callable ``(Measurement, t) -> Command``.
 
@@ -112,6 +114,7 @@ class Nmpc:
             rejected=self._rejected,
         )
 
+    @late
     def __call__(self, measurement: Measurement, t: float) -> Command:
         """The command for the tick at time t [s]."""
         measurement = self._sound(measurement, t)

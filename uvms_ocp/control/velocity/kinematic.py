@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.control.navigation.last_known import LastEcho, LastSound
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
@@ -33,6 +34,7 @@ class HierarchySolver(Protocol):
     def bind(self, levels_function: ca.Function, sizes: tuple[int, ...]) -> Tick: ...
 
 
+@checked
 class KinematicController:
     """Runs a mission: a callable ``(Measurement, t) -> Command``.
 
@@ -70,10 +72,12 @@ class KinematicController:
         self._motion = Motion(q=robot.configuration(), v=np.zeros(robot.n_v), near=True, share=1.0)
         self._altitude_tasks = [index for index, task in enumerate(mission.hierarchy.tasks) if task.needs_altimeter]
 
+    @late
     def __call__(self, measurement: Measurement, t: float) -> Command:
         """The command for the tick at time t [s]."""
         return self.command(self.observe(measurement, t))
 
+    @late
     def observe(self, measurement: Measurement, t: float) -> TickState:
         """What is known at time t [s]; what is missing of the measurement is replaced by what was known last."""
         begin, gates = perf_counter(), self.mission.gates(self.state, t)
@@ -89,6 +93,7 @@ class KinematicController:
             freshness=self.watchdog.judge(max(measurement.age, self._echo_age(t, gates)), t),
         )
 
+    @late
     def command(self, tick: TickState) -> Command:
         """The command for what `observe` has found."""
         result = self._solve(*self._inputs(tick))

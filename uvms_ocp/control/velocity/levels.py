@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.control.velocity.reachable_rows import reachable_rows
 from uvms_ocp.model.limits import bounded_joints
 from uvms_ocp.model.robot import Robot
@@ -20,6 +21,7 @@ LIMITS, REST = "limits", "rest"
 _INPUTS = ("q", "velocity", "previous", "altimeter_range", "parameters", "gates")
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LevelsProblem:
     """The levels of a tick, ready for a solver's ``bind``."""
@@ -36,6 +38,7 @@ class LevelsProblem:
     """``task.quantity``, in the order of the output `quantities`."""
 
 
+@checked
 def build_levels(robot: Robot, hierarchy: Hierarchy, dt: float) -> LevelsProblem:
     """Stack the velocity limits of `robot`, the tasks of `hierarchy` and minimum velocity, for control period dt [s].
 

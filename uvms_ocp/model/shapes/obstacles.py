@@ -9,9 +9,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Obstacle:
     """A coal shape at a fixed pose in W. Raises `InvalidInput` for an empty name or a pose that is not finite."""
@@ -28,6 +30,7 @@ class Obstacle:
             raise InvalidInput(f"pose of obstacle {self.name!r} has NaN or infinite entries; give finite numbers")
 
 
+@checked
 def obstacle(
     name: str, shape: coal.CollisionGeometry, position: ArrayLike, rotation: ArrayLike | None = None
 ) -> Obstacle:
@@ -42,6 +45,7 @@ def obstacle(
     return Obstacle(name=name, shape=shape, X_WO=pin.SE3(R, p))
 
 
+@checked
 def mesh_shape(vertices: np.ndarray, triangles: np.ndarray) -> coal.BVHModelOBBRSS:
     """coal shape of a surface, such as `uvms_ocp.sim.floor_mesh` gives, for clearances and drawings.
 

@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import FrameNotFound, InvalidInput
 from uvms_ocp.model import spatial
 from uvms_ocp.model.symbolic.bodies import Pose, Twist, TwistToWrench, Wrench, inertial_wrench
@@ -70,6 +71,7 @@ class SymbolicKinematics:
         return ca.vertcat(linear, angular)
 
 
+@checked
 @dataclass(frozen=True, slots=True, eq=False)
 class SymbolicModel:
     """A kinematic tree as CasADi expressions of q (n_q,) [m, rad], v (n_v,) [m/s, rad/s] and a (n_v,) [m/s2, rad/s2].

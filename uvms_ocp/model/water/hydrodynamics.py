@@ -31,6 +31,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.spatial import Array, column, cross, diagonal
 from uvms_ocp.model.water.dissipation import fed_velocity, overload
@@ -42,6 +43,7 @@ def _zero6() -> np.ndarray:
     return np.zeros((6, 6))
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LinkHydrodynamics:
     """What the water does to one link. Arrays are read-only; a diagonal (6,) is accepted for every matrix.
@@ -83,6 +85,7 @@ class LinkHydrodynamics:
         object.__setattr__(self, name, value)
 
 
+@late
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Water:
     """Motion of the undisturbed water in W where the links are: one row for all (3,), or one per link (n_links, 3).

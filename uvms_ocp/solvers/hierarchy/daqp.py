@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput, NotInstalled
 from uvms_ocp.functions.buffered import BufferedFunction
@@ -35,6 +36,7 @@ _CERTIFIED = 1e-9
 _Solve = Callable[..., tuple[Array, float, int, dict[str, object]]]
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Daqp:
     """DAQP's own hierarchies (``break_points``), cold at every call; bounds and gates as in ``LexicographicQp``.
@@ -60,6 +62,7 @@ class Daqp:
             raise InvalidInput(f"tolerance = {self.tolerance}; give a finite value > 0")
         object.__setattr__(self, "_solve", _native())
 
+    @late
     def solve(self, levels: Sequence[Level]) -> Solution:
         """Raises `InvalidInput` where ``levels`` is empty or of mixed width."""
         return solved(levels, self.velocity)

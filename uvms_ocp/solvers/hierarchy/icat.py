@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.buffered import BufferedFunction
@@ -29,6 +30,7 @@ from uvms_ocp.solvers.hierarchy.tick import (
 )
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Icat:
     """[Gao2022] eq. (27): a fold over the levels, reading ``rate`` and ``activation`` only."""
@@ -47,6 +49,7 @@ class Icat:
                 f"damping {self.damping}, threshold {self.threshold}, weight {self.weight}; give positive numbers"
             )
 
+    @late
     def solve(self, levels: Sequence[Level]) -> Solution:
         """Raises `InvalidInput` where ``levels`` is empty or of mixed width."""
         return solved(levels, self._of_levels)
@@ -58,6 +61,7 @@ class Icat:
         function = ca.Function("levels", inputs, dense_outputs(levels_function, inputs))
         return _IcatTick(self, BufferedFunction(function), tuple(sizes), levels_function.size2_out(0))
 
+    @late
     def velocity(self, J: Array, rate: Array, activation: Array, sizes: Sequence[int]) -> Array:
         """(n,) [velocity] from J (M, n) [rate/velocity], rate (M,) [rate] and activation (M,) [-], all finite."""
         n = J.shape[1]

@@ -11,11 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import late
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.hierarchy.gated_rows import gated
 
 
+@late
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Level:
     """Rows ``lower <= jacobian @ v <= upper`` of one priority; an equality has ``lower == upper``.

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from uvms_ocp.arguments import late
 from uvms_ocp.arrays import Array
 from uvms_ocp.solvers.hierarchy.certificate import certificate
 from uvms_ocp.solvers.hierarchy.gated_rows import residual
@@ -52,6 +53,7 @@ class Status(AdvisedStatus):
         return self is not Status.INVALID_INPUT
 
 
+@late
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Solution:
     """Velocity that solves a hierarchy of levels."""

@@ -17,6 +17,7 @@ from time import perf_counter
 
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.nlp.level_solver import Deadline, LevelSolver, NlpPoint, Outcome
 from uvms_ocp.solvers.nlp.nlp_options import NlpOptions as NlpOptions
@@ -25,6 +26,7 @@ from uvms_ocp.solvers.nlp.program import LevelRows, LexicographicProgram
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds, row_bounds
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LexicographicResult:
     """Solution of a lexicographic program."""
@@ -56,6 +58,7 @@ class LexicographicResult:
         return np.array([np.linalg.norm(residual) for residual in self.residuals])
 
 
+@checked
 class LexicographicNlp:
     """Solves one program again and again: every NLP is built once, here."""
 

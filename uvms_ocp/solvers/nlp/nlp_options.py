@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 
 PLUGINS = ("ipopt", "fatrop")
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NlpOptions:
     """How the NLPs are solved. Raises `NameNotFound` for another plugin, `InvalidInput` for a number out of its range."""

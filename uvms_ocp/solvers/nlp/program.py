@@ -18,6 +18,7 @@ from typing import TypeAlias
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.intervals import distance
 
@@ -26,6 +27,7 @@ _SLACK = 1e-6  # of inequality rows that are frozen exactly: they still need an 
 Expression: TypeAlias = ca.SX | ca.MX
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NlpLevel:
     """One level of a small program, as expressions: rows `y` within ``[lower, upper]``."""
@@ -101,6 +103,7 @@ class LevelNlp:
     """Derivative functions by the names the NLP solver asks for (``nlp_jac_g``, ...), as far as there are any."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LexicographicProgram:
     """Everything that does not change between solves."""
@@ -140,6 +143,7 @@ def half_square(y: Expression, lower: np.ndarray, upper: np.ndarray) -> Expressi
     return total / 2
 
 
+@checked
 def lexicographic_program(
     x: Expression,
     levels: Sequence[NlpLevel],

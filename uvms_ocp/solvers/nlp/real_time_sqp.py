@@ -16,6 +16,7 @@ from time import perf_counter
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.program import LevelNlp, LexicographicProgram
@@ -24,6 +25,7 @@ from uvms_ocp.solvers.nlp.row_bounds import RowBounds, row_bounds
 QP_PLUGINS = ("hpipm", "proxqp", "piqp")
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class SqpOptions:
     """How a step is made, and when another one is.
@@ -52,6 +54,7 @@ class SqpOptions:
                 raise InvalidInput(f"{name} = {getattr(self, name)}; give a finite value > 0")
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class SqpResult:
     """The best point of all steps: the first that keeps the constraints, or else the one that breaks them least."""
@@ -68,6 +71,7 @@ class SqpResult:
     """[s] by the clock that was given."""
 
 
+@checked
 class RealTimeSqp:
     """Steps of one program: its QPs are built once, here.
 
@@ -78,6 +82,7 @@ class RealTimeSqp:
         self.program, self.options = program, options or SqpOptions()
         self._levels = [_LevelQp(nlp, i, self.options) for i, nlp in enumerate(program.nlps)]
 
+    @late
     def solve(
         self,
         x: np.ndarray,

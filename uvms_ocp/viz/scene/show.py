@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.record import Record
@@ -17,6 +18,7 @@ from uvms_ocp.viz.scene.viewer import CommandLog, ScenePage, build_page
 from uvms_ocp.viz.series import require_rows
 
 
+@checked
 def write_scene(record: Record, robot: Robot, path: Path | str, fps: float = 25) -> Path:
     """Write the animated scene as one HTML file without outside references; returns its path.
 
@@ -25,6 +27,7 @@ def write_scene(record: Record, robot: Robot, path: Path | str, fps: float = 25)
     return show(record, robot, fps=fps).write(path)
 
 
+@checked
 def show(record: Record, robot: Robot, *, fps: float = 25, height: int = 520) -> ScenePage:
     """The same scene as a value that a notebook displays in a frame `height` [px] high.
 

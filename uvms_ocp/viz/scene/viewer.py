@@ -13,6 +13,7 @@ from typing import Any
 
 import umsgpack  # type: ignore[import-untyped]
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import OutputError
 from uvms_ocp.viz.scene.meshcat_parts import (
     Animation,
@@ -46,6 +47,7 @@ class CommandLog:
         return (umsgpack.unpackb(blob) for blob in self.blobs)
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ScenePage:
     """A finished page: write it to a file, or show it as the last value of a notebook cell."""

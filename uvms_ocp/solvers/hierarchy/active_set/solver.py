@@ -10,6 +10,7 @@ from functools import lru_cache, partial
 import casadi as ca
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.compile import compile_function, compile_library
 from uvms_ocp.solvers.hierarchy.active_set.core_source import core_source
@@ -27,6 +28,7 @@ from uvms_ocp.solvers.hierarchy.tick import (
 )
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LexicographicActiveSet:
     """Exact lexicographic least squares, warm-started from the active set of the call before.
@@ -46,6 +48,7 @@ class LexicographicActiveSet:
         if not self.time_limit > 0.0:
             raise InvalidInput(f"time_limit = {self.time_limit} s; give a time > 0, math.inf for none")
 
+    @late
     def solve(self, levels: Sequence[Level]) -> Solution:
         """From a cold start. Raises `InvalidInput` where ``levels`` is empty or of mixed width."""
         return solved(levels, partial(tick_velocity, self._bind_cold))

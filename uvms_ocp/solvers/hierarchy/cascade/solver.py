@@ -11,6 +11,7 @@ from functools import cache, partial
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.solvers.hierarchy.cascade.qp_graph import (
     LevelStep,
@@ -40,6 +41,7 @@ _DEFAULTS: dict[str, dict[str, object]] = {
 }
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LexicographicQp:
     """Each level minimises its own slack subject to the optimal slack of all levels above it.
@@ -68,6 +70,7 @@ class LexicographicQp:
                 f"proximal {self.proximal}, tolerance {self.tolerance}, attempts {self.attempts}; give positive numbers"
             )
 
+    @late
     def solve(self, levels: Sequence[Level]) -> Solution:
         """Raises `InvalidInput` where ``levels`` is empty or of mixed width."""
         return solved(levels, partial(tick_velocity, self.bind))

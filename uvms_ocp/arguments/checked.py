@@ -1,0 +1,152 @@
+"""Decorators that name a wrong argument at the call that took it."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable
+from functools import wraps
+from typing import Any, TypeVar
+
+from uvms_ocp.arguments.annotations import kinds_of
+from uvms_ocp.arguments.kinds import Kind, Wrong
+from uvms_ocp.exceptions import InvalidInput, UvmsError
+
+_T = TypeVar("_T", bound=Callable[..., Any])
+_LATE = "_arguments_late"
+
+
+def checked(thing: _T) -> _T:
+    """A function or class whose arguments are looked at before every call: of a class, constructor and public methods.
+
+    A frozen dataclass keeps copies of arrays and mappings that can no longer be written to. A function gets an array where
+    its annotation asks for one. Wrong arguments raise `InvalidInput`, in one line that names the argument.
+    """
+    return _class(thing, late_all=False) if isinstance(thing, type) else _before(thing, None)
+
+
+def late(thing: _T) -> _T:
+    """A function or class whose arguments are looked at only once a call has failed, for what runs at every tick.
+
+    A right call costs nothing. Where no argument is wrong the failure is passed on as it is. On a method of a `checked`
+    class it makes this method late.
+    """
+    if isinstance(thing, type):
+        return _class(thing, late_all=True)
+    setattr(thing, _LATE, True)
+    return thing if _is_method(thing) else _after(thing, None)
+
+
+def _is_method(function: Callable[..., Any]) -> bool:
+    return "." in function.__qualname__.rpartition("<locals>.")[2]
+
+
+def _class(cls: Any, *, late_all: bool) -> Any:
+    for name, member in list(vars(cls).items()):
+        if name.startswith("_") and name not in ("__init__", "__call__", "__getitem__"):
+            continue
+        kind = type(member) if isinstance(member, (staticmethod, classmethod)) else None
+        function = member.__func__ if kind else member
+        if inspect.isfunction(function) and _takes_arguments(function):
+            after = late_all or getattr(function, _LATE, False)
+            wrapped = (_after if after else _before)(function, cls)
+            setattr(cls, name, kind(wrapped) if kind else wrapped)
+    return cls
+
+
+def _takes_arguments(function: Callable[..., Any]) -> bool:
+    code = function.__code__
+    return bool(set(code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]) - {"self", "cls"}) or _extra(
+        function
+    )
+
+
+def _extra(function: Callable[..., Any]) -> bool:
+    return bool(function.__code__.co_flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS))
+
+
+class _Arguments:
+    """What the arguments of one function may be, read from its annotations when first needed."""
+
+    __slots__ = ("_function", "_kinds", "_owner", "_positional", "title")
+
+    def __init__(self, function: Callable[..., Any], owner: type | None) -> None:
+        self._function, self._owner = function, owner
+        constructor = owner is not None and function.__name__ == "__init__"
+        self.title = owner.__name__ if constructor and owner else function.__qualname__
+        self._positional: tuple[tuple[str, Kind], ...] = ()
+        self._kinds: dict[str, Kind] | None = None
+
+    def of(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> Iterable[tuple[str, Kind, Any]]:
+        """Name, kind and value of each argument that is given and annotated."""
+        if self._kinds is None:
+            self._read()
+        found = [(name, kind, value) for (name, kind), value in zip(self._positional, args, strict=False)]
+        kinds = self._kinds or {}
+        return found + [(name, kinds[name], value) for name, value in kwargs.items() if name in kinds]
+
+    def check(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> bool:
+        """Whether an argument has to be converted. Raises `InvalidInput` for a wrong one."""
+        converts = False
+        for name, kind, value in self.of(args, kwargs):
+            if not kind.holds(value):
+                raise InvalidInput(f"{self.title}: {_one_line(kind.wrong(name, value))}")
+            converts = converts or kind.converts
+        return converts
+
+    def _read(self) -> None:
+        constructor = self._owner if self._function.__name__ == "__init__" else None
+        kinds = kinds_of(self._function, constructor)
+        code = self._function.__code__
+        names = code.co_varnames[: code.co_argcount]
+        self._positional = tuple((name, kinds.get(name, _ANYTHING)) for name in names)
+        own = set(code.co_varnames[: code.co_argcount + code.co_kwonlyargcount])
+        self._kinds = {name: kind for name, kind in kinds.items() if name in own}
+
+
+_ANYTHING = Kind()
+
+
+def _before(function: Any, owner: type | None) -> Any:
+    arguments = _Arguments(function, owner)
+    keeps = function.__name__ == "__init__" and owner is not None and _is_frozen(owner)
+
+    @wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        if arguments.check(args, kwargs):
+            args, kwargs = _converted(arguments.of(args, kwargs), args, kwargs, keeps)
+        return function(*args, **kwargs)
+
+    return call
+
+
+def _after(function: Any, owner: type | None) -> Any:
+    arguments = _Arguments(function, owner)
+
+    @wraps(function)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        try:
+            return function(*args, **kwargs)
+        except UvmsError:
+            raise
+        except Exception:
+            arguments.check(args, kwargs)
+            raise
+
+    return call
+
+
+def _converted(
+    given: Iterable[tuple[str, Kind, Any]], args: tuple[Any, ...], kwargs: dict[str, Any], keeps: bool
+) -> tuple[tuple[Any, ...], dict[str, Any]]:
+    values = [(name, kind.kept(value) if keeps else kind.taken(value)) for name, kind, value in given]
+    n_named = sum(name in kwargs for name, _ in values)
+    first = tuple(value for _, value in values[: len(values) - n_named])
+    return first + args[len(first) :], kwargs | dict(values[len(first) :])
+
+
+def _is_frozen(cls: type) -> bool:
+    return bool(getattr(getattr(cls, "__dataclass_params__", None), "frozen", False))
+
+
+def _one_line(wrong: Wrong) -> str:
+    return " ".join(str(wrong).split())
