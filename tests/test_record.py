@@ -80,7 +80,7 @@ def test_a_file_without_times_is_refused(tmp_path: Path) -> None:
 
 
 def test_metadata_of_another_type_are_refused() -> None:
-    with pytest.raises(InvalidInput, match="meta = .*; give a RunMeta or a PlanMeta"):
+    with pytest.raises(InvalidInput, match=r"meta = .*; give a RunMeta or a PlanMeta"):
         Record(series={"t": np.zeros(1)}, meta={"scenario": "x"})  # type: ignore[arg-type]
 
 

@@ -30,6 +30,7 @@ class Altimeter:
     def __init__(self, robot: Robot, seafloor: Seafloor, frame: str = "altimeter") -> None:
         self._beam, self._seafloor = AltimeterBeam(robot, frame), seafloor
 
+    @late
     def measure(self, q: np.ndarray) -> float:
         """Range [m] at configuration q (n_q,) [m, rad]; nan without an echo."""
         beam = self._beam.at(q)

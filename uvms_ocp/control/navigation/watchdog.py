@@ -6,7 +6,7 @@ import enum
 import math
 from dataclasses import dataclass, field
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput
 
 
@@ -45,6 +45,7 @@ class Watchdog:
                 "give 0 < hold_after < stop_after"
             )
 
+    @late
     def judge(self, age: float, t: float) -> Freshness:
         """The verdict on a measurement of `age` [s] at time t [s]; nan counts as lost."""
         verdict = self._verdict_on(age)
