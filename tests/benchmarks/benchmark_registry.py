@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -23,10 +24,15 @@ class Benchmark:
     """Before the folder that it needs, if any."""
     variable: str = ""
     """Of the environment, with that folder."""
+    packages: tuple[str, ...] = ()
+    """That are not installed for tests."""
 
     @property
     def missing(self) -> str:
         """Why it cannot run here; empty where it can."""
+        left_out = [package for package in self.packages if find_spec(package) is None]
+        if left_out:
+            return f"needs packages: install {', '.join(left_out)}"
         if not self.variable or os.environ.get(self.variable):
             return ""
         return f"needs a folder: set {self.variable}"
@@ -59,6 +65,7 @@ ALONE = tuple(
 )
 BENCHMARKS = (
     *ALONE,
+    Benchmark(script="mutation", files=("mutation",), packages=("cosmic_ray", "pytest_cov")),
     Benchmark(script="ocp_priorities", files=("ocp_priorities", "ocp_toys")),
     Benchmark(script="hinsdale_replay", files=("hinsdale_replay",), variable="UVMS_OCP_POOL_RECORDINGS"),
     *(

@@ -1,0 +1,151 @@
+"""Mutants: places in the source where cosmic-ray would change one thing, and a seeded draw of them."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+_ARITHMETIC, _BITS = ("Add", "Sub", "Mul", "Div", "Pow"), ("BitOr", "BitAnd", "BitXor")
+_ORDER = ("Eq", "NotEq", "Lt", "LtE", "Gt", "GtE")
+_IDENTITY = ("Is", "IsNot")
+_SINGLE = (
+    "ReplaceUnaryOperator_USub_UAdd",
+    "ReplaceUnaryOperator_Delete_Invert",
+    "ReplaceUnaryOperator_Delete_Not",
+    "AddNot",
+    "ReplaceTrueWithFalse",
+    "ReplaceFalseWithTrue",
+    "ReplaceAndWithOr",
+    "ReplaceOrWithAnd",
+    "ReplaceBreakWithContinue",
+    "ReplaceContinueWithBreak",
+    "ExceptionReplacer",
+    "NumberReplacer",
+    "ZeroIterationForLoop",
+)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Mutant:
+    """One change of one file."""
+
+    file: str
+    """Below the repository."""
+    line: int
+    operator: str
+    """cosmic-ray's name of it."""
+    before: str
+    """The line, without its indent."""
+    after: str
+    """What becomes of it; where a statement has several lines, of the first that changes."""
+    source: str
+    """The whole file, changed."""
+
+    @property
+    def key(self) -> str:
+        """Of this change in this file as it stands."""
+        return _hash(self.file, self.operator, str(self.line), self.source)
+
+
+def operators() -> tuple[str, ...]:
+    """Those that change a value into another of its kind: a shift of floats would fail at once and say nothing."""
+    pairs = [
+        *(("Binary", a, b) for group in (_ARITHMETIC, _BITS) for a in group for b in group),
+        *(("Comparison", a, b) for group in (_ORDER, _IDENTITY) for a in group for b in group),
+    ]
+    replaced = (f"Replace{kind}Operator_{a}_{b}" for kind, a, b in pairs if a != b)
+    return tuple(f"core/{name}" for name in (*replaced, *_SINGLE))
+
+
+def draw(root: Path, files: Sequence[str], n: int, seed: int) -> list[Mutant]:
+    """At most `n` mutants: places drawn with equal chances, and of each place one change.
+
+    The draw goes by hashes of the lines, so that lines which do not change keep their place in it.
+    """
+    found: list[Mutant] = []
+    for places in sorted(_places(root, files, seed)):
+        mutant = next(filter(None, (_mutant(root, *choice[1:]) for choice in sorted(places[1]))), None)
+        if mutant is not None:
+            found.append(mutant)
+        if len(found) == n:
+            break
+    return found
+
+
+_Choice = tuple[str, str, str, int, int]
+"""Hash, file, operator, occurrence, line."""
+
+
+def _places(root: Path, files: Sequence[str], seed: int) -> Iterator[tuple[str, list[_Choice]]]:
+    from cosmic_ray.ast import ast_nodes, get_ast_from_path
+
+    for file in files:
+        names = _named((root / file).read_text(encoding="utf-8").splitlines())
+        nodes = list(ast_nodes(get_ast_from_path(root / file)))
+        places: dict[tuple[int, int], list[_Choice]] = defaultdict(list)
+        for operator in operators():
+            for occurrence, (line, column) in enumerate(_positions(nodes, operator)):
+                drawn = _hash(str(seed), file, names[line - 1], str(column), operator)
+                places[line, column].append((drawn, file, operator, occurrence, line))
+        for (line, column), choices in places.items():
+            yield _hash(str(seed), file, names[line - 1], str(column)), choices
+
+
+def _named(lines: Sequence[str]) -> list[str]:
+    """Each line, and how many equal ones stand above it."""
+    seen: Counter[str] = Counter()
+    named = []
+    for line in lines:
+        named.append(f"{seen[line]} {line}")
+        seen[line] += 1
+    return named
+
+
+def _positions(nodes: Sequence[Any], name: str) -> Iterator[tuple[int, int]]:
+    from cosmic_ray.plugins import get_operator
+
+    operator = get_operator(name)()
+    for node in nodes:
+        for start, _ in operator.mutation_positions(node):
+            yield start
+
+
+def _mutant(root: Path, file: str, operator: str, occurrence: int, line: int) -> Mutant | None:
+    """`None` for what is no Python any more, and for a change of annotations, texts and decorators alone."""
+    from cosmic_ray.mutating import mutate_code
+    from cosmic_ray.plugins import get_operator
+
+    source = (root / file).read_text(encoding="utf-8")
+    changed = mutate_code(source, get_operator(operator)(), occurrence)
+    if changed is None or _what_runs(changed) in (None, _what_runs(source)):
+        return None
+    pairs = zip(source.splitlines(), changed.splitlines(), strict=False)
+    before, after = next((a.strip(), b.strip()) for a, b in pairs if a != b)
+    return Mutant(file=file, line=line, operator=operator, before=before, after=after, source=changed)
+
+
+def _what_runs(source: str) -> str | None:
+    """The syntax tree without annotations and decorators; `None` for what is no Python."""
+    try:
+        tree = ast.parse(source)
+    except SyntaxError:
+        return None
+    for node in ast.walk(tree):
+        if isinstance(node, ast.AnnAssign):
+            node.annotation = ast.Constant(value=None)
+        elif isinstance(node, ast.arg):
+            node.annotation = None
+        elif isinstance(node, ast.FunctionDef):
+            node.returns, node.decorator_list = None, []
+        elif isinstance(node, ast.ClassDef):
+            node.decorator_list = []
+    return ast.dump(tree)
+
+
+def _hash(*words: str) -> str:
+    return hashlib.sha256("\0".join(words).encode()).hexdigest()

@@ -1,0 +1,116 @@
+"""Which tests run which line, and how long each takes: recorded once, without any mutant."""
+
+from __future__ import annotations
+
+import ast
+import json
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mutants.sample import Mutant
+from mutants.tree import ROOT, Tree, fingerprint
+
+SLOW = 20.0
+"""[s] of a test that is left out."""
+BUDGET = 300.0
+"""[s] of tests for one mutant, the quick ones first."""
+_HOURS = 3 * 3600.0  # [s] for the whole suite
+_ELSEWHERE = ("tests/test_notebooks.py", "tests/benchmarks", "tests/house")
+"""Run the package in other processes, or do not run it."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Suite:
+    """What is known of the tests."""
+
+    tests: str
+    """Fingerprint of what was recorded."""
+    seconds: dict[str, float]
+    """[s] of every test, compiled code taken from the cache only."""
+    failing: tuple[str, ...]
+    """Tests that do not pass in a copy of the repository, or need a compiler."""
+    contexts: dict[str, dict[int, list[str]]]
+    """The tests by file and line; the empty name is the import."""
+
+    @property
+    def left_out(self) -> dict[str, str]:
+        """Tests that no mutant runs, and why."""
+        slow = {name: f"takes {took:.0f} s" for name, took in self.seconds.items() if took > SLOW}
+        return slow | dict.fromkeys(self.failing, "fails in a copy of the repository without a compiler")
+
+    def tests_of(self, mutant: Mutant) -> list[str]:
+        """Those that run the line, quick ones first, then the others of their files, which may share what the first made."""
+        lines = self.contexts.get(mutant.file, {})
+        own = {name for line in statement(mutant) for name in lines.get(line, ())}
+        if own == {""}:  # runs at the import, for all that use the file
+            own = {name for names in lines.values() for name in names}
+        direct = self._known(own)
+        files = {name.partition("::")[0] for name in direct}
+        others = [name for name in self._known(self.seconds) if name.partition("::")[0] in files]
+        return self._affordable(dict.fromkeys([*direct, *others]))
+
+    def _known(self, names: Iterable[str]) -> list[str]:
+        left_out = self.left_out
+        known = [name for name in names if name in self.seconds and name not in left_out]
+        return sorted(known, key=lambda name: (self.seconds[name], name))
+
+    def _affordable(self, names: Iterable[str]) -> list[str]:
+        chosen, total = [], 0.0
+        for name in names:
+            total += self.seconds[name]
+            if total > BUDGET:
+                break
+            chosen.append(name)
+        return chosen
+
+
+def statement(mutant: Mutant) -> range:
+    """The lines of the innermost statement around the changed one; of one with a body, those above it."""
+    tree = ast.parse((ROOT / mutant.file).read_text(encoding="utf-8"))
+    around = [node for node in ast.walk(tree) if isinstance(node, ast.stmt) and mutant.line in _lines(node)]
+    return min((_lines(node) for node in around), key=len, default=range(mutant.line, mutant.line + 1))
+
+
+def _lines(node: ast.stmt) -> range:
+    body = getattr(node, "body", None)
+    end = node.end_lineno or node.lineno
+    return range(node.lineno, max(node.lineno + 1, body[0].lineno) if body else end + 1)
+
+
+def recorded(work: Path, tests: Sequence[str], jobs: int) -> Suite:
+    """Run all tests twice, with coverage and then as mutants will; or read that from the folder `work`."""
+    file, now = work / "suite.json", fingerprint("uvms_ocp", "tests", "robots")
+    if file.exists():
+        found = json.loads(file.read_text())
+        if found["tests"] == now:
+            return Suite(
+                tests=now,
+                seconds=found["seconds"],
+                failing=tuple(found["failing"]),
+                contexts=_contexts(work),
+            )
+    tree = Tree(work, "recorded")
+    share = ("-n", str(jobs), "--dist", "loadfile", *(f"--ignore={path}" for path in _ELSEWHERE))
+    coverage = ("--cov=uvms_ocp", "--cov-context=test", "--cov-report=")
+    first = tree.test(tests, timeout=_HOURS, compiles=True, options=(*share, *coverage))
+    second = tree.test(tests, timeout=_HOURS, options=share)
+    if not (first.code in (0, 1) and second.code in (0, 1) and second.seconds):
+        raise SystemExit(f"the tests do not run without mutants: {first.text}; {second.text}")
+    failing = sorted({*first.failed, *second.failed})
+    file.write_text(json.dumps({"tests": now, "seconds": second.seconds, "failing": failing}))
+    return Suite(tests=now, seconds=second.seconds, failing=tuple(failing), contexts=_contexts(work))
+
+
+def _contexts(work: Path) -> dict[str, dict[int, list[str]]]:
+    from coverage import CoverageData
+
+    data, root = CoverageData(str(work / "coverage")), work / "recorded"
+    data.read()
+    found: dict[str, dict[int, list[str]]] = defaultdict(dict)
+    for path in data.measured_files():
+        name = Path(path).relative_to(root.resolve()).as_posix()
+        for line, contexts in data.contexts_by_lineno(path).items():
+            found[name][line] = sorted({context.partition("|")[0] for context in contexts})
+    return dict(found)
