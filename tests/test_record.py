@@ -12,6 +12,7 @@ from uvms_ocp.meta_values import PhaseMeta
 from uvms_ocp.output import staged_folder
 from uvms_ocp.record import Record, Recorder
 from uvms_ocp.run_meta import RunMeta, write_meta
+from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 
 META = RunMeta(
     scenario="é",
@@ -29,7 +30,7 @@ META = RunMeta(
 def record(rows: int = 5) -> Record:
     recorder = Recorder(capacity=2)
     for k in range(rows):
-        recorder.append({"t": 0.1 * k, "q": np.full(3, k), "phase": k})
+        recorder.append({"t": 0.1 * k, "q": np.full(3, k), "phase": 0})
     return recorder.freeze(META)
 
 
@@ -77,6 +78,78 @@ def test_a_file_without_times_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "r.npz", q=np.zeros(1), __meta__=np.array(write_meta(META)))
     with pytest.raises(InvalidInput, match="no series 't'"):
         Record.load(tmp_path / "r.npz")
+
+
+def changed(**series: object) -> dict[str, object]:
+    """Series of a record of five times, some of them others."""
+    good = {"t": np.arange(5.0), "q": np.zeros((5, 3)), "v": np.zeros((5, 2)), "phase": np.zeros(5, dtype=int)}
+    return {**good, **series}
+
+
+WRONG = {
+    "a shorter series": (
+        changed(q=np.zeros((4, 3))),
+        "series 'q' is float64 of shape (4, 3); allowed: numbers for 5 times",
+    ),
+    "one number": (changed(q=np.array(1.0)), "series 'q' is float64 of shape (); allowed: numbers for 5 times"),
+    "words": (changed(x=np.array(["a"] * 5)), "allowed: numbers for 5 times"),
+    "no times": (changed(t=np.zeros(0)), "times t of shape (0,); allowed: one or more [s], finite, each later"),
+    "times in a table": (changed(t=np.zeros((5, 1))), "times t of shape (5, 1)"),
+    "whole numbers as times": (changed(t=np.arange(5)), "times t of shape (5,)"),
+    "time that stands still": (changed(t=np.array([0.0, 1.0, 1.0, 2.0, 3.0])), "each later than the one before"),
+    "a time that is none": (changed(t=np.array([0.0, 1.0, np.nan, 2.0, 3.0])), "finite, each later"),
+    "an endless time": (changed(t=np.array([0.0, 1.0, 2.0, 3.0, np.inf])), "finite, each later"),
+    "a place that is none": (
+        changed(q=np.diag([1.0, np.nan, 1.0, 1.0, 1.0])),
+        "'q' has NaN or infinity at t = 1 s; record it",
+    ),
+    "more joints than columns": (
+        changed(q=np.zeros((5, 1))),
+        "series 'q' has shape (5, 1); its metadata allow 5 rows of 2 or more",
+    ),
+    "a place that is a number": (changed(q=np.zeros(5)), "series 'q' has shape (5,)"),
+    "gates of no task": (changed(gates=np.zeros((5, 3))), "'gates' has shape (5, 3); its metadata allow 5 rows of 0"),
+    "a phase that there is not": (
+        changed(phase=np.full(5, 1)),
+        "'phase' counts what the metadata do not have; allowed: whole",
+    ),
+    "a negative phase": (changed(phase=np.full(5, -1)), "series 'phase' counts"),
+    "half a phase": (changed(phase=np.full(5, 0.5)), "series 'phase' counts"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_file_that_breaks_what_a_record_promises_is_refused(case: str, tmp_path: Path) -> None:
+    series, message = WRONG[case]
+    np.savez(tmp_path / "good.npz", __meta__=np.array(write_meta(META)), **changed())  # type: ignore[arg-type]
+    assert len(Record.load(tmp_path / "good.npz")) == 5
+    np.savez(tmp_path / "r.npz", __meta__=np.array(write_meta(META)), **series)  # type: ignore[arg-type]
+    with pytest.raises(InvalidInput) as caught:
+        Record.load(tmp_path / "r.npz")
+    assert message in str(caught.value)
+    assert str(caught.value).startswith(f"{tmp_path / 'r.npz'}: not a record written by uvms_ocp: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_trajectory_in_the_place_of_a_record_is_named_and_the_other_way_round(tmp_path: Path) -> None:
+    curve = PiecewisePolynomial(breaks=np.array([0.0, 1.0]), coefficients=np.zeros((2, 1, 1)))
+    curve.to_numpy(tmp_path / "plan.npz")
+    record().save(tmp_path / "record.npz")
+    np.savez(tmp_path / "nodes.npz", t=np.zeros(1), summary=np.array("{}"))
+    for name in ("plan.npz", "nodes.npz"):
+        with pytest.raises(InvalidInput, match=r"a plan's trajectory; give the record\.npz beside it"):
+            Record.load(tmp_path / name)
+    with pytest.raises(InvalidInput, match=r"\(a record; give the plan\.npz beside it\)"):
+        PiecewisePolynomial.from_numpy(tmp_path / "record.npz")
+    with pytest.raises(InvalidInput, match="it holds summary, t; allowed: breaks and coefficients"):
+        PiecewisePolynomial.from_numpy(tmp_path / "nodes.npz")
+
+
+def test_metadata_that_are_no_text_are_refused(tmp_path: Path) -> None:
+    for meta in (np.zeros(3), np.array(["a", "b"])):
+        np.savez(tmp_path / "r.npz", t=np.zeros(1), __meta__=meta)
+        with pytest.raises(InvalidInput, match="allowed: one text"):
+            Record.load(tmp_path / "r.npz")
 
 
 def test_metadata_of_another_type_are_refused() -> None:

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
 from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.run_meta import PlanMeta, RunMeta, read_meta, write_meta
+from uvms_ocp.untrusted.array_file import read_arrays
 
 _META_KEY = "__meta__"
+_AXES = ("x", "x_rate", "x_acceleration", "x_jerk", "x_snap")
+_FINITE = ("q", "v", "command", *_AXES)
 
 
 @checked
@@ -68,19 +69,87 @@ class Record:
 
     @staticmethod
     def load(path: Path | str) -> Record:
-        """Read a file written by `save`, of this version or of 0.1; raises `InvalidInput`, in one line, where it is not one."""
+        """Read a file written by `save`, of this version or of 0.1.
+
+        Raises `InvalidInput`, in one line, for what is no such file, is damaged or too large, and for series that do not fit
+        each other, their times or the metadata.
+        """
         try:
-            with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as data:
-                series = {name: data[name] for name in data.files if name != _META_KEY}
-                text = str(data[_META_KEY])
-        except (OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error) as error:
-            raise InvalidInput(f"{path}: not a record written by uvms_ocp ({error})") from error
-        if "t" not in series:
-            raise InvalidInput(f"{path}: not a record written by uvms_ocp (no series 't')")
-        try:
-            return Record(series=series, meta=read_meta(text))
+            arrays = dict(read_arrays(path))
+            text = _text_of(arrays)
+            record = Record(series=arrays, meta=read_meta(text))
+            _check_series(record)
         except InvalidInput as error:
-            raise InvalidInput(f"{path}: {error}") from error
+            name = " ".join(str(path).split())
+            raise InvalidInput(f"{name}: not a record written by uvms_ocp: {error}") from error
+        return record
+
+
+def _text_of(arrays: dict[str, np.ndarray]) -> str:
+    """The metadata, taken out of the arrays."""
+    if _META_KEY not in arrays:
+        if {"breaks", "coefficients"} <= arrays.keys() or "summary" in arrays:
+            raise InvalidInput("a plan's trajectory; give the record.npz beside it")
+        raise InvalidInput(f"no series {_META_KEY!r}; give the record.npz that `run` or `plan` wrote")
+    text = arrays.pop(_META_KEY)
+    if text.dtype.kind != "U" or text.shape != ():
+        raise InvalidInput(f"metadata of shape {text.shape} and type {text.dtype}; allowed: one text")
+    return str(text)
+
+
+def _check_series(record: Record) -> None:
+    """Raise `InvalidInput` where the series of a file are not what `Record` promises."""
+    series = record.series
+    if "t" not in series:
+        raise InvalidInput("no series 't'")
+    t = series["t"]
+    if t.dtype.kind != "f" or t.ndim != 1 or not t.size or not np.isfinite(t).all() or (np.diff(t) <= 0.0).any():
+        raise InvalidInput(
+            f"times t of shape {t.shape}; allowed: one or more [s], finite, each later than the one before"
+        )
+    for name, array in series.items():
+        if array.ndim == 0 or len(array) != len(t) or array.dtype.kind == "U":
+            raise InvalidInput(
+                f"series {name!r} is {array.dtype} of shape {array.shape}; allowed: numbers for {len(t)} times"
+            )
+        if name in _FINITE and not np.isfinite(array).all():
+            raise InvalidInput(
+                f"series {name!r} has NaN or infinity at t = {_first_wrong(t, array):g} s; record it anew"
+            )
+    _check_widths(record)
+    _check_numbers(record)
+
+
+def _first_wrong(t: np.ndarray, array: np.ndarray) -> float:
+    return float(t[np.argmin(np.isfinite(array).reshape(len(t), -1).all(axis=1))])
+
+
+def _check_widths(record: Record) -> None:
+    meta, joints = record.meta, len(record.meta.joints)
+    rows = sum(level.rows for level in meta.levels)
+    wanted = {"gates": len(meta.tasks), "activity": rows, "residual": rows, "quantities": len(meta.quantities)}
+    if isinstance(meta, PlanMeta):
+        wanted |= {name: len(meta.axes) for name in _AXES} | {"clearance": len(meta.clearance_groups)}
+    if meta.limits is not None:
+        wanted |= {"v": len(meta.limits.velocity)}
+    for name in record.series.keys() & {*wanted, "q", "v"}:
+        shape = record[name].shape
+        width = wanted.get(name)
+        if len(shape) != 2 or (width is not None and shape[1] != width) or (name in ("q", "v") and shape[1] < joints):
+            columns = f"{joints} or more" if width is None else width
+            raise InvalidInput(f"series {name!r} has shape {shape}; its metadata allow {shape[0]} rows of {columns}")
+
+
+def _check_numbers(record: Record) -> None:
+    meta = record.meta
+    counted = {"phase": len(meta.phases)} | ({"status": len(meta.statuses)} if isinstance(meta, RunMeta) else {})
+    for name, n in counted.items():
+        if n and name in record.series:
+            values = record[name]
+            if values.dtype.kind not in "iu" or values.ndim != 1 or values.min() < 0 or values.max() >= n:
+                raise InvalidInput(
+                    f"series {name!r} counts what the metadata do not have; allowed: whole numbers below {n}"
+                )
 
 
 @checked

@@ -26,7 +26,7 @@ from uvms_ocp.meta_values import (
     TaskMeta,
     ThresholdMeta,
 )
-from uvms_ocp.validation import one_line
+from uvms_ocp.validation import one_line, short
 
 VERSION: Final = "0.2"
 """Of the format; 0.1 had neither a version nor a kind, and is still read."""
@@ -127,8 +127,8 @@ def read_meta(text: str) -> RunMeta | PlanMeta:
     """
     try:
         values = json.loads(text)
-    except ValueError as error:
-        raise InvalidInput(f"metadata that is no JSON: {error}") from error
+    except (ValueError, RecursionError) as error:
+        raise InvalidInput(f"metadata that is no JSON: {str(error)[:200]}") from error
     if not isinstance(values, dict):
         raise InvalidInput(f"metadata that is a {type(values).__name__}; allowed: an object with a kind and a version")
     if "version" not in values:
@@ -142,10 +142,12 @@ def read_meta(text: str) -> RunMeta | PlanMeta:
 
 def _model(values: dict[str, Any]) -> type[RunMeta] | type[PlanMeta]:
     if values["version"] != VERSION:
-        raise InvalidInput(f"format {values['version']!r}; this version reads {VERSION} and 0.1: install a newer one")
+        raise InvalidInput(
+            f"format {short(values['version'])}; this version reads {VERSION} and 0.1: install a newer one"
+        )
     kind = str(values.get("kind"))
     if kind not in _KINDS:
-        raise InvalidInput(f"a record of neither a run nor a plan, but {kind!r}; give what `run` or `plan` wrote")
+        raise InvalidInput(f"a record of neither a run nor a plan, but {short(kind)}; give what `run` or `plan` wrote")
     return _KINDS[kind]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
+from itertools import accumulate
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -27,7 +28,8 @@ def _by_key(error: ValidationError) -> dict[str, Any]:
         if key not in found or len(problem["loc"]) > len(found[key]["loc"]):
             found[key] = problem
     # What is wrong inside a value is told by the deepest key.
-    return {key: found[key] for key in found if not any(other.startswith(f"{key}.") for other in found)}
+    above = {prefix for key in found for prefix in accumulate(key.split(".")[:-1], "{}.{}".format)}
+    return {key: found[key] for key in found if key not in above}
 
 
 def _path(location: Sequence[int | str]) -> list[str]:
@@ -41,7 +43,7 @@ def _problem(problem: Any, model: type[BaseModel]) -> str:
     if problem["type"] == "extra_forbidden":
         return f"unknown key; {_advice(_path(problem['loc']), model)}"
     message = problem["msg"].removeprefix("Value error, ").replace("Input should be", "allowed:")
-    return f"given {_short(problem['input'])}; {message.partition(', unable to parse')[0]}"
+    return f"given {short(problem['input'])}; {message.partition(', unable to parse')[0]}"
 
 
 def _advice(path: Sequence[str], model: type[BaseModel]) -> str:
@@ -70,6 +72,7 @@ def _models(annotation: Any) -> Iterator[type[BaseModel]]:
         yield from _models(argument)
 
 
-def _short(value: object) -> str:
+def short(value: object) -> str:
+    """A value as messages show it: one line of 60 characters at most."""
     text = " ".join(repr(value).split())
     return text if len(text) <= 60 else text[:57] + "..."

@@ -17,7 +17,6 @@ from typing import Any
 import coal
 import numpy as np
 import pinocchio as pin
-import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 from scipy.spatial import ConvexHull
 
@@ -25,6 +24,7 @@ from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.shapes.obstacles import Obstacle, mesh_shape, obstacle
 from uvms_ocp.obstacle_data import N_SIZES, ObstacleData
+from uvms_ocp.untrusted.yaml_file import read_yaml
 
 _MESH = "mesh"
 _EXAMPLE = "obstacles: [{name: ball, shape: sphere, size: [0.3], position: [1.0, 0.0, 0.0]}]"
@@ -52,13 +52,15 @@ class ObstacleFile(BaseModel):
 def read_obstacles(path: Path | str) -> tuple[ObstacleData, ...]:
     """Read a file of obstacles. Raises ``InvalidInput`` naming the file and the entry that is wrong."""
     try:
-        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        content = read_yaml(path)
         if not isinstance(content, dict) or "obstacles" not in content:
             raise InvalidInput(f"{path}: holds no obstacles; give a mapping such as {_EXAMPLE}")
         return ObstacleFile.model_validate(content).obstacles
+    except InvalidInput:
+        raise
     except ValidationError as error:
         raise InvalidInput(f"{path}: {_first(error)}") from error
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except (OSError, ValueError) as error:
         raise InvalidInput(f"{path}: cannot be read as YAML ({' '.join(str(error).split())})") from error
 
 

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from uvms_ocp.arguments import checked, late
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput, OutputError
+from uvms_ocp.untrusted.array_file import read_arrays
 
 _EXTREMUM_GRID = np.linspace(0.0, 1.0, 65)
 
@@ -178,9 +179,14 @@ class PiecewisePolynomial:
     def from_numpy(path: Path | str) -> PiecewisePolynomial:
         """Read what ``to_numpy`` wrote. Raises `InvalidInput` for any other file, or none."""
         try:
-            with np.load(path) as data:
-                return PiecewisePolynomial(breaks=data["breaks"], coefficients=data["coefficients"])
-        except (OSError, KeyError, ValueError) as error:
+            arrays = read_arrays(path)
+            if "__meta__" in arrays:
+                raise InvalidInput("a record; give the plan.npz beside it")
+            missing = [name for name in ("breaks", "coefficients") if name not in arrays]
+            if missing or len(arrays) > 2:
+                raise InvalidInput(f"it holds {', '.join(sorted(arrays)[:5])}; allowed: breaks and coefficients")
+            return PiecewisePolynomial(**arrays)
+        except ValueError as error:
             raise InvalidInput(f"{path}: not a trajectory written by to_numpy ({error}).") from error
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from pydantic import ValidationError
 
 from uvms_ocp.exceptions import RobotDataError
 from uvms_ocp.model.files.description import RobotDescription
+from uvms_ocp.untrusted.yaml_file import BoundedLoader, read_yaml
 from uvms_ocp.validation import one_line
 
 
@@ -44,29 +46,32 @@ def _overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
 
 def _read_yaml(path: Path) -> object:
     try:
-        return yaml.load(path.read_text(encoding="utf-8"), Loader=_UniqueKeys)
-    except (OSError, UnicodeDecodeError) as error:
+        return read_yaml(path, _RobotFile)
+    except OSError as error:
         raise RobotDataError(path, f"cannot be read ({error})") from None
-    except yaml.YAMLError as error:
-        raise RobotDataError(path, "not valid YAML: " + " ".join(str(error).split())) from None
+    except ValueError as error:
+        raise RobotDataError(path, str(error)) from None
 
 
-class _UniqueKeys(yaml.SafeLoader):
+class _RobotFile(BoundedLoader):
     """PyYAML silently keeps the last of two equal keys; a robot file must not hide a value."""
 
+    most_values = 50_000  # a robot of a hundred links has some 5,000
 
-def _mapping_with_unique_keys(loader: _UniqueKeys, node: yaml.MappingNode) -> dict[Any, Any]:
+
+def _mapping_with_unique_keys(loader: _RobotFile, node: yaml.MappingNode) -> dict[Any, Any]:
     keys = [loader.construct_object(key, deep=True) for key, _ in node.value]
-    repeated = sorted({str(key) for key in keys if keys.count(key) > 1})
+    mapping = loader.construct_mapping(node, deep=True)  # refuses keys that cannot be counted
+    repeated = sorted(str(key) for key, n in Counter(keys).items() if n > 1)
     if repeated:
-        raise yaml.constructor.ConstructorError(None, None, f"repeated key {repeated}", node.start_mark)
-    return loader.construct_mapping(node, deep=True)
+        raise yaml.constructor.ConstructorError(None, None, f"repeated key {repeated[:3]}", node.start_mark)
+    return mapping
 
 
-def _word(loader: _UniqueKeys, node: yaml.ScalarNode) -> str:
+def _word(loader: _RobotFile, node: yaml.ScalarNode) -> str:
     """Read yes, no, true, ... as words: nothing in the file is true or false, and true must not pass as 1.0."""
     return str(loader.construct_scalar(node))
 
 
-_UniqueKeys.add_constructor("tag:yaml.org,2002:bool", _word)
-_UniqueKeys.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping_with_unique_keys)
+_RobotFile.add_constructor("tag:yaml.org,2002:bool", _word)
+_RobotFile.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping_with_unique_keys)

@@ -1,0 +1,138 @@
+"""No file of arrays makes the reader execute, wait, or take more memory than the file is allowed."""
+
+from __future__ import annotations
+
+import io
+import os
+import pickle
+import tracemalloc
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.untrusted.array_file import read_arrays
+
+
+def npy(array: np.ndarray, **header: object) -> bytes:
+    """An array as a file; header: what to say of it instead of the truth."""
+    file = io.BytesIO()
+    said = {"descr": array.dtype.str, "fortran_order": False, "shape": array.shape, **header}
+    np.lib.format.write_array_header_1_0(file, said)
+    return file.getvalue() + array.tobytes()
+
+
+def archive(path: Path, **members: bytes) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, content in members.items():
+            file.writestr(name.replace("__", "."), content)
+    return path
+
+
+ONE = np.ones(3)
+
+
+class Trap:
+    """Executes something when it is unpickled."""
+
+    def __reduce__(self) -> tuple[Callable[..., object], tuple[str]]:
+        return os.mkdir, ("trap",)
+
+
+LIES = {
+    "more numbers than there are": (npy(ONE, shape=(10**12,)), "declares float64 of shape"),
+    "numbers without an end": (npy(ONE, shape=(10**40,)), "declares float64 of shape"),
+    "fewer than there are": (npy(ONE, shape=(2,)), "holds 24 bytes"),
+    "a negative number of them": (npy(ONE, shape=(-3,)), "declares"),
+    "two negative numbers": (npy(ONE, shape=(-3, -1)), "declares"),
+    "larger ones": (npy(ONE, descr="<f4"), "declares float32"),
+    "objects": (npy(ONE, descr="|O"), "holds object; numbers and text are read"),
+    "records": (npy(ONE, descr=[("a", "<f8")]), "numbers and text"),
+    "times": (npy(ONE, descr="<M8[s]"), "numbers and text"),
+    "nothing": (b"", "damaged, or no .npz file"),
+    "half a header": (npy(ONE)[:40], "damaged, or no .npz file"),
+    "another format": (b"\x93NUMPY\x09\x00" + npy(ONE)[8:], "damaged|format"),
+    "a header of another language": (npy(ONE).replace(b"(3,)", b"(3L)"), "damaged"),
+    "a header that is called": (npy(ONE).replace(b"(3,)", b"f(3)"), "damaged"),
+}
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_a_header_that_lies_is_refused_before_memory_is_taken(lie: str, tmp_path: Path) -> None:
+    content, message = LIES[lie]
+    path = archive(tmp_path / "a.npz", a__npy=content)
+    tracemalloc.start()
+    with pytest.raises(InvalidInput, match=message) as caught:
+        read_arrays(path)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 1 << 20
+    assert "\n" not in str(caught.value)
+
+
+def test_a_small_file_of_many_zeros_is_not_unpacked(tmp_path: Path) -> None:
+    path = archive(tmp_path / "a.npz", a__npy=npy(np.zeros(1 << 20)))
+    assert path.stat().st_size < 1 << 14
+    assert len(read_arrays(path)["a"]) == 1 << 20
+    with pytest.raises(InvalidInput, match=r"0\.00839 GB of arrays; at most 1e-06 GB are read"):
+        read_arrays(path, largest=1000)
+
+
+def test_a_directory_that_hides_the_size_is_found_out(tmp_path: Path) -> None:
+    path = archive(tmp_path / "a.npz", a__npy=npy(np.zeros(1 << 16)))
+    size, lie = (1 << 19) + len(npy(np.zeros(0))), len(npy(ONE))
+    content = path.read_bytes()
+    path.write_bytes(content.replace(size.to_bytes(4, "little"), lie.to_bytes(4, "little")))
+    with pytest.raises(InvalidInput, match=r"damaged|declares"):
+        read_arrays(path)
+
+
+def test_nothing_is_unpickled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    bare, packed = tmp_path / "bare.npz", tmp_path / "packed.npz"
+    bare.write_bytes(pickle.dumps(Trap()))
+    np.savez(packed, a=np.array([Trap()], dtype=object))
+    for path in (bare, packed):
+        with pytest.raises(InvalidInput):
+            read_arrays(path)
+    assert not (tmp_path / "trap").exists()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.npz")
+    for path in (tmp_path / "a.npz", tmp_path):
+        with pytest.raises(InvalidInput, match="no file but a folder or a device"):
+            read_arrays(path)
+
+
+def test_other_members_two_of_one_name_and_very_many_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match=r"'a\.txt' in it is no array"):
+        read_arrays(archive(tmp_path / "a.npz", a__txt=b"x"))
+    with pytest.raises(InvalidInput, match="300 arrays; at most 256 are read"):
+        read_arrays(archive(tmp_path / "b.npz", **{f"a{i}__npy": npy(ONE) for i in range(300)}))
+    path = archive(tmp_path / "c.npz", a__npy=npy(ONE), b__npy=npy(ONE))
+    path.write_bytes(path.read_bytes().replace(b"b.npy", b"a.npy"))
+    with pytest.raises(InvalidInput, match=r"two arrays of one name|damaged"):
+        read_arrays(path)
+
+
+def test_arrays_are_what_was_saved(tmp_path: Path) -> None:
+    saved = {
+        "scalar": np.array(2.5),
+        "none": np.zeros((0, 4)),
+        "fortran": np.asfortranarray(np.arange(6.0).reshape(2, 3)),
+        "flags": np.array([True, False]),
+        "text": np.array("é\n"),
+        "counts": np.arange(5, dtype=np.int32),
+    }
+    np.savez_compressed(tmp_path / "a.npz", **saved)
+    found = read_arrays(tmp_path / "a.npz")
+    assert list(found) == list(saved)
+    for name, array in saved.items():
+        assert found[name].dtype == array.dtype
+        np.testing.assert_array_equal(found[name], array)
+        assert not found[name].flags.writeable
