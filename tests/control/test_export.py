@@ -55,7 +55,7 @@ def test_the_sources_are_complete_and_need_libm_only(folder: Path) -> None:
 def test_the_header_tells_sizes_and_order_of_the_inputs(folder: Path, problem: LevelsProblem) -> None:
     header = (folder / "tick.h").read_text()
     assert f"#define TICK_N_ROWS {sum(problem.sizes)}\n" in header
-    assert "in: q (14), velocity (13), previous (13), altimeter_range (1)" in header
+    assert "in: q (14), velocity (13), previous (13), change (13), altimeter_range (1)" in header
 
 
 def test_ticks_of_every_phase_are_recorded(ticks: list[RecordedTick]) -> None:

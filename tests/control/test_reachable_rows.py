@@ -24,7 +24,7 @@ def robot() -> Robot:
 
 def outputs(robot: Robot, previous: np.ndarray, gate: float) -> dict[str, np.ndarray]:
     problem = build_levels(robot, Hierarchy([NullVelocity()]), DT)
-    values = problem.function(robot.configuration(), np.zeros(13), previous, 5.0, np.zeros(0), gate)
+    values = problem.function(robot.configuration(), np.zeros(13), previous, np.zeros(13), 5.0, np.zeros(0), gate)
     return {name: np.array(value).ravel() for name, value in zip(problem.function.name_out(), values, strict=True)}
 
 
@@ -37,6 +37,20 @@ def test_a_row_acceleration_puts_the_first_axis_at_its_limit() -> None:
         assert np.max(np.abs(acceleration) / limit) == pytest.approx(1.0)
 
 
+def test_accelerations_fall_to_0_on_the_way_to_a_reference(robot: Robot) -> None:
+    v, path = np.zeros(13), []
+    v[0] = 0.4
+    for _ in range(150):
+        v = np.concatenate([outputs(robot, v, 1.0)["lower"][13:19], np.zeros(7)])
+        path.append(v[0])
+    changes = np.diff(path, prepend=0.4)
+    assert (changes <= 0.0).all()
+    assert abs(path[-1]) < 1e-4
+    # From the limit to rest it takes a tenth of a second.
+    assert np.diff(changes).max() <= robot.limits.acceleration[0] * DT**2 / 0.1 * 1.01
+    assert changes.min() == pytest.approx(-robot.limits.acceleration[0] * DT)
+
+
 def test_an_equality_approaches_its_rate_in_proportion(robot: Robot) -> None:
     previous = np.zeros(13)
     previous[:6] = [0.4, 0.2, 0.0, 0.0, 0.0, 0.1]
@@ -44,13 +58,16 @@ def test_an_equality_approaches_its_rate_in_proportion(robot: Robot) -> None:
     np.testing.assert_allclose(target / previous[:6].clip(1e-12), np.where(previous[:6], 1 - DT / 0.4, 0), atol=1e-9)
 
 
-def test_a_gate_of_zero_removes_rows_and_between_scales_their_change(robot: Robot) -> None:
+def test_a_gate_between_0_and_1_leaves_a_row_a_band_of_what_the_limits_let_one_tick_change(robot: Robot) -> None:
     previous = np.zeros(13)
     previous[0] = 0.4
     assert not outputs(robot, previous, 0.0)["gate"][13:19].any()
-    half = outputs(robot, previous, 0.5)
-    assert half["gate"][13:19].all()
-    assert half["upper"][13] == pytest.approx(0.4 - 0.5 * DT)
+    settled, reach = 0.4 - DT, robot.limits.acceleration[0] * DT
+    for gate, width in ((1.0, 0.0), (0.8, 0.5), (0.5, 1.0), (0.2, 2.0)):
+        found = outputs(robot, previous, gate)
+        assert found["gate"][13:19].all()
+        assert found["lower"][13] == pytest.approx(settled - width * reach)
+        assert found["upper"][13] == pytest.approx(settled + width * reach)
 
 
 def test_a_settled_row_is_exact(robot: Robot) -> None:

@@ -22,6 +22,7 @@ STARTS, TICKS = 100, 150
 class Machine:
     scenario: Scenario
     tick: Tick
+    names: tuple[str, ...]
     sizes: tuple[int, ...]
 
     @property
@@ -38,15 +39,18 @@ class Machine:
             joints=low + share * (high - low),
         )
 
-    def step(self, q: np.ndarray, previous: np.ndarray, gates: np.ndarray, goals: np.ndarray) -> TickResult:
-        return self.tick(q, previous, previous, [max(q[2] + 40.0, 0.01)], goals, gates)
+    def step(
+        self, q: np.ndarray, v: np.ndarray, gates: np.ndarray, goals: np.ndarray, change: np.ndarray | None = None
+    ) -> TickResult:
+        change = np.zeros(self.n_v) if change is None else change
+        return self.tick(q, v, v, change, [max(q[2] + 40.0, 0.01)], goals, gates)
 
 
 @pytest.fixture(scope="module")
 def machine() -> Machine:
     scenario = case1(plant="kinematic")
     problem = scenario.controller().problem
-    return Machine(scenario, scenario.solver.bind(problem.function, problem.sizes), problem.sizes)
+    return Machine(scenario, scenario.solver.bind(problem.function, problem.sizes), problem.names, problem.sizes)
 
 
 def _goals(machine: Machine, rng: np.random.Generator) -> np.ndarray:
@@ -71,14 +75,15 @@ def test_from_any_start_the_limits_hold_and_the_command_never_steps_by_more_than
     for seed in range(STARTS):
         rng = np.random.default_rng(seed)
         q, v, goals = machine.random_state(rng), np.zeros(machine.n_v), _goals(machine, rng)
+        change = np.zeros(machine.n_v)
         for index in range(TICKS):
             if index % 50 == 0:
                 gates = _gates(machine, rng)
-            result = machine.step(q, v, gates, goals)
+            result = machine.step(q, v, gates, goals, change)
             assert result.status.exact, (seed, index)
             assert (np.abs(result.v - v) <= limits.acceleration * dt * (1 + 1e-9) + 1e-12).all(), (seed, index)
             assert (np.abs(result.v) <= limits.velocity * (1 + 1e-9)).all()
-            v = result.v
+            v, change = result.v, result.v - v
             q = pin.integrate(robot.model, q, v * dt)
             joints = q[robot.joint_q]
             assert (joints >= limits.position_lower - 1e-6).all(), (seed, index)
@@ -98,12 +103,24 @@ def test_the_first_ticks_of_every_phase_are_certified_optimal(machine: Machine) 
         assert certificate(levels, recorded.v) < 1e-9
 
 
+def test_the_smallest_gate_gives_the_velocity_of_a_gate_of_0(machine: Machine) -> None:
+    rng, tasks = np.random.default_rng(0), machine.scenario.mission.hierarchy.tasks
+    for index in range(8 * len(tasks)):
+        q, v, goals = np.array(machine.random_state(rng)), rng.uniform(-0.05, 0.05, machine.n_v), _goals(machine, rng)
+        gates = (rng.random(len(tasks)) < 0.7).astype(float)
+        found = []
+        for gate in (0.0, 1e-9, 0.1):
+            gates[index % len(tasks)] = gate
+            found.append(machine.step(q, v, gates, goals).v)
+        np.testing.assert_allclose(found[1], found[0], rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(found[2], found[0], rtol=0.0, atol=1e-9)
+
+
 @pytest.mark.parametrize("turned", [task.name for task in case1().mission.hierarchy.tasks])
 def test_turning_a_lower_task_on_or_off_leaves_every_higher_level_as_it_was(machine: Machine, turned: str) -> None:
     index = machine.scenario.mission.hierarchy.index(turned)
     rng, n_tasks = np.random.default_rng(index), len(machine.scenario.mission.hierarchy.tasks)
-    # Level 0 holds the limits, so that the levels above task k are 0 .. k.
-    higher = slice(0, sum(machine.sizes[: index + 1]))
+    higher = slice(0, sum(machine.sizes[: machine.names.index(turned)]))
     moved = 0
     for _ in range(40):
         q, v, goals = np.array(machine.random_state(rng)), rng.uniform(-0.05, 0.05, machine.n_v), _goals(machine, rng)

@@ -141,6 +141,13 @@ def test_a_limit_that_is_off_or_far_away_changes_nothing(robot: Robot) -> None:
     assert guarded.kept(q, fast, fast, (1.0, 1.0))[0] == pytest.approx(-1.0 + DT)
 
 
+@pytest.mark.parametrize("gate", [1e-9, 0.3, 1.0])
+def test_a_limit_counts_fully_while_its_task_is_on_at_all(robot: Robot, gate: float) -> None:
+    guarded, q, fast = Guarded(robot), robot.configuration(), np.zeros(robot.n_v)
+    fast[0] = -1.0
+    assert guarded.kept(q, fast, fast, (1.0, gate))[0] == pytest.approx(-1.0 + DT)
+
+
 def test_a_limit_that_is_broken_already_is_never_broken_further_than_a_stop_does(robot: Robot) -> None:
     guarded = Guarded(robot)
     q, away, nearer = robot.configuration(position=(-0.45, 0.0, 0.0)), np.zeros(robot.n_v), np.zeros(robot.n_v)

@@ -7,13 +7,19 @@ from collections.abc import Iterator
 import casadi as ca
 import numpy as np
 import pytest
+from hierarchies import random_hierarchy
 from test_hierarchy import _tick_function
 
 from uvms_ocp.solvers.hierarchy.active_set.codes import Outcome
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
+from uvms_ocp.solvers.hierarchy.daqp import Daqp
 from uvms_ocp.solvers.hierarchy.gated_rows import gated, is_valid, residual
+from uvms_ocp.solvers.hierarchy.level import Level
 
 M, N = 4, 3
+Strict = LexicographicActiveSet | LexicographicQp | Daqp
+STRICT = [LexicographicActiveSet(), LexicographicActiveSet(compiled=False), LexicographicQp(), Daqp()]
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 ODD = (np.nan, np.inf, -np.inf, 1e15, -1e16, 2.0, -0.1)
 
@@ -100,4 +106,39 @@ def test_a_gate_of_one_keeps_the_bounds_and_a_gate_of_zero_leaves_none() -> None
 def test_bounds_widen_without_a_jump_as_the_gate_closes() -> None:
     J, bound = np.ones((1, N)), np.ones(1)
     widths = [float(np.diff(gated(J, bound, bound, np.array([gate])), axis=0)[0, 0]) for gate in (1.0, 0.999, 0.5, 0.1)]
-    np.testing.assert_allclose(widths, [0.0, 2 * N * 0.001 / 0.999, 2 * N, 18 * N])
+    np.testing.assert_allclose(widths, [0.0, 2 * N * np.sqrt(0.001 / 0.999), 2 * N, 6 * N])
+
+
+@pytest.mark.parametrize("gate", [5e-324, 1e-300, 1e-9])
+def test_the_smallest_gates_leave_numbers_also_of_rows_of_zeros(gate: float) -> None:
+    J, bound = np.array([[0.0] * N, [1.0] * N]), np.ones(2)
+    low, up = gated(J, bound, bound, np.full(2, gate))
+    assert (low[0], up[0]) == (1.0, 1.0)
+    assert low[1] < -1e4
+    assert up[1] > 1e4
+
+
+@pytest.mark.parametrize("solver", STRICT)
+def test_a_gate_that_closes_leads_to_the_problem_without_its_rows_and_one_that_opens_to_that_with_them(
+    solver: Strict,
+) -> None:
+    mattered = 0
+    for seed in range(20):
+        levels = random_hierarchy(seed, 7, (7, 2, 3, 1, 2, 7))
+        index = 1 + seed % 4
+        removed, kept = _velocity(solver, levels, index, 0.0), _velocity(solver, levels, index, 1.0)
+        mattered += int(np.abs(removed - kept).max() > 1e-3)
+        for gate in (5e-324, 1e-9, 1e-3):
+            np.testing.assert_allclose(_velocity(solver, levels, index, gate), removed, rtol=0.0, atol=1e-6)
+        for left in (1e-14, 1e-10):
+            # The band is as wide as the root of what is left.
+            difference = np.abs(_velocity(solver, levels, index, 1.0 - left) - kept).max()
+            assert difference <= 1e3 * np.sqrt(left), seed
+    assert mattered >= 15
+
+
+def _velocity(solver: Strict, levels: list[Level], index: int, gate: float) -> np.ndarray:
+    """With one level of all behind a gate."""
+    turned = levels[index]
+    level = Level(jacobian=turned.jacobian, lower=turned.lower, upper=turned.upper, gate=gate)
+    return solver.solve([*levels[:index], level, *levels[index + 1 :]]).v

@@ -26,7 +26,8 @@ class Phase:
     title: str = ""
     """A few words, to print beside the name."""
     gates: Mapping[str, float]
-    """External activation [-] in [0, 1] by the name of a task; tasks that are not named are off."""
+    """External activation [-] in [0, 1] by the name of a task; tasks that are not named are off. Between 0 and 1 a task has a
+    tolerance with strict solvers (`uvms_ocp.solvers.hierarchy.gated_rows`), and less weight with `Icat`."""
     transitions: tuple[Transition, ...]
     """The first that fires is taken."""
     goals: Mapping[str, Any] = field(default_factory=dict)

@@ -93,6 +93,6 @@ def _jacobians(setup: Setup, problem: LevelsProblem, q: np.ndarray) -> dict[str,
     n_v, n_tasks = setup.robot.n_v, len(setup.mission.hierarchy.tasks)
     parameters = np.concatenate([parameters_of(task, task.reference(0.0), q) for task in setup.mission.hierarchy.tasks])
     zeros = np.zeros(n_v)
-    outputs = problem.function(q, zeros, zeros, 10.0, parameters, np.ones(n_tasks))
+    outputs = problem.function(q, zeros, zeros, zeros, 10.0, parameters, np.ones(n_tasks))
     J = np.array(outputs[problem.function.index_out("J")])
     return dict(zip(problem.names, np.split(J, np.cumsum(problem.sizes)[:-1]), strict=True))

@@ -69,7 +69,8 @@ class KinematicController:
         self.quantities: dict[str, float] = {}
         self.watchdog = watchdog or Watchdog()
         self._sound, self._echo = LastSound(robot), LastEcho(robot)
-        self._motion = Motion(q=robot.configuration(), v=np.zeros(robot.n_v), near=True, share=1.0)
+        rest = np.zeros(robot.n_v)
+        self._motion = Motion(q=robot.configuration(), v=rest, change=rest, near=True, share=1.0)
         self._altitude_tasks = [index for index, task in enumerate(mission.hierarchy.tasks) if task.needs_altimeter]
 
     @late
@@ -138,7 +139,7 @@ class KinematicController:
         q, v = tick.measurement.q, tick.measurement.v
         stop = self._viability.stop.ahead(q, self._motion.v) if self._motion.near else None
         parameters = mission_parameters(self.mission, tick.mission, tick.t, gates=tick.gates, q=q, stop=stop)
-        return q, v, self._motion.v, np.array([tick.echo]), parameters, tick.gates
+        return q, v, self._motion.v, self._motion.change, np.array([tick.echo]), parameters, tick.gates
 
     def _viable(self, tick: TickState, result: TickResult) -> Motion:
         """The velocity that the solver asks for, as far as a stop from it keeps all limits."""
@@ -149,12 +150,13 @@ class KinematicController:
             gates=tick.gates,
             quantities=result.extras[0],
         )
-        return Motion(q=tick.measurement.q, v=kept.v, near=kept.near, share=kept.share)
+        return Motion(q=tick.measurement.q, v=kept.v, change=kept.v - self._motion.v, near=kept.near, share=kept.share)
 
     def _stopping(self) -> Motion:
         """Along the stop that the last tick with a measurement has found clear."""
         q = pin.integrate(self.robot.model, self._motion.q, self._motion.v * self.dt)
-        return replace(self._motion, q=q, v=self._viability.stop.slower(q, self._motion.v), share=0.0)
+        v = self._viability.stop.slower(q, self._motion.v)
+        return replace(self._motion, q=q, v=v, change=v - self._motion.v, share=0.0)
 
     def _advance(self, t: float, quantities: dict[str, float]) -> None:
         self.quantities = quantities

@@ -1,24 +1,28 @@
-"""From tasks to the levels of one tick: a CasADi Function that stacks limits, tasks and minimum velocity."""
+"""From tasks to the levels of one tick: a CasADi Function that stacks limits, tasks, easing and minimum velocity."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import takewhile
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from uvms_ocp.arguments import checked
+from uvms_ocp.control.velocity.easing import easing_rows
 from uvms_ocp.control.velocity.reachable_rows import reachable_rows
 from uvms_ocp.model.limits import bounded_joints
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.symbolic.tree import SymbolicModel
 from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.limits import stopping_speed
-from uvms_ocp.tasks.task import Rows, TickSymbols, equality_rows
+from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, equality_rows
 
-LIMITS, REST = "limits", "rest"
-"""Names of the first and the last level, which every hierarchy has."""
-_INPUTS = ("q", "velocity", "previous", "altimeter_range", "parameters", "gates")
+LIMITS, EASING, REST = "limits", "easing", "rest"
+"""Names of the levels that every hierarchy has: the first, the one below the tasks that keep the robot safe, the last."""
+_INPUTS = ("q", "velocity", "previous", "change", "altimeter_range", "parameters", "gates")
 
 
 @checked
@@ -27,9 +31,10 @@ class LevelsProblem:
     """The levels of a tick, ready for a solver's ``bind``."""
 
     function: ca.Function
-    """(q, velocity, previous, altimeter_range, parameters, gates) ->
-    (J, lower, upper, rate, activation, gate, quantities, activity), rows of all levels stacked; the parameters are those of
-    all tasks, one after the other (`uvms_ocp.control.velocity.parameters`)."""
+    """(q, velocity, previous, change, altimeter_range, parameters, gates) ->
+    (J, lower, upper, rate, activation, gate, quantities, activity), rows of all levels stacked; `previous` is the velocity
+    commanded one tick before, `change` its difference from that of the tick before it; the parameters are those of all tasks,
+    one after the other (`uvms_ocp.control.velocity.parameters`). The gate is 0 or 1: what lies between is in the bounds."""
     names: tuple[str, ...]
     """Of the levels."""
     sizes: tuple[int, ...]
@@ -45,39 +50,63 @@ def build_levels(robot: Robot, hierarchy: Hierarchy, dt: float) -> LevelsProblem
     Raises `FrameNotFound` or `NameNotFound` where a task names a frame or joint that the robot does not have.
     """
     symbols = _symbols(robot, dt)
-    previous = ca.SX.sym("previous", robot.n_v)
+    previous, change = ca.SX.sym("previous", robot.n_v), ca.SX.sym("change", robot.n_v)
     parameters = ca.SX.sym("parameters", sum(task.n_parameters(robot) for task in hierarchy.tasks))
     gates = ca.SX.sym("gates", len(hierarchy.tasks))
     tasks = _task_rows(robot, hierarchy, symbols, parameters)
-    reachable = [
-        reachable_rows(rows, equality=task.equality, symbols=symbols, previous=previous, gate=gate)
+    wanted = [
+        _Level(task.name, _reachable(task, rows, symbols, previous, gate), gate)
         for task, rows, gate in zip(hierarchy.tasks, tasks, ca.vertsplit(gates), strict=True)
     ]
-    levels = [_limit_rows(symbols, previous), *reachable, _rest_rows(robot)]
+    n_safe = len(list(takewhile(_is_safety, hierarchy.tasks)))
+    levels = [
+        _Level(LIMITS, _limit_rows(symbols, previous)),
+        *wanted[:n_safe],
+        _Level(EASING, easing_rows(symbols, previous, change)),
+        *wanted[n_safe:],
+        _Level(REST, _rest_rows(symbols, previous)),
+    ]
     quantities = {
         f"{task.name}.{name}": value
         for task, rows in zip(hierarchy.tasks, tasks, strict=True)
         for name, value in rows.quantities.items()
     }
-    inputs = [symbols.q, symbols.velocity, previous, symbols.altimeter_range, parameters, gates]
-    outputs = _stacked(levels, [ca.SX(1), *ca.vertsplit(gates), ca.SX(1)], quantities)
+    inputs = [symbols.q, symbols.velocity, previous, change, symbols.altimeter_range, parameters, gates]
+    outputs = _stacked(levels, quantities)
     return LevelsProblem(
         function=ca.Function("levels", inputs, [*outputs.values()], list(_INPUTS), [*outputs], {"cse": True}),
-        names=(LIMITS, *hierarchy.names, REST),
-        sizes=tuple(rows.n_rows for rows in levels),
+        names=tuple(level.name for level in levels),
+        sizes=tuple(level.rows.n_rows for level in levels),
         quantity_names=tuple(quantities),
     )
 
 
-def _stacked(levels: list[Rows], gates: list[ca.SX], quantities: dict[str, ca.SX]) -> dict[str, ca.SX]:
+class _Level(NamedTuple):
+    name: str
+    rows: Rows
+    gate: ca.SX = ca.SX(1)
+
+
+def _is_safety(task: Task) -> bool:
+    return task.task_class <= TaskClass.SAFETY
+
+
+def _reachable(task: Task, rows: Rows, symbols: TickSymbols, previous: ca.SX, gate: ca.SX) -> Rows:
+    """Bounds that keep the robot safe are followed as fast as the acceleration limits allow."""
+    eased = task.equality or not _is_safety(task)
+    return reachable_rows(rows, equality=task.equality, eased=eased, symbols=symbols, previous=previous, gate=gate)
+
+
+def _stacked(levels: Sequence[_Level], quantities: dict[str, ca.SX]) -> dict[str, ca.SX]:
     """Dense outputs of the levels function; a gate between 0 and 1 is already part of the bounds."""
-    gate = ca.vertcat(*(ca.repmat(g, rows.n_rows, 1) for g, rows in zip(gates, levels, strict=True)))
-    activity = ca.vertcat(*(rows.activation for rows in levels)) * gate
+    gate = ca.vertcat(*(ca.repmat(level.gate, level.rows.n_rows, 1) for level in levels))
+    rows = [level.rows for level in levels]
+    activity = ca.vertcat(*(r.activation for r in rows)) * gate
     outputs = {
-        "J": ca.vertcat(*(rows.jacobian for rows in levels)),
-        "lower": ca.vertcat(*(rows.lower for rows in levels)),
-        "upper": ca.vertcat(*(rows.upper for rows in levels)),
-        "rate": ca.vertcat(*(rows.rate for rows in levels)),
+        "J": ca.vertcat(*(r.jacobian for r in rows)),
+        "lower": ca.vertcat(*(r.lower for r in rows)),
+        "upper": ca.vertcat(*(r.upper for r in rows)),
+        "rate": ca.vertcat(*(r.rate for r in rows)),
         "activation": activity,
         "gate": gate > 0,
         "quantities": ca.vertcat(ca.SX(0, 1), *quantities.values()),
@@ -129,6 +158,8 @@ def _limit_rows(symbols: TickSymbols, previous: ca.SX) -> Rows:
     )
 
 
-def _rest_rows(robot: Robot) -> Rows:
-    """Minimise the remaining velocity ([Gao2022] Table 3, last row)."""
-    return equality_rows(ca.SX.eye(robot.n_v), ca.SX.zeros(robot.n_v))
+def _rest_rows(symbols: TickSymbols, previous: ca.SX) -> Rows:
+    """Minimise the remaining velocity ([Gao2022] Table 3, last row), coming to rest in proportion."""
+    n_v = symbols.robot.n_v
+    rows = equality_rows(ca.SX.eye(n_v), ca.SX.zeros(n_v))
+    return reachable_rows(rows, equality=True, eased=True, symbols=symbols, previous=previous, gate=ca.SX(1))

@@ -5,28 +5,46 @@ from __future__ import annotations
 from dataclasses import replace
 
 import casadi as ca
+import numpy as np
 
+from uvms_ocp.control.velocity.easing import eased_share, falling_share
+from uvms_ocp.solvers.hierarchy.gated_rows import gated
 from uvms_ocp.tasks.limits import row_acceleration
 from uvms_ocp.tasks.task import Rows, TickSymbols
 
-_NOTHING = 1e-9  # keeps divisions by a row of zeros or a change of zero finite
+_ENDLESS = 1e6  # stands in for what has no limit: its product with 0 is 0
 
 
-def reachable_rows(rows: Rows, *, equality: bool, symbols: TickSymbols, previous: ca.SX, gate: ca.SX) -> Rows:
-    """The rows with bounds that can be followed from the previous velocity (n_v,) [m/s, rad/s].
+def reachable_rows(
+    rows: Rows, *, equality: bool, eased: bool, symbols: TickSymbols, previous: ca.SX, gate: ca.SX
+) -> Rows:
+    """The rows with bounds that can be followed from the previous velocity (n_v,) [m/s, rad/s], and with the gate [-] in them.
 
     A row asks for no more change of its rate per tick than its least-norm motion gives within the acceleration
     limits. Otherwise every degree of freedom that moves the row would join in at its limit, whatever it was meant for.
-    The gate in [0, 1] scales that change: a task enters and leaves by holding the present velocity of its rows.
-    Weights cannot do that in a strict hierarchy, they leave the minimiser as it is. Rows of an equality change in
-    proportion, so that where they settle does not depend on the limits.
+    Rows of an equality change in proportion, so that where they settle does not depend on the limits. Accelerations towards
+    references and bounds fall to 0 on the way; those away from a bound that is broken do so only where `eased`.
+
+    The gate acts as `uvms_ocp.solvers.hierarchy.gated_rows` says. The range of a row is what the limits let one tick change of
+    its rate: bounds that are farther away than that are kept by the limits themselves.
     """
-    present = rows.jacobian @ previous
-    step = gate * row_acceleration(rows.jacobian, symbols.robot.limits.acceleration) * symbols.dt
-    if not equality:
-        lower, upper = ca.fmin(rows.lower, present + step), ca.fmax(rows.upper, present - step)
-        return replace(rows, lower=lower, upper=upper)
-    change = rows.rate - present
-    share = ca.fmin(1, ca.mmin(step / ca.fmax(ca.fabs(change), _NOTHING)))
-    target = present + share * change
-    return replace(rows, lower=target, upper=target)
+    dt, limits = symbols.dt, symbols.robot.limits
+    present, acceleration = rows.jacobian @ previous, row_acceleration(rows.jacobian, limits.acceleration)
+    if equality:
+        wanted = rows.rate - present
+        lower = upper = present + ca.fmin(1, ca.mmin(eased_share(wanted, acceleration, dt))) * wanted
+    else:
+        lower = present - _way(present - rows.lower, acceleration, dt, eased)
+        upper = present + _way(rows.upper - present, acceleration, dt, eased)
+    step = np.minimum(np.minimum(limits.acceleration * dt, 2 * limits.velocity), _ENDLESS)
+    gates, reach = ca.repmat(gate, rows.n_rows, 1), ca.fabs(rows.jacobian) @ ca.DM(step)
+    lower, upper = gated(rows.jacobian, lower, upper, gates, reach)
+    return replace(rows, lower=lower, upper=upper)
+
+
+def _way(room: ca.SX, acceleration: ca.SX, dt: float, eased: bool) -> ca.SX:
+    """How far (m,) rates may go in this tick towards bounds that leave them this room (m,); negative: have to come back."""
+    near = ca.fmin(room, _ENDLESS)
+    ahead = ca.if_else(room < _ENDLESS, near * falling_share(near, acceleration, dt), ca.inf)
+    back = near * eased_share(near, acceleration, dt) if eased else ca.fmax(near, -acceleration * dt)
+    return ca.if_else(room > 0, ahead, back)

@@ -44,6 +44,8 @@ class Motion:
     """(n_q,) [m, rad] configuration as far as it is known: measured, or along the stop since."""
     v: np.ndarray
     """(n_v,) [m/s, rad/s] commanded."""
+    change: np.ndarray
+    """(n_v,) [m/s, rad/s] of v since the tick before."""
     near: bool
     """The stop from v could come to a limit on positions."""
     share: float

@@ -39,7 +39,7 @@ _Solve = Callable[..., tuple[Array, float, int, dict[str, object]]]
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Daqp:
-    """DAQP's own hierarchies (``break_points``), cold at every call; bounds and gates as in ``LexicographicQp``.
+    """DAQP's own hierarchies (``break_points``), cold at every call; gates as `uvms_ocp.solvers.hierarchy.gated_rows` says.
 
     Approximate: DAQP divides every row by its norm, so that a level with a slack settles at the least squares of the
     normalised rows, which is another velocity than that of the rows as given; scaling rows beforehand undoes nothing.

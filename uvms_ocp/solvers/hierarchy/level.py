@@ -36,7 +36,7 @@ class Level:
     activation: Array
     """(m,) [-] weight in [0, 1] for ``Icat``, default 1 for equalities and where 0 is out of bounds, else 0."""
     gate: Array
-    """(m,) [-] 0 removes a row, 1 keeps it exactly, default 1; read by the strict solvers."""
+    """(m,) [-] 0 removes a row, 1 keeps it exactly, between see `gated_rows`; default 1; read by the strict solvers."""
     name: str
     """Used in error messages only."""
 

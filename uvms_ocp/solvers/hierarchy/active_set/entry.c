@@ -28,8 +28,9 @@ static void gate_bounds(Work *k, int row, double gate) {
   if (gate >= 1) return;
   double range = 0;
   for (int c = 0; c < N; ++c) range += fabs(k->a[row][c]);
-  k->lower[row] = gate > 0 ? k->lower[row] - (1 - gate) / gate * range : -INFINITY;
-  k->upper[row] = gate > 0 ? k->upper[row] + (1 - gate) / gate * range : INFINITY;
+  double width = gate > 0 ? range * sqrt(1 - gate) / sqrt(gate) : INFINITY;
+  k->lower[row] -= width;
+  k->upper[row] += width;
 }
 
 static void load(Work *k, const double *const *arg) {

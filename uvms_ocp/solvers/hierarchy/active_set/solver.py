@@ -33,7 +33,8 @@ from uvms_ocp.solvers.hierarchy.tick import (
 class LexicographicActiveSet:
     """Exact lexicographic least squares, warm-started from the active set of the call before.
 
-    In C where there is a compiler, in NumPy otherwise, with the same results. Gates act as in ``LexicographicQp``.
+    In C where there is a compiler, in NumPy otherwise, with the same results. What a gate between 0 and 1 does
+    is said in `uvms_ocp.solvers.hierarchy.gated_rows`.
     """
 
     compiled: bool = True

@@ -46,7 +46,7 @@ _DEFAULTS: dict[str, dict[str, object]] = {
 class LexicographicQp:
     """Each level minimises its own slack subject to the optimal slack of all levels above it.
 
-    Rows whose gate is between 0 and 1 have their bounds widened by ``(1 - gate) / gate * sum |J_row|``.
+    What a gate between 0 and 1 does is said in `uvms_ocp.solvers.hierarchy.gated_rows`.
     """
 
     plugin: str = "qpoases"
