@@ -23,7 +23,7 @@ N_LINKS, LINK = 11, 0.1  # [-], [m] length of each
 MARKS = {"shoulder": 3, "elbow": 6, "tool": 11}  # joints from the base to the frame
 AHEAD = 3.0
 """[m] from the tool to its goal."""
-CHEAP = OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.3)))
+CHEAP = OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.09)))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -45,10 +45,12 @@ class Conflict:
         return [float(np.linalg.norm(end - goal)) for end, (_, goal) in zip(ends, self.goals, strict=True)]
 
     def as_sum(self, weight: float) -> OcpProblem:
-        """One level: every goal `weight` times that of the next, the costs once."""
+        """One level: residuals of every goal `weight` times those of the next before they are squared, the costs once."""
         goals, costs = self.problem.levels[:-1], self.problem.levels[-1]
         terms = [
-            replace(term, weight=weight ** (len(goals) - i)) for i, level in enumerate(goals) for term in level.terms
+            replace(term, weight=weight ** (2 * (len(goals) - i)))
+            for i, level in enumerate(goals)
+            for term in level.terms
         ]
         return replace(self.problem, levels=(OcpLevel(name="sum", terms=(*terms, *costs.terms)),))
 

@@ -116,13 +116,13 @@ CASES: dict[str, tuple[Callable[[pin.SE3], PoseReference], float]] = {
 def problem(robot: Robot, goal: PoseReference, experiment: Experiment) -> OcpProblem:
     """The tool is weighed against effort in one level."""
     task = ToolPose(goal=goal)
-    tool = (TaskTerm(task=task, at=At.PATH, weight=10.0), TaskTerm(task=task, weight=3.0))
+    tool = (TaskTerm(task=task, at=At.PATH, weight=100.0), TaskTerm(task=task, weight=9.0))
     return single_phase(
         robot=robot,
         start=State(q=start_of(robot), v=np.zeros(robot.n_v)),
         duration=experiment.horizon,
         n_steps=experiment.n_steps,
-        levels=[OcpLevel(name="follow", terms=(*tool, Effort(), Smoothness(weight=0.3)))],
+        levels=[OcpLevel(name="follow", terms=(*tool, Effort(), Smoothness(weight=0.09)))],
         current=CURRENT,
     )
 

@@ -42,20 +42,20 @@ def build(given: dict[str, Any]) -> tuple[Any, np.ndarray]:
 
 
 def costs(given: dict[str, Any], state: Any, x0: np.ndarray) -> tuple[Any, Any]:
-    """Running and terminal costs; residuals are those of the other side, weights are theirs squared."""
+    """Running and terminal costs; residuals and the weights of their squares are those of the other side."""
     w, T, n_u = given["weights"], given["duration"], state.nv
     running, terminal = crocoddyl.CostModelSum(state, n_u), crocoddyl.CostModelSum(state, n_u)
     units = crocoddyl.ActivationModelWeightedQuad(1.0 / np.array(given["control_unit"]) ** 2)
     control = crocoddyl.CostModelResidual(state, units, crocoddyl.ResidualModelControl(state, n_u))
     stay = crocoddyl.CostModelResidual(state, crocoddyl.ResidualModelState(state, x0, n_u))
-    running.addCost("control", control, w["control"] ** 2 / T)
-    running.addCost("state", stay, w["state"] ** 2 / T)
+    running.addCost("control", control, w["control"] / T)
+    running.addCost("state", stay, w["state"] / T)
     tool = state.pinocchio.getFrameId("tool")
     position = crocoddyl.ResidualModelFrameTranslation(state, tool, np.array(given["goal_position"]), n_u)
     turn = crocoddyl.ResidualModelFrameRotation(state, tool, np.array(given["goal_rotation"]), n_u)
-    terminal.addCost("position", crocoddyl.CostModelResidual(state, position), w["tool"] ** 2)
-    terminal.addCost("turn", crocoddyl.CostModelResidual(state, turn), w["tool"] ** 2)
-    terminal.addCost("state", stay, w["end_state"] ** 2)
+    terminal.addCost("position", crocoddyl.CostModelResidual(state, position), w["tool"])
+    terminal.addCost("turn", crocoddyl.CostModelResidual(state, turn), w["tool"])
+    terminal.addCost("state", stay, w["end_state"])
     return running, terminal
 
 

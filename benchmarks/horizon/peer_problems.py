@@ -34,7 +34,7 @@ from uvms_ocp.tasks.task import Residual, bounded_residual, zero_residual
 
 ROBOT = "girona_maris7_full"
 DURATION = 8.0  # [s]
-WEIGHTS = {"control": 1.0, "state": 0.1, "end_state": 1.0, "tool": 100.0}
+WEIGHTS = {"control": 1.0, "state": 0.01, "end_state": 1.0, "tool": 1e4}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -26,7 +26,7 @@ def tool_reach(n_steps: int = 40, **options: Any) -> OcpProblem:
         "duration": 8.0,
         "levels": [
             OcpLevel(name="tool", terms=(TaskTerm(task=ToolPose(goal=reach_goal(robot, q))),)),
-            OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.3))),
+            OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.09))),
         ],
         "constraints": (AtRest(),),
     }

@@ -62,8 +62,8 @@ def circle(robot: Robot, *, radius: float = 0.3, speed: float = 0.1) -> PoseRefe
 
 def following(robot: Robot, goal: PoseGoal, duration: float | tuple[float, float] = 3.0, **options: Any) -> OcpProblem:
     task = ToolPose(goal=goal)
-    terms = (TaskTerm(task=task, at=At.PATH, weight=10.0), TaskTerm(task=task, weight=3.0))
-    levels = (OcpLevel(name="follow", terms=(*terms, Effort(), Smoothness(weight=0.3))),)
+    terms = (TaskTerm(task=task, at=At.PATH, weight=100.0), TaskTerm(task=task, weight=9.0))
+    levels = (OcpLevel(name="follow", terms=(*terms, Effort(), Smoothness(weight=0.09))),)
     return OcpProblem(
         robot=robot,
         start=State(q=start_of(robot), v=np.zeros(robot.n_v)),
@@ -120,8 +120,8 @@ def test_the_tool_follows_a_moving_goal_in_a_gusty_current(robot: Robot) -> None
 
 def test_strict_priority_of_the_tool_follows_more_closely_than_a_sum(robot: Robot) -> None:
     goal = circle(robot)
-    tool = OcpLevel(name="tool", terms=(TaskTerm(task=ToolPose(goal=goal), at=At.PATH, weight=10.0),))
-    cheap = OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.3)))
+    tool = OcpLevel(name="tool", terms=(TaskTerm(task=ToolPose(goal=goal), at=At.PATH, weight=100.0),))
+    cheap = OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.09)))
     strict = Nmpc(following(robot, goal, levels=(tool, cheap)), clock=lambda: 0.0)
     summed = Nmpc(following(robot, goal), clock=lambda: 0.0)
     assert largest_error(robot, strict, goal, 3.0) < 0.7 * largest_error(robot, summed, goal, 3.0)

@@ -14,7 +14,7 @@ from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 from uvms_ocp.tasks.pose import ToolPose
 from uvms_ocp.tasks.task import Task
 
-CHEAP = OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.3)))
+CHEAP = OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.09)))
 PATIENCE = 600.0  # [s] for other programs on the machine must not decide a verdict
 
 

@@ -139,7 +139,8 @@ def clearance_rows(robot: Robot, item: Obstacle) -> tuple[Any, ca.Function]:
     start = State(q=robot.configuration(), v=np.zeros(robot.n_v))
     level = OcpLevel(name="effort", terms=(Effort(),))
     model = StageModel(single_phase(robot=robot, start=start, duration=1.0, n_steps=1, levels=[level]))
-    value = capsule_clearance(scene, margin=0.0).residual(model.symbols(), ca.SX(0, 1)).value
+    clearance = capsule_clearance(scene, margin=0.0)
+    value = clearance.residual(model.symbols, ca.SX(ca.DM(clearance.reference(0.0)))).value
     q = model.z[model.layout.q]
     return scene, ca.Function("rows", [q], [value])
 

@@ -154,7 +154,7 @@ def test_a_goal_can_be_missed_and_a_cost_cannot(term: Term, status: OcpStatus) -
         start=State(q=robot.configuration(), v=np.zeros(robot.n_v)),
         duration=2.0,
         n_steps=4,
-        levels=[OcpLevel(name="it", terms=(term, Effort(weight=0.1)))],
+        levels=[OcpLevel(name="it", terms=(term, Effort(weight=0.01)))],
         water=False,
     )
     assert patient(problem).plan(diagnose=False).status is status

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
-from task_registry import GOAL, REGISTRY
+from task_registry import GOAL, REGISTRY, TARGET
 
 from uvms_ocp.control.velocity.parameters import parameters_of
 from uvms_ocp.exceptions import InvalidInput
@@ -100,6 +100,53 @@ def test_rows_are_finite_and_consistent(name: str, robot: Robot) -> None:
             np.testing.assert_array_equal(values["upper"], values["rate"])
 
 
+RANGES: dict[str, Task] = {
+    "JL": JointLimits(),
+    "JL with a guard": JointLimits(guard=0.15),
+    "MAC": MinimumAltitude(),
+    "HA": HorizontalAttitude(aim=0.8),
+    "AT": Alignment(goal=TARGET, aim=1.5),
+    "MU": Manipulability(),
+}
+
+
+def test_every_range_of_the_registry_is_listed() -> None:
+    ranges = {name for name, entry in REGISTRY.items() if not entry.task.equality}
+    assert ranges - set(RANGES) == {"FV"}  # which has no residual
+
+
+@pytest.mark.parametrize("name", RANGES)
+def test_a_range_is_the_same_over_a_horizon_as_in_the_hierarchy(name: str, robot: Robot) -> None:
+    """At rest the rows of a tick allow to stay exactly where the residual is in its range."""
+    task, rng, stays = RANGES[name], np.random.default_rng(5), []
+    rows_at, residual_at = task_function(robot, task), residual_function(robot, task)
+    for _ in range(60):
+        q, reach = random_configuration(robot, rng), float(rng.uniform(0.2, 3.0))
+        q[robot.joint_q] *= rng.uniform(0.0, 1.3)
+        rows = rows_at.call([q, np.zeros(robot.n_v), reach, task.reference(0.0)])
+        _, _, low, high, _ = (np.array(part).ravel() for part in rows[: len(OUTPUTS)])
+        value, lower, upper = (np.array(part).ravel() for part in residual_at(q, reach, task.reference(0.0)))
+        inside = (lower <= value) & (value <= upper)
+        np.testing.assert_array_equal((low <= 0) & (high >= 0), inside)
+        stays += inside.tolist()
+    assert {True, False} == set(stays)
+
+
+def residual_function(robot: Robot, task: Task) -> ca.Function:
+    q, reach, goals = ca.SX.sym("q", robot.n_q), ca.SX.sym("range"), ca.SX.sym("goals", task.n_parameters(robot))
+    kinematics = SymbolicModel(robot.model).forward_kinematics(q)
+    symbols = TickSymbols(
+        robot=robot,
+        kinematics=kinematics,
+        q=q,
+        velocity=ca.SX(robot.n_v, 1),
+        altimeter_range=reach,
+        dt=0.005,
+    )
+    residual = task.residual(symbols, goals)
+    return ca.Function("residual", [q, reach, goals], [residual.value, ca.DM(residual.lower), ca.DM(residual.upper)])
+
+
 def test_rpy_of_the_start_is_the_tilt(robot: Robot) -> None:
     q = robot.configuration(rpy=[0.0, -0.06, 0.5])
     assert evaluate(robot, HorizontalAttitude(), q)["tilt"].item() == pytest.approx(0.06, abs=1e-12)
@@ -163,7 +210,7 @@ def test_pose_references_saturate_with_their_direction_kept(robot: Robot) -> Non
     np.testing.assert_allclose(rate, 0.5 * np.array([0.6, 0.8, 0.0]), atol=1e-12)
 
 
-def test_joint_limits_lead_back_to_the_guard_and_bound_the_approach(robot: Robot) -> None:
+def test_joint_limits_lead_back_from_the_margin_and_bound_the_approach(robot: Robot) -> None:
     joints = robot.home.copy()
     joints[1] = robot.limits.position_upper[1] - 0.01
     values = evaluate(robot, JointLimits(), robot.configuration(joints=joints))
@@ -195,6 +242,8 @@ def test_a_goal_can_be_a_function_of_time(robot: Robot) -> None:
         (lambda: Alignment(goal=np.zeros(2)), r"AT: goal of shape \(2,\)"),
         (lambda: JointTracking(joints=("joint1",), goal=np.array([np.nan])), "MP: goal .*nan.* give finite"),
         (lambda: JointLimits(margin=0.6), "JL: margin = 0.6"),
+        (lambda: JointLimits(margin=0.3, guard=0.2), "guard = 0.2; give shares of the range, together below 0.5"),
+        (lambda: JointLimits(guard=-0.1), "guard = -0.1"),
         (lambda: NullVelocity(axes=(7,)), r"NR: axes \(7,\)"),
         (lambda: Bell(0.2, 0.1), r"Bell\(0.2, 0.1\)"),
         (lambda: Manipulability().with_goal(1), "MU: Manipulability has no goal"),

@@ -20,6 +20,7 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.ocp.terms import At, StageSymbols, Term
 from uvms_ocp.tasks.task import Residual, bounded_residual
 
+_N_CAPSULE = 3 + 3 + 1  # ends, radius
 _MOST_PAIRS = 600  # beyond it the functions of a step take longer to build than a plan to find
 
 
@@ -53,13 +54,29 @@ class CapsuleClearance(Term):
         return "clearance"
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
-        poses = stage.tick.kinematics.joint_poses
-        gaps = []
+        places = dict(zip(map(id, self._in_world), ca.vertsplit(parameters[:-1], _N_CAPSULE), strict=True))
+        poses, gaps = stage.tick.kinematics.joint_poses, []
         for pair in self.pairs:
-            ends = [poses[item.joint].p + poses[item.joint].R @ ca.DM(p) for item in pair for p in (item.p0, item.p1)]
-            apart = symbolic_segment_distance(*ends)
-            gaps.append(apart - sum(item.radius for item in pair) - self.margin)
+            ends, radii = [], []
+            for item in pair:
+                place = places.get(id(item), ca.DM([*item.p0, *item.p1, item.radius]))
+                pose = poses[item.joint]
+                ends += [pose.p + pose.R @ place[:3], pose.p + pose.R @ place[3:6]]
+                radii.append(place[6])
+            gaps.append(symbolic_segment_distance(*ends) - radii[0] - radii[1] - parameters[-1])
         return bounded_residual(ca.vertcat(ca.SX(0, 1), *gaps), lower=0.0)
+
+    @property
+    def _in_world(self) -> tuple[PlacedCapsule, ...]:
+        """Each once, in the order of the pairs."""
+        return tuple({id(item): item for pair in self.pairs for item in pair if item.joint == 0}.values())
+
+    def n_parameters(self, robot: Robot) -> int:
+        return _N_CAPSULE * len(self._in_world) + 1
+
+    def reference(self, t: float) -> np.ndarray:
+        """Ends and radius of every capsule in the world, and the margin [m]; the same at all times t [s]."""
+        return np.concatenate([*((*item.p0, *item.p1, item.radius) for item in self._in_world), [self.margin]])
 
 
 def capsule_clearance(scene: CollisionScene, *, margin: float) -> CapsuleClearance:

@@ -27,7 +27,7 @@ Verdict: TypeAlias = tuple[OcpStatus, str]
 
 @checked
 class Planner:
-    """Solves problems of one shape: built once, with its NLPs, for any start, current, goals and fixed durations."""
+    """Solves problems of one shape, built once with its NLPs; see `uvms_ocp.ocp.transcription.shape`."""
 
     def __init__(
         self,
@@ -41,7 +41,6 @@ class Planner:
         self.problem = problem
         self.transcription = transcription or Transcription(problem, plugin=self.options.plugin)
         self._nlp = LexicographicNlp(self.transcription.program, self.options)
-        self._lower, self._upper = self.transcription.bounds()
 
     def plan(
         self,
@@ -53,10 +52,10 @@ class Planner:
     ) -> Plan:
         """Plan for `problem`, by default the one this planner was built from.
 
-        problem: of the same shape; only start, current, goals and fixed durations may differ. guess: a trajectory, or
-        an earlier plan to start from, warm; by default the robot holds its start. t0 [s]: time of the first node, for
-        goals that move. diagnose: where a goal is missed, try longer horizons to say why, within the time limit of
-        the options.
+        problem: of the same shape. Start, current, goals, places and sizes of obstacles, weights, bounds and durations may
+        differ; anything else raises `InvalidInput`, which says what. guess: a trajectory, or an earlier plan to start
+        from, warm; by default the robot holds its start. t0 [s]: time of the first node, for goals that move. diagnose:
+        where a goal is missed, try longer horizons to say why, within the time limit of the options.
         """
         begin, given = perf_counter(), problem or self.problem
         obstruction = self.transcription.obstruction(given)
@@ -67,20 +66,31 @@ class Planner:
         if impossible is not None:
             return self._failed(given, OcpStatus.INFEASIBLE, impossible, begin)
         p = self.transcription.parameters(given, t0=t0)
-        result = self.solve(p, guess if guess is not None else hold(given))
+        result = self.solve(p, guess if guess is not None else hold(given), problem=given)
         deadline = begin + self.options.time_limit if diagnose else None
-        verdict = self._broken(p, result) or self._unfinished(result) or self._reached(given, result, t0, deadline)
+        verdict = (
+            self._broken(given, p, result) or self._unfinished(result) or self._reached(given, result, t0, deadline)
+        )
         return self._plan(given, result, *verdict, begin)
 
     def solve(
-        self, p: np.ndarray, guess: Trajectory | Plan | LexicographicResult, *, time_limit: float | None = None
+        self,
+        p: np.ndarray,
+        guess: Trajectory | Plan | LexicographicResult,
+        *,
+        problem: OcpProblem | None = None,
+        time_limit: float | None = None,
     ) -> LexicographicResult:
         """The lexicographic solution for parameters p (n_p,) [unit of the parameter] of `Transcription.parameters`.
 
-        time_limit [s]: where it is to be shorter than that of the options.
+        problem: that of p, by default the one this planner was built from. time_limit [s]: where it is to be shorter than
+        that of the options.
         """
-        start = self._start(guess)
-        return self._nlp.solve(start, p=p, x_lower=self._lower, x_upper=self._upper, time_limit=time_limit)
+        lower, upper = self.transcription.bounds(problem)
+        ranges = self.transcription.ranges(problem)
+        return self._nlp.solve(
+            self._start(guess), p=p, x_lower=lower, x_upper=upper, ranges=ranges, time_limit=time_limit
+        )
 
     def _start(self, guess: Trajectory | Plan | LexicographicResult) -> np.ndarray | LexicographicResult:
         if isinstance(guess, LexicographicResult):
@@ -92,12 +102,9 @@ class Planner:
     def _plan(
         self, given: OcpProblem, result: LexicographicResult, status: OcpStatus, reason: str, begin: float
     ) -> Plan:
-        trajectory = self.transcription.unpack(result.x)
-        if not given.free_time:
-            trajectory = replace(trajectory, t=given.nominal_times())
         return Plan(
             robot=given.robot,
-            trajectory=trajectory,
+            trajectory=self.transcription.unpack(result.x, given),
             status=status,
             reason=reason,
             levels=tuple(self._reports(result)),
@@ -126,10 +133,10 @@ class Planner:
 
     # --- why --------------------------------------------------------------------------------------
 
-    def _broken(self, p: np.ndarray, result: LexicographicResult) -> Verdict | None:
+    def _broken(self, given: OcpProblem, p: np.ndarray, result: LexicographicResult) -> Verdict | None:
         if result.violation <= self.options.feasibility:
             return None
-        groups = self.transcription.violations(result.x, p)
+        groups = self.transcription.violations(result.x, p, given)
         name = max(groups, key=lambda key: groups[key])
         index = _first_failure(result)
         level, status = self.problem.levels[index].name, result.level_status[index]
@@ -171,7 +178,7 @@ class Planner:
         for share in _LONGER:
             longer = replace(given, phases=tuple(_stretched(phase, share) for phase in given.phases))
             p, left = self.transcription.parameters(longer, t0=t0), deadline - perf_counter()
-            trial = self.solve(p, hold(longer), time_limit=max(left, 0.0))
+            trial = self.solve(p, hold(longer), problem=longer, time_limit=max(left, 0.0))
             if trial.violation > self.options.feasibility or not trial.level_status[missed].optimal:
                 return OcpStatus.MISSED, f"{text}; a horizon of {_seconds(longer)} was tried in vain"
             rest = float(trial.level_residuals[missed])

@@ -77,7 +77,7 @@ class OcpPhase:
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class OcpLevel:
-    """Terms of one priority; their squared distances add up, path terms as a mean over the nominal time.
+    """Terms of one priority; their squared distances add up by weight, path terms as a mean over the nominal time.
 
     Raises `InvalidInput` without terms.
     """

@@ -118,7 +118,7 @@ def _problem(request: OcpRequest, clearance: CapsuleClearance) -> OcpProblem:
         levels=[
             OcpLevel(name="goal", terms=tuple(TaskTerm(task=task) for task in tasks)),
             # Links seldom meet near the posture of the start, and no constraint keeps them apart.
-            OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.3), Posture(q=request.start, weight=2.0))),
+            OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.09), Posture(q=request.start, weight=4.0))),
         ],
         constraints=(AtRest(), clearance) if clearance.pairs else (AtRest(),),
         current=np.asarray(request.current, dtype=float),

@@ -60,7 +60,7 @@ class Term(ABC):
     """Its rows are electrical powers."""
     at: At = At.END
     weight: float = 1.0
-    """[1/unit of the row] Factor on the rows, before their squares are added up."""
+    """[1/unit of the row^2] Factor on the squares of the rows, so that the rows are scaled by its root."""
     phase: str | None = None
     """Name of the phase in which it counts; by default all along, or at the very end."""
 
@@ -82,18 +82,26 @@ class Term(ABC):
         return 0
 
     def reference(self, t: float) -> np.ndarray:
-        """Goal at time t [s] as a parameter vector (n_parameters,)."""
+        """What the rows depend on and a kept planner may be given anew, at time t [s] (n_parameters,): goals, obstacles."""
         return np.zeros(0)
 
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class TaskTerm(Term):
-    """A task of the velocity hierarchy over the horizon, by its `Task.residual`."""
+    """A task of the velocity hierarchy over the horizon, by its `Task.residual`.
+
+    Raises `InvalidInput` for a tolerance that is negative or not finite.
+    """
 
     task: Task
     tolerance: float = 0.0
     """[unit of the row] By which the range of every row is widened."""
+
+    def __post_init__(self) -> None:
+        Term.__post_init__(self)
+        if not (np.isfinite(self.tolerance) and self.tolerance >= 0):
+            raise InvalidInput(f"{self.name}: tolerance = {self.tolerance}; give a finite value >= 0")
 
     @property
     def name(self) -> str:
@@ -225,11 +233,17 @@ class Posture(Term):
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         robot = stage.tick.robot
         away = [
-            (stage.tick.q[joint.idx_q] - self.q[joint.idx_q]) / (upper - lower)
+            (stage.tick.q[joint.idx_q] - parameters[joint.idx_q]) / (upper - lower)
             for joint, lower, upper in bounded_joints(robot.joints, robot.limits)
             if np.isfinite([lower, upper]).all()
         ]
         return zero_residual(ca.vertcat(ca.SX(0, 1), *away))
+
+    def n_parameters(self, robot: Robot) -> int:
+        return robot.n_q
+
+    def reference(self, t: float) -> np.ndarray:
+        return self.q
 
 
 @checked
@@ -250,12 +264,12 @@ class Ball:
         if not (np.isfinite([*self.centre, self.radius]).all() and self.radius >= 0):
             raise InvalidInput(f"ball at {self.centre} of radius {self.radius} m; give finite numbers, radius >= 0")
 
-    def position(self, symbols: TickSymbols) -> ca.SX:
-        """Centre in W (3,) [m]."""
+    def placed(self, symbols: TickSymbols, centre: ca.SX) -> ca.SX:
+        """In W (3,) [m], for a centre (3,) [m] in the frame."""
         if self.frame is None:
-            return ca.SX(ca.DM(self.centre))
+            return centre
         R, p = symbols.kinematics.pose(self.frame)
-        return p + R @ ca.DM(self.centre)
+        return p + R @ centre
 
 
 @checked
@@ -274,13 +288,21 @@ class BallClearance(Term):
         return "clearance"
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
-        pairs = [(ball, other) for ball in self.robot_balls for other in self.obstacles]
-        gaps = [self._gap(ball, other, stage.tick) for ball, other in pairs]
+        pairs = [(ball, i) for ball in self.robot_balls for i in range(len(self.obstacles))]
+        places = ca.reshape(parameters, 4, len(self.obstacles))
+        gaps = [self._gap(ball, self.obstacles[i], places[:, i], stage.tick) for ball, i in pairs]
         return bounded_residual(ca.vertcat(ca.SX(0, 1), *gaps), lower=0.0)
 
-    def _gap(self, ball: Ball, other: Ball, symbols: TickSymbols) -> ca.SX:
-        d = ball.position(symbols) - other.position(symbols)
-        return ca.sqrt(ca.sumsqr(d) + 1e-12) - ball.radius - other.radius - self.margin
+    def _gap(self, ball: Ball, other: Ball, place: ca.SX, symbols: TickSymbols) -> ca.SX:
+        d = ball.placed(symbols, ca.SX(ca.DM(ball.centre))) - other.placed(symbols, place[:3])
+        return ca.sqrt(ca.sumsqr(d) + 1e-12) - ball.radius - place[3]
+
+    def n_parameters(self, robot: Robot) -> int:
+        return 4 * len(self.obstacles)
+
+    def reference(self, t: float) -> np.ndarray:
+        """Centre of every obstacle, and its radius with the margin [m]; the same at all times t [s]."""
+        return np.array([(*ball.centre, ball.radius + self.margin) for ball in self.obstacles]).ravel()
 
 
 def finite_or(limit: np.ndarray, unit: float) -> np.ndarray:

@@ -36,7 +36,7 @@ def tool_reach(
         n_steps=n_steps,
         levels=[
             OcpLevel(name="tool", terms=(TaskTerm(task=ToolPose(goal=goal)),)),
-            OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.3))),
+            OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.09))),
         ],
         constraints=(AtRest(),),
         current=np.asarray(current, dtype=float),

@@ -67,7 +67,7 @@ def whole_mission(robot: Robot, start: State, mission: WholeMission, *, floor: f
         phases=phases,
         levels=(
             OcpLevel(name="goals", terms=_goals(mission)),
-            OcpLevel(name="energy", terms=(Energy(), Smoothness(weight=0.05), Effort(weight=0.05))),
+            OcpLevel(name="energy", terms=(Energy(), Smoothness(weight=0.0025), Effort(weight=0.0025))),
         ),
         constraints=_constraints(mission),
         current=np.zeros(3) if mission.current is None else mission.current,

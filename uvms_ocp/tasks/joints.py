@@ -35,15 +35,18 @@ _SINGULAR = 1e-12  # keeps the square root of the manipulability differentiable 
 class JointLimits(Task):
     """JL: every bounded joint stays inside its range, one row per joint ([Gao2022] Case 2).
 
-    The activation rises over the last `margin` of the range on each side; the rate leads back to that guard.
-    Raises `InvalidInput` for a margin of 0.5 or more.
+    The range is that of the robot's limits without `guard` on each side, in the hierarchy and over a horizon alike. The
+    activation rises over its last `margin`, and the rate leads back from there. Raises `InvalidInput` for a guard that is
+    negative, and for a guard and a margin of 0.5 or more together.
     """
 
     equality: ClassVar[bool] = False
     name: str = "JL"
     task_class: TaskClass = TaskClass.SAFETY
     margin: float = 0.1
-    """[-] share of the range on each side."""
+    """[-] share of the robot's range on each side, inside of `guard`."""
+    guard: float = 0.0
+    """[-] share of the robot's range on each side that is never used."""
     gain: float = 0.2
     """[1/s]"""
     saturation: float = 0.5
@@ -51,16 +54,22 @@ class JointLimits(Task):
 
     def __post_init__(self) -> None:
         require_positive(self.name, margin=self.margin, gain=self.gain, saturation=self.saturation)
-        if self.margin >= 0.5:
-            raise InvalidInput(f"{self.name}: margin = {self.margin}; give a share of the range below 0.5")
+        if not (self.guard >= 0 and self.guard + self.margin < 0.5):
+            raise InvalidInput(
+                f"{self.name}: margin = {self.margin}, guard = {self.guard}; give shares of the range, together below 0.5"
+            )
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
-        """Bounded joints inside the range that `margin` leaves free on each side [rad or m]."""
+        """Bounded joints inside their range [rad or m]."""
         joints = bounded_joints(symbols.robot.joints, symbols.robot.limits)
-        lower, upper = np.array([(low, up) for _, low, up in joints]).reshape(-1, 2).T
-        guard = self.margin * (upper - lower)
+        ranges = np.array([self._kept(low, up) for _, low, up in joints]).reshape(-1, 2)
         value = symbols.q[[joint.idx_q for joint, _, _ in joints]]
-        return Residual(value=value, lower=lower + guard, upper=upper - guard)
+        return Residual(value=value, lower=ranges[:, 0], upper=ranges[:, 1])
+
+    def _kept(self, lower: float, upper: float) -> tuple[float, float]:
+        """The range without the guard, which a joint with one limit has not."""
+        guard = self.guard * (upper - lower) if np.isfinite([lower, upper]).all() else 0.0
+        return lower + guard, upper - guard
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         joints = [
@@ -81,15 +90,15 @@ class JointLimits(Task):
 
     def _joint_row(self, symbols: TickSymbols, joint: Joint, lower: float, upper: float) -> tuple[ca.SX, ...]:
         """Rate, lower, upper, activation and distance to the nearer limit of one joint."""
-        q = symbols.q[joint.idx_q]
-        guard = self.margin * (upper - lower)
-        bell_low, bell_high = Bell(lower, lower + guard), Bell(upper - guard, upper)
+        q, margin = symbols.q[joint.idx_q], self.margin * (upper - lower)
+        low, high = self._kept(lower, upper)
+        bell_low, bell_high = Bell(low, low + margin), Bell(high - margin, high)
         below, above = bell_low.decreasing(q), bell_high.increasing(q)
-        to_guard = ca.if_else(q < bell_low.end, bell_low.end - q, ca.fmin(bell_high.start - q, 0))
+        back = ca.if_else(q < bell_low.end, bell_low.end - q, ca.fmin(bell_high.start - q, 0))
         return (
-            saturate(self.gain * to_guard, self.saturation),
-            -self._approach(symbols, joint, q - lower),
-            self._approach(symbols, joint, upper - q),
+            saturate(self.gain * back, self.saturation),
+            -self._approach(symbols, joint, q - low),
+            self._approach(symbols, joint, high - q),
             below + above,
             ca.fmin(q - lower, upper - q),
         )

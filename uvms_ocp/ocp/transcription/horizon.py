@@ -200,11 +200,11 @@ def horizon(variables: VariableLayout, parameters: ParameterLayout, layout: RowL
         Block(
             functions=block.rows.functions,
             Z=every[:, int(block.nodes[0]) : int(block.nodes[-1]) + 1],
-            S=ca.reshape(p[goals], block.rows.n_parameters, len(block.nodes)),
+            S=ca.reshape(p[own], block.rows.n_parameters, len(block.nodes)),
             columns=columns[block.nodes],
             numbers=numbers,
         )
-        for block, goals, numbers in zip(parameters.blocks, parameters.goals, layout.terms, strict=True)
+        for block, own, numbers in zip(parameters.blocks, parameters.terms, layout.terms, strict=True)
     )
     return Horizon(
         model=variables.model,

@@ -18,7 +18,7 @@ from itertools import pairwise
 import numpy as np
 
 from uvms_ocp.ocp.problem import OcpProblem
-from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermBlock
+from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermBlock, TermNumbers
 
 _DROPPED = -2  # level of rows that say nothing
 _START = 0.75  # stage of the first state: after the dynamics and the terms of the first node
@@ -60,6 +60,13 @@ class RowLayout:
     @property
     def n_state(self) -> int:
         return len(self.start)
+
+    def bounds(self, numbers: Sequence[TermNumbers]) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds (n_rows,) [unit of the row] with those of another problem of the same shape, block by block."""
+        lower, upper = self.lower.copy(), self.upper.copy()
+        for rows, own in zip(self.terms, numbers, strict=True):
+            lower[rows], upper[rows] = own.lower, own.upper
+        return lower, upper
 
 
 def row_layout(problem: OcpProblem, blocks: Sequence[TermBlock], *, n_forces: int) -> RowLayout:
@@ -133,8 +140,8 @@ def _terms(block: TermBlock) -> _Group:
     return _Group(
         level=level.ravel(),
         stage=np.repeat(block.nodes + 0.5, rows.n_rows),
-        lower=np.tile(rows.lower, n),
-        upper=np.tile(rows.upper, n),
+        lower=np.tile(rows.own.lower, n),
+        upper=np.tile(rows.own.upper, n),
         names=n * rows.names,
     )
 

@@ -223,6 +223,7 @@ class StageModel:
             step[:6] += h**3 / 12 * _commutator(v[:6], a[:6])
         return self._dynamics.symbolic.integrate(q, step)
 
+    @cached_property
     def symbols(self) -> StageSymbols:
         """What terms are written in."""
         z, layout = self.z, self.layout

@@ -1,4 +1,9 @@
-"""Rows, costs and parameters of all terms that count at one kind of node."""
+"""Rows, costs and parameters of all terms that count at one kind of node.
+
+Their functions have the parameters ``[active, 1 / time, roots of weights, lower, upper, goals of all terms]``. `active` is 0
+where the state is given, at the very first node, and 1 elsewhere; `time` [s] is the nominal one of the horizon; bounds
+that there are not stand as 0.
+"""
 
 from __future__ import annotations
 
@@ -10,41 +15,84 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.ocp.problem import HessianKind, OcpPhase, OcpProblem, counts_at_end, counts_on_path
-from uvms_ocp.ocp.terms import StageSymbols, Term
+from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel, compiled, derivatives
-from uvms_ocp.solvers.nlp.program import half_square
+from uvms_ocp.solvers.nlp.program import RowKinds, beyond, half_square, row_kinds
 from uvms_ocp.tasks.task import Residual
 
 CONSTRAINT = -1
 """Stands for the level of a constraint."""
+_N_COMMON = 2  # active, 1 / time
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Member:
+    """A term with rows at a kind of node, as it was built in."""
+
+    place: int
+    """[-] among the terms of the problem."""
+    level: int
+    """[-] or CONSTRAINT"""
+    term: Term
+    residual: Residual
+    """Without the weight."""
+    goals: ca.SX
+    """(n,) its parameters."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class TermNumbers:
+    """What may differ between problems of one shape."""
+
+    terms: tuple[Term, ...]
+    """Whose references are the goals."""
+    roots: np.ndarray
+    """(n_terms,) [-] of the weights."""
+    lower: np.ndarray
+    """(m,) [-] weighted."""
+    upper: np.ndarray
+    """(m,) [-] weighted."""
+
+    def parameters(self, times: Sequence[float], active: Sequence[bool], rate: float) -> list[np.ndarray]:
+        """Parameters at nodes at `times` [s], in parts, one node after the other; rate [1/s]: 1 / time."""
+        bounds = [np.where(np.isfinite(bound), bound, 0.0) for bound in (self.lower, self.upper)]
+        fixed = np.concatenate([[rate], self.roots, *bounds])
+        parts = []
+        for t, on in zip(times, active, strict=True):
+            parts += [np.array([float(on)]), fixed, *(term.reference(t) for term in self.terms)]
+        return parts
+
+
+def term_numbers(terms: Sequence[Term], residuals: Sequence[Residual]) -> TermNumbers:
+    """Of terms with these residuals, without their weights."""
+    roots = np.sqrt([term.weight for term in terms])
+    pairs = list(zip(roots, residuals, strict=True))
+    return TermNumbers(
+        terms=tuple(terms),
+        roots=roots,
+        lower=np.concatenate([np.zeros(0), *(root * residual.lower for root, residual in pairs)]),
+        upper=np.concatenate([np.zeros(0), *(root * residual.upper for root, residual in pairs)]),
+    )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class TermRows:
     """What all terms together add at one kind of node: the steps of a phase, or its end.
 
-    `functions` have the parameters ``[active, goals of all terms]``; rows of constraints come first, then those of
-    level after level. `active` is 0 where the state is given, at the very first node, and 1 elsewhere.
+    Rows of constraints come first, then those of level after level.
     """
 
     functions: Derivatives
-    terms: tuple[Term, ...]
-    sizes: tuple[int, ...]
-    """Parameters of each term."""
+    members: tuple[Member, ...]
+    own: TermNumbers
+    """Of the problem that was built in."""
+    kinds: RowKinds
     level: np.ndarray
     """(m,) [-] level of each row, or CONSTRAINT."""
-    lower: np.ndarray
-    """(m,) [-] weighted."""
-    upper: np.ndarray
-    """(m,) [-] weighted."""
     state_only: np.ndarray
     """(m,) [-] True for rows without inputs."""
     names: tuple[str, ...]
     """(m,) term of each row."""
-
-    def parameters(self, t: float, *, active: bool) -> np.ndarray:
-        """Parameters at time t [s]."""
-        return np.concatenate([[float(active)], *(term.reference(t) for term in self.terms)])
 
     @property
     def n_rows(self) -> int:
@@ -52,7 +100,7 @@ class TermRows:
 
     @property
     def n_parameters(self) -> int:
-        return 1 + sum(self.sizes)
+        return _N_COMMON + len(self.members) + 2 * self.n_rows + sum(member.goals.numel() for member in self.members)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -68,78 +116,87 @@ def term_blocks(model: StageModel) -> tuple[TermBlock, ...]:
     """All terms of a problem: the steps of every phase, then the end of every phase."""
     nodes, phases = model.problem.starts_of_phases(), model.problem.phases
     spans = [np.arange(first, end) for first, end in pairwise(nodes)]
-    paths = [TermBlock(rows=_path_rows(model, phase), nodes=span) for phase, span in zip(phases, spans, strict=True)]
-    ends = [TermBlock(rows=_end_rows(model, phase), nodes=nodes[i : i + 1]) for i, phase in enumerate(phases, 1)]
+    paths, ends = [], []
+    for i, phase in enumerate(phases):
+        on_path = _term_rows(model, _members(model, phase, counts_on_path), f"path_{i}", on_path=True)
+        at_end = _term_rows(model, _members(model, phase, counts_at_end), f"end_{i}", on_path=False)
+        paths.append(TermBlock(rows=on_path, nodes=spans[i]))
+        ends.append(TermBlock(rows=at_end, nodes=nodes[i + 1 : i + 2]))
     return (*paths, *ends)
-
-
-def _path_rows(model: StageModel, phase: OcpPhase) -> TermRows:
-    """Rows at the steps of a phase; costs are integrals, as shares of the nominal time of the horizon."""
-    h = model.z[model.layout.h]
-    return _term_rows(model, phase, counts_on_path, h / model.problem.nominal_times()[-1], f"path_{phase.name}")
-
-
-def _end_rows(model: StageModel, phase: OcpPhase) -> TermRows:
-    """Rows at the node that ends a phase."""
-    return _term_rows(model, phase, counts_at_end, ca.SX(1), f"end_{phase.name}")
 
 
 Counts = Callable[[OcpProblem, Term, OcpPhase], bool]
 
 
-def _term_rows(model: StageModel, phase: OcpPhase, counts: Counts, share: ca.SX, name: str) -> TermRows:
-    problem, symbols = model.problem, model.symbols()
-    groups = [(CONSTRAINT, problem.constraints), *((i, level.terms) for i, level in enumerate(problem.levels))]
-    members = [(i, term) for i, terms in groups for term in terms if counts(problem, term, phase)]
-    sizes = tuple(term.n_parameters(problem.robot) for _, term in members)
-    s = ca.SX.sym("s", 1 + sum(sizes))
-    residuals = _residuals([term for _, term in members], sizes, symbols, s[1:])
-    rows = ca.vertcat(ca.SX(0, 1), *(residual.value for residual in residuals))
-    errors: list[ca.SX] = [ca.SX(0, 1) for _ in problem.levels]
-    costs = [ca.SX(0) for _ in problem.levels]
-    for (i, term), residual in zip(members, residuals, strict=True):
-        if i != CONSTRAINT:
-            scale = share * (s[0] if term.state_only else 1)
-            costs[i] += scale * half_square(residual.value, residual.lower, residual.upper)
-            errors[i] = ca.vertcat(errors[i], ca.sqrt(scale) * _beyond(residual))
-    exact = problem.hessian is HessianKind.EXACT
-    counted = [(i, term, residual.n_rows) for (i, term), residual in zip(members, residuals, strict=True)]
-    functions = derivatives(
-        _identifier(name), model.z, s, rows, costs=ca.vertcat(*costs), residuals=None if exact else errors
+def _members(model: StageModel, phase: OcpPhase, counts: Counts) -> list[Member]:
+    problem = model.problem
+    levels = [CONSTRAINT] * len(problem.constraints)
+    levels += [i for i, level in enumerate(problem.levels) for _ in level.terms]
+    placed = zip(range(len(levels)), levels, problem.terms, strict=True)
+    return [_member(model, *one) for one in placed if counts(problem, one[-1], phase)]
+
+
+def _member(model: StageModel, place: int, level: int, term: Term) -> Member:
+    goals = ca.SX.sym("goals", term.n_parameters(model.robot))
+    residual = term.residual(model.symbols, goals)
+    return Member(place=place, level=level, term=term, residual=residual, goals=goals)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Symbols:
+    """Parameters that all members share."""
+
+    common: ca.SX
+    """(2,) active, 1 / time"""
+    roots: ca.SX
+    """(n_terms,)"""
+    lower: ca.SX
+    """(m,)"""
+    upper: ca.SX
+    """(m,)"""
+
+
+def _term_rows(model: StageModel, members: Sequence[Member], name: str, *, on_path: bool) -> TermRows:
+    """Costs on the path are integrals, as shares of the nominal time of the horizon."""
+    own = term_numbers([member.term for member in members], [member.residual for member in members])
+    kinds, m = row_kinds(own.lower, own.upper), len(own.lower)
+    shared = _Symbols(
+        common=ca.SX.sym("common", _N_COMMON),
+        roots=ca.SX.sym("root", len(members)),
+        lower=ca.SX.sym("lower", m),
+        upper=ca.SX.sym("upper", m),
     )
+    s = ca.vertcat(shared.common, shared.roots, shared.lower, shared.upper, *(member.goals for member in members))
+    weighted = [shared.roots[i] * member.residual.value for i, member in enumerate(members)]
+    rows = ca.vertcat(ca.SX(0, 1), *weighted)
+    share = model.z[model.layout.h] * shared.common[1] if on_path else ca.SX(1)
+    costs, errors = _costs(len(model.problem.levels), members, rows, shared, kinds, share)
+    exact = model.problem.hessian is HessianKind.EXACT
+    functions = derivatives(name, model.z, s, rows, costs=costs, residuals=None if exact else errors)
+    each_row = [member for member in members for _ in range(member.residual.n_rows)]
     return TermRows(
         # Terms of forces hold the equations of motion where forces are no variables.
         functions=functions if model.decides_forces else compiled(functions),
-        terms=tuple(term for _, term in members),
-        sizes=sizes,
-        level=np.array([i for i, _, m in counted for _ in range(m)], dtype=int),
-        lower=np.concatenate([np.zeros(0), *(residual.lower for residual in residuals)]),
-        upper=np.concatenate([np.zeros(0), *(residual.upper for residual in residuals)]),
-        state_only=np.array([term.state_only for _, term, m in counted for _ in range(m)], dtype=bool),
-        names=tuple(term.name for _, term, m in counted for _ in range(m)),
+        members=tuple(members),
+        own=own,
+        kinds=kinds,
+        level=np.array([member.level for member in each_row], dtype=int),
+        state_only=np.array([member.term.state_only for member in each_row], dtype=bool),
+        names=tuple(member.term.name for member in each_row),
     )
 
 
-def _residuals(terms: Sequence[Term], sizes: Sequence[int], symbols: StageSymbols, goals: ca.SX) -> list[Residual]:
-    ends = np.cumsum([0, *sizes])
-    parts = [goals[int(first) : int(last)] for first, last in pairwise(ends)]
-    return [_weighted(term, term.residual(symbols, part)) for term, part in zip(terms, parts, strict=True)]
-
-
-def _weighted(term: Term, residual: Residual) -> Residual:
-    w = term.weight
-    return Residual(value=w * residual.value, lower=w * residual.lower, upper=w * residual.upper)
-
-
-def _beyond(residual: Residual) -> ca.SX:
-    """Signed distance to the range; unlike `intervals.distance` without a kink where lower = upper."""
-    y = residual.value
-    high = ca.vertcat(*(ca.fmax(y[i] - u, 0) if np.isfinite(u) else ca.SX(0) for i, u in enumerate(residual.upper)))
-    low = ca.vertcat(*(ca.fmax(lo - y[i], 0) if np.isfinite(lo) else ca.SX(0) for i, lo in enumerate(residual.lower)))
-    equal = ca.DM((residual.lower == residual.upper).astype(float))
-    target = ca.DM(np.where(residual.lower == residual.upper, residual.lower, 0.0))
-    return equal * (y - target) + (1 - equal) * (high - low)
-
-
-def _identifier(name: str) -> str:
-    return "".join(letter if letter.isalnum() else "_" for letter in name)
+def _costs(
+    n_levels: int, members: Sequence[Member], rows: ca.SX, shared: _Symbols, kinds: RowKinds, share: ca.SX
+) -> tuple[ca.SX, list[ca.SX]]:
+    """Cost of every level (n_levels,), and the vectors whose half squares they are."""
+    costs = [ca.SX(0) for _ in range(n_levels)]
+    errors = [ca.SX(0, 1) for _ in range(n_levels)]
+    ends = np.cumsum([0, *(member.residual.n_rows for member in members)]).tolist()
+    for member, first, stop in zip(members, ends[:-1], ends[1:], strict=True):
+        if member.level != CONSTRAINT:
+            scale = share * (shared.common[0] if member.term.state_only else 1)
+            parts = (rows[first:stop], shared.lower[first:stop], shared.upper[first:stop], kinds[first:stop])
+            costs[member.level] += scale * half_square(*parts)
+            errors[member.level] = ca.vertcat(errors[member.level], ca.sqrt(scale) * beyond(*parts))
+    return ca.vertcat(*costs), errors

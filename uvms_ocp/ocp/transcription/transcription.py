@@ -18,17 +18,21 @@ from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.ocp.transcription.horizon import horizon
 from uvms_ocp.ocp.transcription.parameter_layout import parameter_layout
 from uvms_ocp.ocp.transcription.row_layout import row_layout
+from uvms_ocp.ocp.transcription.shape import Fitted, fitted
 from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, term_blocks
 from uvms_ocp.ocp.transcription.variable_layout import VariableLayout
 from uvms_ocp.solvers.intervals import excess
-from uvms_ocp.solvers.nlp.program import LevelNlp, LevelRows, LexicographicProgram
+from uvms_ocp.solvers.nlp.program import LevelNlp, LevelRows, LexicographicProgram, RowRanges
 
 _ROUNDING = 1e-9  # violation of a constraint at the start that is none
 
 
 class Transcription:
-    """The NLP of a problem. Start, current, goals and fixed durations are parameters; the rest is built in."""
+    """The NLP of a problem, kept for all problems of its shape; see `uvms_ocp.ocp.transcription.shape`.
+
+    Methods that take a problem raise `InvalidInput` for one of another shape; by default it is the one that was built in.
+    """
 
     def __init__(self, problem: OcpProblem, *, plugin: str = "ipopt") -> None:
         self.problem, self._plugin = problem, plugin
@@ -38,46 +42,68 @@ class Transcription:
         self._parameters = parameter_layout(problem, self._blocks)
         self._rows = row_layout(problem, self._blocks, n_forces=self.model.n_forces)
         self._horizon = horizon(self._variables, self._parameters, self._rows)
+        self._last = fitted(self.model, self._blocks, problem)
 
     @property
     def n_x(self) -> int:
         """Number of variables."""
         return self._variables.n_x
 
+    def _fitted(self, problem: OcpProblem | None) -> Fitted:
+        """Every method of a plan asks for that of the same problem."""
+        given = problem or self.problem
+        if given is not self._last.problem:
+            self._last = fitted(self.model, self._blocks, given)
+        return self._last
+
     def parameters(
         self, problem: OcpProblem | None = None, *, t0: float = 0.0, start: State | None = None
     ) -> np.ndarray:
-        """Parameters (n_p,) of this problem, or of one of the same shape with another start, current or goals.
+        """Parameters (n_p,).
 
         t0 [s]: time of the first node, for goals that move. start: instead of the problem's, such as a measured one,
         which may be slightly outside the joint limits.
         """
-        return self._parameters.values(problem or self.problem, t0=t0, start=start)
+        return self._parameters.values(self._fitted(problem), t0=t0, start=start)
 
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+    def bounds(self, problem: OcpProblem | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Bounds (n_x,) of the variables: limits of the robot, durations."""
-        return self._variables.bounds()
+        if problem is None or not problem.free_time:
+            return self._own_bounds
+        return self._variables.bounds(problem)
+
+    @cached_property
+    def _own_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._variables.bounds(self.problem)
+
+    def ranges(self, problem: OcpProblem | None = None) -> RowRanges:
+        """Where the rows are to be."""
+        given = self._fitted(problem)
+        if given.problem is self.problem:
+            return self.program.ranges
+        return self._ranges(given)
 
     def pack(self, trajectory: Trajectory) -> np.ndarray:
         """Variables (n_x,) of a trajectory; times are taken as they are where durations are free."""
         return self._variables.pack(trajectory)
 
-    def unpack(self, x: np.ndarray) -> Trajectory:
+    def unpack(self, x: np.ndarray, problem: OcpProblem | None = None) -> Trajectory:
         """The trajectory of variables x (n_x,) [unit of x]."""
-        return self._variables.unpack(x)
+        return self._variables.unpack(x, problem or self.problem)
 
     @cached_property
     def _constraint_values(self) -> ca.Function:
         rows = self._horizon.rows[self._rows.constraints.tolist()]
         return ca.Function("constraints", [self._horizon.x, self._horizon.p], [rows])
 
-    def violations(self, x: np.ndarray, p: np.ndarray) -> dict[str, float]:
+    def violations(self, x: np.ndarray, p: np.ndarray, problem: OcpProblem | None = None) -> dict[str, float]:
         """Largest violation [unit of the row] of every group of constraints at x (n_x,) [unit of x].
 
         p (n_p,) [unit of the parameter]: see `parameters`.
         """
         g, rows = np.array(self._constraint_values(x, p)).ravel(), self._rows.constraints
-        broken = excess(g, self._rows.lower[rows], self._rows.upper[rows])
+        ranges = self.ranges(problem)
+        broken = excess(g, ranges.lower, ranges.upper)
         worst: dict[str, float] = {}
         for row, value in zip(rows, broken.tolist(), strict=True):
             name = self._rows.names[row]
@@ -88,9 +114,9 @@ class Transcription:
         """Constraint along the path that the start itself breaks, and by how much."""
         z = np.zeros(self.model.layout.n_z)
         z[self.model.layout.q], z[self.model.layout.v] = problem.start.q, problem.start.v
-        rows = self._blocks[0].rows  # the steps of the first phase
-        y = np.array(rows.functions.value(z, rows.parameters(0.0, active=False))).ravel()
-        broken = excess(y, rows.lower, rows.upper)
+        rows, numbers = self._blocks[0].rows, self._fitted(problem).numbers[0]  # the steps of the first phase
+        s = np.concatenate(numbers.parameters([0.0], [False], 1.0))
+        broken = excess(np.array(rows.functions.value(z, s)).ravel(), numbers.lower, numbers.upper)
         broken[(rows.level != CONSTRAINT) | ~rows.state_only] = 0.0
         if not broken.any() or broken.max() < _ROUNDING:
             return None
@@ -100,25 +126,32 @@ class Transcription:
     def program(self) -> LexicographicProgram:
         """The lexicographic program, with derivatives."""
         layout, x, p = self._rows, self._horizon.x, self._horizon.p
-        ends = np.cumsum([len(layout.constraints), *(len(rows) for rows in layout.held)])
-        numbered = np.concatenate([layout.constraints, *layout.held])
-        levels = tuple(
-            LevelRows(
-                name=level.name,
-                lower=layout.lower[rows],
-                upper=layout.upper[rows],
-                relax=level.relax,
-                frozen=slice(int(first), int(stop)),
-            )
-            for level, rows, first, stop in zip(self.problem.levels, layout.levels, ends[:-1], ends[1:], strict=True)
-        )
+        numbered, ranges = np.concatenate([layout.constraints, *layout.held]), self._ranges(self._fitted(None))
         y = [self._horizon.rows[rows.tolist()] if len(rows) else ca.MX(0, 1) for rows in layout.levels]
         return LexicographicProgram(
-            levels=levels,
-            nlps=tuple(self._level_nlp(i, numbered[: level.frozen.start]) for i, level in enumerate(levels)),
+            ranges=ranges,
+            nlps=tuple(self._level_nlp(i, numbered[: level.frozen.start]) for i, level in enumerate(ranges.levels)),
             values=ca.Function("values", [x, p], y),
-            lower=layout.lower[layout.constraints],
-            upper=layout.upper[layout.constraints],
+        )
+
+    def _ranges(self, given: Fitted) -> RowRanges:
+        layout = self._rows
+        lower, upper = layout.bounds(given.numbers)
+        ends = np.cumsum([len(layout.constraints), *(len(rows) for rows in layout.held)]).tolist()
+        places = zip(given.problem.levels, layout.levels, ends[:-1], ends[1:], strict=True)
+        return RowRanges(
+            levels=tuple(
+                LevelRows(
+                    name=level.name,
+                    lower=lower[rows],
+                    upper=upper[rows],
+                    relax=level.relax,
+                    frozen=slice(first, stop),
+                )
+                for level, rows, first, stop in places
+            ),
+            lower=lower[layout.constraints],
+            upper=upper[layout.constraints],
         )
 
     def _level_nlp(self, index: int, numbered: np.ndarray) -> LevelNlp:

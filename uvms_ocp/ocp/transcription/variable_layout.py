@@ -9,6 +9,8 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.trajectory import Trajectory, has_thrusters
 from uvms_ocp.ocp.transcription.stage import StageModel
 
@@ -77,8 +79,8 @@ class VariableLayout:
             following=ca.horzcat(W[: self.n_state, 1:], end),
         )
 
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds (n_x,) of the variables: limits of the robot, durations."""
+    def bounds(self, problem: OcpProblem) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds (n_x,) of the variables: limits of the robot, durations of a problem of the same shape."""
         lower, upper = self._step_bounds()
         low, up = np.full(self.n_x, -np.inf), np.full(self.n_x, np.inf)
         for k in range(self.N + 1):
@@ -86,14 +88,13 @@ class VariableLayout:
             used = columns >= 0
             low[columns[used]], up[columns[used]] = lower[used], upper[used]
         if self.free:
-            self._bound_durations(low, up)
+            self._bound_durations(problem, low, up)
         # The first state is given by rows; bounds on it could only contradict them.
         first = self.columns(0)[: self.model.layout.h]
         low[first], up[first] = -np.inf, np.inf
         return low, up
 
-    def _bound_durations(self, low: np.ndarray, up: np.ndarray) -> None:
-        problem = self.model.problem
+    def _bound_durations(self, problem: OcpProblem, low: np.ndarray, up: np.ndarray) -> None:
         phases = [phase for phase in problem.phases for _ in range(phase.n_steps)]
         for k, phase in enumerate([*phases, phases[-1]]):
             shortest, longest = phase.range
@@ -119,7 +120,14 @@ class VariableLayout:
         return lower, upper
 
     def pack(self, trajectory: Trajectory) -> np.ndarray:
-        """Variables (n_x,) of a trajectory; times are taken as they are where durations are free."""
+        """Variables (n_x,) of a trajectory; times are taken as they are where durations are free.
+
+        Raises `InvalidInput` for a trajectory of another number of steps.
+        """
+        if len(trajectory.a) != self.N:
+            raise InvalidInput(
+                f"the guess has {len(trajectory.a)} steps; give one of {self.N}, such as `through` makes"
+            )
         actuators = self.model.actuators
         x = np.zeros(self.n_x)
         h = np.diff(trajectory.t)
@@ -132,14 +140,14 @@ class VariableLayout:
             x[columns[columns >= 0]] = z[columns >= 0]
         return x
 
-    def unpack(self, x: np.ndarray) -> Trajectory:
-        """The trajectory of variables x (n_x,) [unit of x]."""
+    def unpack(self, x: np.ndarray, problem: OcpProblem) -> Trajectory:
+        """The trajectory of variables x (n_x,) [unit of x]; where durations are fixed, with those of the problem."""
         layout, actuators = self.model.layout, self.model.actuators
         Z = np.zeros((self.N + 1, layout.n_z))
         for k in range(self.N + 1):
             columns = self.columns(k)
             Z[k, columns >= 0] = x[columns[columns >= 0]]
-        steps = Z[:-1, layout.h] if self.free else np.diff(self.model.problem.nominal_times())
+        steps = Z[:-1, layout.h] if self.free else np.diff(problem.nominal_times())
         Z[:-1, layout.h] = steps
         thrust, torque = (np.array(part).T for part in self.model.inputs_function.map(self.N)(Z[:-1].T))
         return Trajectory(

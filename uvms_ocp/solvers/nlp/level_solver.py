@@ -12,7 +12,7 @@ import numpy as np
 
 from uvms_ocp.solvers.nlp.nlp_options import NlpOptions, solver_options
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus, status_of
-from uvms_ocp.solvers.nlp.program import LevelNlp, LexicographicProgram
+from uvms_ocp.solvers.nlp.program import LevelNlp, LexicographicProgram, RowRanges
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds
 
 
@@ -69,11 +69,16 @@ class LevelSolver:
     """The NLP of one level."""
 
     def __init__(self, program: LexicographicProgram, index: int, options: NlpOptions, deadline: Deadline) -> None:
-        self._options, self._deadline, self._n_rows = options, deadline, program.n_rows
+        self._options, self._deadline, self._n_rows = options, deadline, program.ranges.n_rows
         self._nlp: LevelNlp = program.nlps[index]
-        equal = _equalities(program, options)[self._nlp.rows].tolist()
+        equal = _equalities(program.ranges, options)[self._nlp.rows].tolist()
         self._stop = _Stop(self._nlp, deadline)
         self._cold, self._warm = (self._solver(f"level_{index}", equal, warm=warm) for warm in (False, True))
+
+    def fits(self, point: NlpPoint) -> bool:
+        """True for a start with as many variables and rows as this program has."""
+        n_rows = self._n_rows if point.row_multipliers is None else len(point.row_multipliers)
+        return len(point.x) == self._nlp.nlp["x"].numel() and n_rows == self._n_rows
 
     def __call__(self, start: NlpPoint, p: np.ndarray, bounds: RowBounds) -> Outcome:
         """Solve from `start`, warm if it has multipliers, with parameters p (n_p,) [unit of the parameter]."""
@@ -139,11 +144,11 @@ class _Stop(ca.Callback):  # type: ignore[misc]  # CasADi has no types
         return [float(self._deadline.over)]
 
 
-def _equalities(program: LexicographicProgram, options: NlpOptions) -> np.ndarray:
+def _equalities(ranges: RowRanges, options: NlpOptions) -> np.ndarray:
     """(n_rows,) True for constraints that are equalities, and for rows that are frozen as such."""
-    equal = np.zeros(program.n_rows, dtype=bool)
-    equal[: len(program.lower)] = program.lower == program.upper
-    for level in program.levels:
+    equal = np.zeros(ranges.n_rows, dtype=bool)
+    equal[: len(ranges.lower)] = ranges.lower == ranges.upper
+    for level in ranges.levels:
         if level.relax is None and options.freezing == 0:
             equal[level.frozen] = level.lower == level.upper
     return equal

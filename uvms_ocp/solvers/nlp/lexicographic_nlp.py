@@ -22,7 +22,7 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.nlp.level_solver import Deadline, LevelSolver, NlpPoint, Outcome
 from uvms_ocp.solvers.nlp.nlp_options import NlpOptions as NlpOptions
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
-from uvms_ocp.solvers.nlp.program import LevelRows, LexicographicProgram
+from uvms_ocp.solvers.nlp.program import LevelRows, LexicographicProgram, RowRanges
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds, row_bounds
 
 
@@ -75,12 +75,14 @@ class LexicographicNlp:
         p: np.ndarray | None = None,
         x_lower: np.ndarray | float = -np.inf,
         x_upper: np.ndarray | float = np.inf,
+        ranges: RowRanges | None = None,
         time_limit: float | None = None,
     ) -> LexicographicResult:
         """Solve from a start that is a guess (n,) [unit of x], cold, or an earlier result, warm in primal and dual variables.
 
-        p (n_p,) [unit of the parameter]; x_lower and x_upper (n,), or one for all variables [unit of x]; time_limit [s]: at
-        most that of the options, which is the default. Raises `InvalidInput` for a start or parameters that are not finite.
+        p (n_p,) [unit of the parameter]; x_lower and x_upper (n,), or one for all variables [unit of x]; ranges: instead of
+        the program's, of the same kinds; time_limit [s]: at most that of the options, which is the default. Raises
+        `InvalidInput` for a start or parameters that are not finite, and for a result of another program.
         """
         begin = perf_counter()
         points = self._starts(start)
@@ -88,8 +90,9 @@ class LexicographicNlp:
         if not np.isfinite(parameters).all():
             raise InvalidInput("parameters have NaN or infinite entries; give finite numbers")
         limit = self.options.time_limit if time_limit is None else min(time_limit, self.options.time_limit)
-        bounds = row_bounds(self.program, x_lower, x_upper, len(points[0].x))
-        run = _Run(self, points, parameters, bounds, begin)
+        given = ranges or self.program.ranges
+        bounds = row_bounds(given, x_lower, x_upper, len(points[0].x))
+        run = _Run(self, given.levels, points, parameters, bounds, begin)
         # An anticipation that fails must leave time for the levels in their order.
         self.deadline.set(limit / 2)
         met = run.anticipated(start)
@@ -98,11 +101,13 @@ class LexicographicNlp:
 
     def _starts(self, start: np.ndarray | LexicographicResult) -> tuple[NlpPoint, ...]:
         if isinstance(start, LexicographicResult):
+            if not all(level.fits(point) for level, point in zip(self.levels, start.points, strict=False)):
+                raise InvalidInput("the earlier result is one of another program; give a guess instead")
             return start.points
         x = np.asarray(start, dtype=float)
         if not np.isfinite(x).all():
             raise InvalidInput("the guess has NaN or infinite entries; give finite numbers")
-        return tuple(NlpPoint(x=x) for _ in self.program.levels)
+        return tuple(NlpPoint(x=x) for _ in self.levels)
 
     def rows_at(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
         """Rows y of every level at x (n,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
@@ -113,10 +118,16 @@ class _Run:
     """One solve of all levels."""
 
     def __init__(
-        self, nlp: LexicographicNlp, points: tuple[NlpPoint, ...], p: np.ndarray, bounds: RowBounds, begin: float
+        self,
+        nlp: LexicographicNlp,
+        levels: tuple[LevelRows, ...],
+        points: tuple[NlpPoint, ...],
+        p: np.ndarray,
+        bounds: RowBounds,
+        begin: float,
     ) -> None:
-        self._nlp, self._points, self._p, self._bounds, self._begin = nlp, points, p, bounds, begin
-        self._levels = nlp.program.levels
+        self._nlp, self._levels, self._begin = nlp, levels, begin
+        self._points, self._p, self._bounds = points, p, bounds
         self._tolerance = nlp.options.freezing
         self._spent = 0  # iterations of an anticipation that failed
 

@@ -105,15 +105,11 @@ class LevelNlp:
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class LexicographicProgram:
-    """Everything that does not change between solves."""
+class RowRanges:
+    """Where the rows of a program are to be; a program that is kept may be solved with others of the same `RowKinds`."""
 
     levels: tuple[LevelRows, ...]
     """From the highest to the lowest."""
-    nlps: tuple[LevelNlp, ...]
-    """One per level."""
-    values: ca.Function
-    """``x, p -> y`` of every level, one output each."""
     lower: np.ndarray
     """(n_constraints,) [unit of the row] of the shared constraints."""
     upper: np.ndarray
@@ -125,21 +121,69 @@ class LexicographicProgram:
         return max((level.frozen.stop for level in self.levels), default=len(self.lower))
 
 
-def half_square(y: Expression, lower: np.ndarray, upper: np.ndarray) -> Expression:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LexicographicProgram:
+    """Everything that is built once."""
+
+    ranges: RowRanges
+    """With which it is solved unless others are given."""
+    nlps: tuple[LevelNlp, ...]
+    """One per level."""
+    values: ca.Function
+    """``x, p -> y`` of every level, one output each."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class RowKinds:
+    """What the bounds of rows are, apart from their numbers."""
+
+    equal: np.ndarray
+    """(m,) [-] True where lower = upper."""
+    below: np.ndarray
+    """(m,) [-] True for ranges with a finite lower bound."""
+    above: np.ndarray
+    """(m,) [-] True for ranges with a finite upper bound."""
+
+    def __getitem__(self, rows: slice) -> RowKinds:
+        """Kinds of some of the rows."""
+        return RowKinds(equal=self.equal[rows], below=self.below[rows], above=self.above[rows])
+
+    def same(self, other: RowKinds) -> bool:
+        """True where all rows are of the same kind."""
+        pairs = ((self.equal, other.equal), (self.below, other.below), (self.above, other.above))
+        return all(np.array_equal(one, two) for one, two in pairs)
+
+
+def row_kinds(lower: np.ndarray, upper: np.ndarray) -> RowKinds:
+    """Kinds of rows with the bounds lower and upper (m,) [unit of the row]."""
+    equal = lower == upper
+    return RowKinds(equal=equal, below=np.isfinite(lower) & ~equal, above=np.isfinite(upper) & ~equal)
+
+
+def beyond(y: Expression, lower: Expression, upper: Expression, kinds: RowKinds) -> Expression:
+    """Signed distance (m,) to the range; unlike `intervals.distance` without a kink where lower = upper.
+
+    y, lower and upper (m,) [unit of the row]; a bound that `kinds` has not is not looked at.
+    """
+    distance = y - lower
+    for i in np.flatnonzero(~kinds.equal).tolist():
+        high = ca.fmax(y[i] - upper[i], 0) if kinds.above[i] else 0
+        low = ca.fmax(lower[i] - y[i], 0) if kinds.below[i] else 0
+        distance[i] = high - low
+    return distance
+
+
+def half_square(y: Expression, lower: Expression, upper: Expression, kinds: RowKinds) -> Expression:
     """``1/2 |distance to [lower, upper]|^2``; rows with lower = upper stay twice differentiable everywhere.
 
-    y, lower and upper (m,) [unit of the row].
+    y, lower and upper (m,) [unit of the row]; a bound that `kinds` has not is not looked at.
     """
-    equal = lower == upper
-    target = ca.DM(np.where(equal, lower, 0.0))
-    exact = ca.DM(equal.astype(float)) * (y - target)
-    loose = [i for i in range(len(lower)) if not equal[i]]
-    total = ca.sumsqr(exact)
-    for i in loose:
-        if np.isfinite(upper[i]):
-            total += ca.fmax(y[i] - upper[i], 0) ** 2
-        if np.isfinite(lower[i]):
-            total += ca.fmax(lower[i] - y[i], 0) ** 2
+    equal, above, below = (np.flatnonzero(kind).tolist() for kind in (kinds.equal, kinds.above, kinds.below))
+    total = ca.sumsqr(y[equal] - lower[equal])
+    for i in above:
+        total += ca.fmax(y[i] - upper[i], 0) ** 2
+    for i in below:
+        total += ca.fmax(lower[i] - y[i], 0) ** 2
     return total / 2
 
 
@@ -166,7 +210,10 @@ def lexicographic_program(
     for i, level in enumerate(levels):
         rows.append(_level_rows(level, i, first))
         first = rows[-1].frozen.stop
-    costs = [half_square(level.y, row.lower, row.upper) for level, row in zip(levels, rows, strict=True)]
+    costs = [
+        half_square(level.y, ca.DM(row.lower), ca.DM(row.upper), row_kinds(row.lower, row.upper))
+        for level, row in zip(levels, rows, strict=True)
+    ]
     freezing = [level.y if level.relax is None else cost for level, cost in zip(levels, costs, strict=True)]
     nlps = []
     for i, cost in enumerate(costs):
@@ -174,12 +221,11 @@ def lexicographic_program(
         nlp = {"x": x, "p": parameters, "f": cost, "g": stacked}
         nlps.append(LevelNlp(nlp=nlp, rows=np.arange(stacked.numel())))
     m = constraints.numel()
+    lower, upper = (np.broadcast_to(np.asarray(bound, dtype=float), (m,)) for bound in (g_lower, g_upper))
     return LexicographicProgram(
-        levels=tuple(rows),
+        ranges=RowRanges(levels=tuple(rows), lower=lower, upper=upper),
         nlps=tuple(nlps),
         values=ca.Function("values", [x, parameters], [ca.densify(level.y) for level in levels]),
-        lower=np.broadcast_to(np.asarray(g_lower, dtype=float), (m,)),
-        upper=np.broadcast_to(np.asarray(g_upper, dtype=float), (m,)),
     )
 
 

@@ -98,7 +98,7 @@ class RealTimeSqp:
         p (n_p,) [unit of the parameter]; x_lower and x_upper (n,), or one for all variables [unit of x].
         """
         begin, steps = clock(), 0
-        bounds = row_bounds(self.program, x_lower, x_upper, len(x))
+        bounds = row_bounds(self.program.ranges, x_lower, x_upper, len(x))
         best, least, status = x, np.inf, NlpStatus.ITERATION_LIMIT
         while steps < self.options.max_steps:
             step, failure = self._step(x, p, bounds)
@@ -124,7 +124,7 @@ class RealTimeSqp:
         for i, level in enumerate(self._levels):
             linear = level.linearized(x, p)
             if i:
-                above = self.program.levels[i - 1]
+                above = self.program.ranges.levels[i - 1]
                 y = linear.rows_after(step, level.places(above.frozen))
                 bounds = bounds.with_rows(above.frozen, above.frozen_bounds(y, cost, self.options.tolerance))
             lower, failure = level.solve(linear, x, bounds)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uvms_ocp.solvers.intervals import excess
-from uvms_ocp.solvers.nlp.program import LexicographicProgram
+from uvms_ocp.solvers.nlp.program import RowRanges
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -35,13 +35,11 @@ class RowBounds:
         return float(max(broken, excess(x, self.x_lower, self.x_upper).max(initial=0.0)))
 
 
-def row_bounds(
-    program: LexicographicProgram, x_lower: np.ndarray | float, x_upper: np.ndarray | float, n_x: int
-) -> RowBounds:
+def row_bounds(ranges: RowRanges, x_lower: np.ndarray | float, x_upper: np.ndarray | float, n_x: int) -> RowBounds:
     """Bounds with no level frozen; x_lower and x_upper (n_x,), or one for all variables [unit of x]."""
-    lower, upper = np.full(program.n_rows, -np.inf), np.full(program.n_rows, np.inf)
-    m = len(program.lower)
-    lower[:m], upper[:m] = program.lower, program.upper
+    lower, upper = np.full(ranges.n_rows, -np.inf), np.full(ranges.n_rows, np.inf)
+    m = len(ranges.lower)
+    lower[:m], upper[:m] = ranges.lower, ranges.upper
     return RowBounds(
         x_lower=np.broadcast_to(np.asarray(x_lower, dtype=float), (n_x,)),
         x_upper=np.broadcast_to(np.asarray(x_upper, dtype=float), (n_x,)),
