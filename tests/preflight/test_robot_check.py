@@ -5,7 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from uvms_ocp.cli import app
+from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.files.library import example_robot_data, list_robots, robot_folder
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.mounting import without_arm
@@ -100,3 +103,17 @@ def test_a_free_flyer_without_water_or_thrusters_is_warned_about(tmp_path: Path)
     assert "give a hydrodynamics.yaml" in finding(dry, "water").text
     wet = check_robot_files(write(tmp_path, hull, "links: {base_link: {sphere: {radius: 0.1}}}"))
     assert finding(wet, "thrusters").verdict is Verdict.WARNING
+
+
+def test_the_command_has_the_options_of_the_loader() -> None:
+    urdf = str(example_robot_data() / "robots" / "panda_description/urdf/panda.urdf")
+    refused = CliRunner().invoke(app, ["check-robot", urdf, "--base", "fixed", "--json"])
+    assert refused.exit_code == 2
+    assert "joint 'panda_finger_joint2' mimics 'panda_finger_joint1'" in refused.output
+    assert "--mimic free" in refused.output
+    free = CliRunner().invoke(app, ["check-robot", urdf, "--base", "fixed", "--mimic", "free", "--json"])
+    assert free.exit_code == 0
+    for option, value in (("--base", "wheels"), ("--mimic", "follow")):
+        wrong = CliRunner().invoke(app, ["check-robot", urdf, option, value])
+        assert isinstance(wrong.exception, InvalidInput)
+        assert f"given '{value}'" in str(wrong.exception)

@@ -16,10 +16,10 @@ from uvms_ocp.model.files.conventions import forward_left_up
 from uvms_ocp.model.files.description import RobotDescription, TrimBody, checked_copy
 from uvms_ocp.model.files.description_file import read_description
 from uvms_ocp.model.files.library import robot_folder, variant_file
+from uvms_ocp.model.files.unknowns import unknowns
 from uvms_ocp.model.files.urdf import UrdfModels, read_urdf
 from uvms_ocp.model.limits import home_of, joints_of, limits_of
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.unknowns import unknowns
 from uvms_ocp.model.water.coefficients import links_in_water
 
 _log = logging.getLogger(__name__)

@@ -59,7 +59,7 @@ class Ending:
     quantities: Mapping[str, float]
     """By ``task.quantity``, at the true state [m] or [rad]."""
     at_events: tuple[Mapping[str, float], ...]
-    """The same at the end of each phase, event by event."""
+    """The same at the end of each phase, event by event [m] or [rad]."""
     wall_s: float
     """[s] that the simulation took."""
 

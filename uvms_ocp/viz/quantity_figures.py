@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
-from uvms_ocp.viz.series import phase_spans, quantity, task_gate, thresholds
+from uvms_ocp.viz.series import as_known, phase_spans, quantity, task_gate, thresholds
 from uvms_ocp.viz.style import (
     BLACK,
     BLUE,
@@ -62,7 +62,7 @@ def _quantity_figure(
     known = [row for row in rows if quantity(record, row[0]) is not None]
     if not known:
         return None
-    figure, axes = stacked(len(known), 1.75, title)
+    figure, axes = stacked(len(known), 1.75, title + as_known(record))
     for axis, (name, label, color) in zip(axes, known, strict=True):
         panel(axis, record, name, color)
         axis.set_ylabel(label)

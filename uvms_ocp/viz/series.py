@@ -31,6 +31,11 @@ class PhaseSpan:
         return f"{self.name} {self.title}" if self.title else self.name
 
 
+def as_known(record: Record) -> str:
+    """What to add to the name of a quantity that a run measures: with noisy sensors it is an estimate."""
+    return " (estimated)" if record.meta.kind == "run" and record.meta.noise else ""
+
+
 def require_rows(record: Record) -> None:
     """Raises `InvalidInput` where there is nothing to draw."""
     if len(record) < 2:

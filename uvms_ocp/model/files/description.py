@@ -232,7 +232,9 @@ class RobotDescription(_Section):
     vehicle_limits: VehicleLimits | None = None
     joints: dict[str, JointDescription] = Field(default={}, description="by joint name")
     joint_efficiency: float = Field(default=0.6, gt=0.0, le=1.0, description="mechanical / electrical power [-]")
-    links: dict[str, LinkDescription] = Field(default={}, description="by link name; links left out are dry")
+    links: dict[str, LinkDescription] = Field(
+        default={}, description="by link name; links left out are dry, with a warning"
+    )
     trim: tuple[TrimBody, ...] = Field(default=(), description="floats and ballast")
     thrusters: tuple[Thruster, ...] = ()
     sensors: dict[Channel, SensorDescription | None] = Field(

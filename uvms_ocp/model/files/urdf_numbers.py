@@ -37,7 +37,10 @@ def to_floats(text: str) -> tuple[float, ...]:
 
 
 def read_number(path: Path, element: Element | None, key: str, where: str, default: float | None = None) -> float:
-    """Return the number of an attribute. Raises ``RobotDataError`` where it is no number, or missing without a default."""
+    """Return the number of an attribute, or ``default`` [in its unit] where it is left out.
+
+    Raises ``RobotDataError`` where it is no number, or left out without a default.
+    """
     text = None if element is None else element.get(key)
     if text is None and default is not None:
         return default

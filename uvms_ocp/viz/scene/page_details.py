@@ -11,7 +11,7 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.record import Record
 from uvms_ocp.viz.scene.animation import Frames, joint_node
 from uvms_ocp.viz.scene.surroundings import extent
-from uvms_ocp.viz.series import phase_spans, quantity
+from uvms_ocp.viz.series import as_known, phase_spans, quantity
 
 _FAR = 12.0  # robot sizes; a longer mission opens with the camera on the vehicle
 _LONGEST_SHOW = 60.0  # [s] beyond it playback begins sped up
@@ -112,5 +112,5 @@ def _readouts(record: Record, frames: Frames) -> list[dict[str, Any]]:
         values = quantity(record, name)
         if values is not None:
             rounded = [float(f"{value:.3g}") for value in np.nan_to_num(values[frames.row])]
-            shown.append({"label": label, "unit": unit, "values": rounded})
+            shown.append({"label": label + as_known(record), "unit": unit, "values": rounded})
     return shown if not shown else [{"label": "", "unit": "", "values": frames.t.round(3).tolist()}, *shown]
