@@ -85,7 +85,7 @@ def test_a_number_that_urdfdom_does_not_read_is_refused_by_name(
         ({"com": "1 1"}, "link 'a' origin xyz: given '1 1'; allowed: three finite numbers"),
         ({"com": "1\t1 1"}, "link 'a' origin xyz: given '1\\t1 1'"),
         ({"mass": "1" * 5000}, "link 'a' mass: given '1111111111"),
-        ({"kind": "planar", "axis": "0 1 0"}, "joint 'j' axis: the file says '[0. 1. 0.]', Pinocchio's model of it"),
+        ({"kind": "planar", "axis": "0 1 0"}, "joint 'j' axis: the file says '[0. 1. 0.]', the model that"),
         ({"kind": "planar", "velocity": "1"}, "joint 'j' limit velocity: the file says '[1. 1. 1.]'"),
         ({"kind": "continuous", "effort": "1 "}, "joint 'j' limit effort: given '1 '"),
         ({"more": "<mimic joint='k'/>"}, "joint 'j' mimics 'k', which is not modelled; remove <mimic>, or give mimic="),

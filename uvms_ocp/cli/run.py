@@ -183,8 +183,9 @@ def _active_errors(phase: dict[str, Any]) -> Iterator[str]:
         task, quantity = name.split(".")
         if task in phase["tasks"] and "error" in quantity:
             allowed = phase["sensors_allow"].get(name)
-            beside = f", true {cell(phase['true_errors'].get(name))}, sensors allow {allowed:.2g}" if allowed else ""
-            yield f"{name} {value:.3g}{beside}"
+            true = cell(phase["true_errors"].get(name))
+            beside = "" if allowed is None else f", true {true}, sensors allow {allowed:.2g}"
+            yield f"{name} {cell(value)}{beside}"
 
 
 def _transposed(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -82,13 +82,18 @@ def phase_table(record: Record) -> list[dict[str, Any]]:
             "start_s": start,
             "end_s": end,
             "reason": reason,
-            "final_errors": quantities_at(record, end),
-            "true_errors": truth,
+            "final_errors": _known(quantities_at(record, end)),
+            "true_errors": _known(truth),
             "sensors_allow": meta.allowance,
             **figures_between(record, start, end),
         }
         for name, start, end, reason, truth in zip(names, starts, ends, reasons, truths, strict=False)
     ]
+
+
+def _known(quantities: dict[str, float]) -> dict[str, float | None]:
+    """`None` for what is no number, such as an altitude without an echo."""
+    return {name: None if np.isnan(value) else value for name, value in quantities.items()}
 
 
 def _drift_in_last_phase(record: Record) -> float | None:

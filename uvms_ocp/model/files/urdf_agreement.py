@@ -212,5 +212,5 @@ def _check_close(path: Path, where: str, stated: np.ndarray, built: np.ndarray) 
 
 def _refuse(path: Path, where: str, stated: object, built: object) -> NoReturn:
     file, model = (quoted(" ".join(str(value).split())) for value in (stated, built))
-    problem = f"{where}: the file says {file}, Pinocchio's model of it has {model}; allowed: what its parser reads"
+    problem = f"{where}: the file says {file}, the model that Pinocchio builds has {model}; write what both agree on"
     raise RobotDataError(path, problem)
