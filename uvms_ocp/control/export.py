@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import IntEnum
 from importlib.resources import files
 from pathlib import Path
 
@@ -19,7 +20,27 @@ from uvms_ocp.solvers.hierarchy.active_set.core_source import core_source
 from uvms_ocp.solvers.hierarchy.tick import Tick, TickResult, dense
 
 TEMPLATES = ("tick.c", "example.c", "CMakeLists.txt")
+_FINITE = 1e300  # stands in for a change without limit
 _WINDOW = 25  # ticks recorded from the start and from every change of the gates
+
+
+class TickStatus(IntEnum):
+    """What the exported tick says of its velocity. In Python the solver falls back on a cascade of programs that C has not."""
+
+    SOLVED = 0
+    SHORTENED = 1
+    BRAKED = 2
+    INVALID_INPUT = 3
+
+    @property
+    def meaning(self) -> str:
+        """For people, in one line."""
+        return (
+            "every level is at its optimum: what the solver in Python finds",
+            "the lowest levels were given up, those above are at their optimum; Python may find more by its cascade",
+            "no level could be solved: the velocity of the tick before, one tick nearer to rest",
+            "NaN, an infinite Jacobian or lower > upper in the levels: the velocity of the tick before, one tick nearer to rest",
+        )[self]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -30,6 +51,8 @@ class RecordedTick:
     """(n,) [each in its unit] of the levels function, in its order."""
     v: np.ndarray
     """(n_v,) [m/s, rad/s] that the solver found."""
+    exact: bool
+    """The solver vouches for v."""
     start: bool
     """The first of consecutive ticks."""
 
@@ -61,7 +84,7 @@ class _RecordingTick:
         self._gates, self._left = gates, _WINDOW if changed else self._left - 1
         if self._left > 0:
             kept = tuple(np.array(value, dtype=float) for value in inputs)
-            self._ticks.append(RecordedTick(inputs=kept, v=result.v, start=changed))
+            self._ticks.append(RecordedTick(inputs=kept, v=result.v, exact=result.status.exact, start=changed))
         return result
 
 
@@ -104,22 +127,30 @@ def _header(problem: LevelsProblem, levels: ca.Function) -> str:
         "SZ_RES": levels.sz_res(),
         "SZ_IW": max(1, levels.sz_iw()),
         "SZ_W": max(1, levels.sz_w()),
+        "N_LEVELS": len(problem.sizes),
+        "PREVIOUS": names.index("previous"),
         "CORE_SOLVED": Outcome.SOLVED.value,
         "CORE_INVALID": Outcome.INVALID.value,
     }
+    step = np.minimum(problem.step, _FINITE)
     inputs = ", ".join(f"{name} ({size})" for name, size in zip(names, sizes, strict=True))
     return "\n".join(
         [
             "#ifndef TICK_H",
             "#define TICK_H",
             *(f"#define TICK_{name} {value}" for name, value in constants.items()),
-            "enum { TICK_SOLVED = 0, TICK_NOT_CERTAIN = 1, TICK_INVALID_INPUT = 2 };",
+            *_statuses(),
             f"static const int TICK_SIZE_IN[TICK_N_IN] = {{{', '.join(map(str, sizes))}}};",
+            "/* First row below each level. */",
+            f"static const int TICK_LEVEL_ENDS[TICK_N_LEVELS] = {{{', '.join(map(str, np.cumsum(problem.sizes)))}}};",
+            "/* Largest change of each velocity in one tick. */",
+            f"static const double TICK_STEP[TICK_N_V] = {{{', '.join(f'{x:.17g}' for x in step)}}};",
             f"/* in: {inputs}.",
             f"   levels: {', '.join(f'{n} ({m})' for n, m in zip(problem.names, problem.sizes, strict=True))}.",
             f"   quantities: {', '.join(problem.quantity_names)}.",
             "   active_set: zeros before the first tick, then what the tick before left in it.",
-            "   v: the velocity to command; brake where the tick is not certain, hold where its input is invalid. */",
+            "   v: the velocity to command, whatever the status, which is returned. The viability rule and the mission are not",
+            "   part of the tick. Where a status is not TICK_SOLVED the time is that of one solution per level at most. */",
             "int tick(const double *const in[TICK_N_IN], double active_set[TICK_N_ROWS], double v[TICK_N_V],",
             "         double quantities[TICK_N_QUANTITIES]);",
             "#endif",
@@ -128,13 +159,28 @@ def _header(problem: LevelsProblem, levels: ca.Function) -> str:
     )
 
 
+def _statuses() -> list[str]:
+    """The codes, and a text for each."""
+    return [
+        "enum {",
+        *(f"  TICK_{status.name} = {status.value}, /* {status.meaning} */" for status in TickStatus),
+        f"  TICK_N_STATUSES = {len(TickStatus)}",
+        "};",
+        "static const char *const TICK_MEANING[TICK_N_STATUSES] = {",
+        *(f'  "{status.name.lower().replace("_", " ")}: {status.meaning}",' for status in TickStatus),
+        "};",
+    ]
+
+
 def _recorded(ticks: Sequence[RecordedTick]) -> str:
     inputs = [np.concatenate([value.ravel(order="F") for value in tick.inputs]) for tick in ticks]
     starts = ", ".join(str(int(tick.start)) for tick in ticks)
+    exact = ", ".join(str(int(tick.exact)) for tick in ticks)
     return "\n".join(
         [
             f"#define TICKS {len(ticks)}",
             f"static const int TICK_STARTS[TICKS] = {{{starts}}};",
+            f"static const int TICK_EXACT[TICKS] = {{{exact}}};",
             f"static const double TICK_INPUTS[TICKS][{len(inputs[0])}] = {_table(inputs)};",
             f"static const double TICK_VELOCITIES[TICKS][TICK_N_V] = {_table([tick.v for tick in ticks])};",
             "",
@@ -143,4 +189,9 @@ def _recorded(ticks: Sequence[RecordedTick]) -> str:
 
 
 def _table(rows: Sequence[np.ndarray]) -> str:
-    return "{\n" + ",\n".join("{" + ", ".join(f"{x:.17g}" for x in row) + "}" for row in rows) + "}"
+    return "{\n" + ",\n".join("{" + ", ".join(map(_literal, row)) + "}" for row in rows) + "}"
+
+
+def _literal(x: float) -> str:
+    """As C and its math.h spell it."""
+    return f"{x:.17g}".replace("nan", "NAN").replace("inf", "INFINITY")

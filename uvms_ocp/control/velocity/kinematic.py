@@ -180,8 +180,8 @@ class KinematicController:
 
     def _braking(self) -> np.ndarray:
         """One tick nearer to rest."""
-        step, v = self.robot.limits.acceleration * self.dt, self._motion.v
-        return v - np.clip(v, -step, step)
+        v = self._motion.v
+        return v - np.clip(v, -self.problem.step, self.problem.step)
 
 
 def _telemetry(tick: TickState, result: TickResult, share: float) -> dict[str, Any]:

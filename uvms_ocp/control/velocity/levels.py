@@ -41,6 +41,8 @@ class LevelsProblem:
     """Rows of each level."""
     quantity_names: tuple[str, ...]
     """``task.quantity``, in the order of the output `quantities`."""
+    step: np.ndarray
+    """(n_v,) [m/s, rad/s] largest change of each velocity in one tick; infinite where the acceleration has no limit."""
 
 
 @checked
@@ -78,6 +80,7 @@ def build_levels(robot: Robot, hierarchy: Hierarchy, dt: float) -> LevelsProblem
         names=tuple(level.name for level in levels),
         sizes=tuple(level.rows.n_rows for level in levels),
         quantity_names=tuple(quantities),
+        step=robot.limits.acceleration * dt,
     )
 
 
