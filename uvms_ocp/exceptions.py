@@ -1,6 +1,6 @@
 """Exceptions: misuse raises one of these; a numerical outcome is a ``Status``, never an exception.
 
-Each message is one line: what was given, what is allowed, what to do.
+Each message is one line: what was given, what is allowed, what to do. `plain_line` makes one of any text.
 """
 
 from __future__ import annotations
@@ -65,3 +65,12 @@ class NotInstalled(UvmsError, ImportError):
 
     def __init__(self, what: str, package: str) -> None:
         super().__init__(f"{what} needs the package {package}, which is not installed; pip install {package}")
+
+
+def plain_line(text: str, longest: int | None = None) -> str:
+    """A text that holds names of users' own, on one line, without control characters and what no encoding can write.
+
+    longest [-]: number of characters after which it is cut.
+    """
+    plain = " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
+    return plain if longest is None or len(plain) <= longest else plain[: longest - 1] + "…"

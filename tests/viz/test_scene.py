@@ -33,9 +33,14 @@ _KINDS = ("set_object", "set_transform")
 
 
 def _commands(page: str) -> list[Any]:
-    blobs = re.search(r"^const COMMANDS = (\[.*\]);$", page, re.MULTILINE)
-    assert blobs is not None
-    return [umsgpack.unpackb(base64.b64decode(blob)) for blob in json.loads(blobs[1])]
+    return [umsgpack.unpackb(base64.b64decode(blob)) for blob in _data(page, "commands")]
+
+
+def _data(page: str, name: str) -> Any:
+    """A block of data as a browser finds it."""
+    found = re.search(rf'<script type="application/json" id="{name}">(.*?)</script', page, re.DOTALL)
+    assert found is not None
+    return json.loads(found[1])
 
 
 def _tracks(page: str) -> dict[tuple[str, str], Any]:
@@ -48,9 +53,8 @@ def _tracks(page: str) -> dict[tuple[str, str], Any]:
 
 
 def _details(page: str) -> dict[str, Any]:
-    found = re.search(r"^const DETAILS = (\{.*\});$", page, re.MULTILINE)
-    assert found is not None
-    return json.loads(found[1])
+    details: dict[str, Any] = _data(page, "details")
+    return details
 
 
 def _positions(page: str, end: str) -> Any:
@@ -119,14 +123,14 @@ def test_every_visual_shape_is_drawn(page: str, robot: Robot) -> None:
 
 def test_markers_and_trails_are_drawn(page: str) -> None:
     objects = {command["path"] for command in _commands(page) if command["type"] == "set_object"}
-    for name in ("trails/vehicle", "trails/tool", "goals/target/ball", "goals/way point/ball", "beam/ray"):
+    for name in ("trails/vehicle", "trails/tool", "goals/marker 0/ball", "goals/marker 1/ball", "beam/ray"):
         assert f"/meshcat/scene/{name}" in objects
 
 
 def test_frames_of_the_record_become_triads(record: Record, robot: Robot) -> None:
     goal = FrameMeta(name="tool goal", pose=(2.5, 1.0, -39.9, 1.0, 0.0, 0.0, 0.0))
     page = show(_with_surroundings(record, frames=(goal,)), robot).html
-    assert "/meshcat/scene/goals/frame tool goal/x" in {command["path"] for command in _commands(page)}
+    assert "/meshcat/scene/goals/frame 0/x" in {command["path"] for command in _commands(page)}
 
 
 def _with_surroundings(record: Record, **values: Any) -> Record:
@@ -184,7 +188,7 @@ def test_text_of_a_user_cannot_break_out_of_the_page(robot: Robot) -> None:
 
 def test_a_notebook_gets_the_page_in_a_frame(record: Record, robot: Robot) -> None:
     frame = show(record, robot, height=333)._repr_html_()
-    assert frame.startswith("<iframe srcdoc=")
+    assert frame.startswith('<iframe sandbox="allow-scripts" srcdoc="')
     assert "height:333px" in frame
 
 

@@ -10,11 +10,11 @@ import sys
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from uvms_ocp.cli import check, compare, export, listing, plan, robots, run
 from uvms_ocp.cli.options import BAD_INPUT
-from uvms_ocp.exceptions import UvmsError
+from uvms_ocp.cli.printing import console_of
+from uvms_ocp.exceptions import UvmsError, plain_line
 from uvms_ocp.version import __version__
 
 app = typer.Typer(
@@ -58,5 +58,6 @@ def main() -> None:
     try:
         app()
     except UvmsError as error:
-        Console(stderr=True, soft_wrap=True, highlight=False).print(f"error: {error}", style="red", markup=False)
+        text = plain_line(f"error: {error}")
+        console_of(stderr=True).print(text, style="red", highlight=False, soft_wrap=True)
         sys.exit(BAD_INPUT)

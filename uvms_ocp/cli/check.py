@@ -6,7 +6,6 @@ import sys
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from uvms_ocp.cli.options import (
     BAD_INPUT,
@@ -19,7 +18,7 @@ from uvms_ocp.cli.options import (
     build_scenario,
     given,
 )
-from uvms_ocp.cli.printing import print_findings, print_json
+from uvms_ocp.cli.printing import console_of, print_findings, print_json
 
 
 def check(
@@ -33,7 +32,7 @@ def check(
     """Check whether a mission can be completed, without running it; exit code 2 where it cannot."""
     scenario = build_scenario(name, given(robot=robot, plant=plant, current=current, seabed=seabed))
     preflight = scenario.check()
-    print_findings(Console(stderr=as_json), preflight, notes=True)
+    print_findings(console_of(stderr=as_json), preflight, notes=True)
     if as_json:
         print_json(preflight.to_dict())
     if not preflight.accepted:

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from uvms_ocp.cli.options import Json
-from uvms_ocp.cli.printing import print_json, table_of
+from uvms_ocp.cli.printing import console_of, print_json, table_of
 from uvms_ocp.record import Record
 from uvms_ocp.report.compare import compare
 
@@ -22,7 +21,7 @@ def compare_runs(
     """Compare the resources that two runs took, or two plans would take."""
     records = [Record.load(path / "record.npz" if path.is_dir() else path) for path in (first, second)]
     rows = compare(records[0], records[1])
-    console = Console(stderr=as_json)
+    console = console_of(stderr=as_json)
     shown = [row | {"change": _percent(row["change"])} for row in rows]
     console.print(table_of(f"{first} against {second}", shown, ("figure", "first", "second", "change")))
     if as_json:

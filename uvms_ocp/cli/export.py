@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from uvms_ocp.cli.options import build_scenario, folder
-from uvms_ocp.cli.printing import print_paths
+from uvms_ocp.cli.printing import console_of, print_paths
 from uvms_ocp.control.export import RecordingSolver, write_tick
 from uvms_ocp.output import staged_folder
 
@@ -28,4 +27,4 @@ def export_tick(
         replace(made, solver=recording).run()
         write_tick(made.controller().problem, recording.ticks, staging)
         written = sorted(path.name for path in staging.iterdir())
-    print_paths(Console(), [out / name for name in written])
+    print_paths(console_of(), [out / name for name in written])

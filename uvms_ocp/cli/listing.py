@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from uvms_ocp.campaign import STUDIES
 from uvms_ocp.cli.options import SOLVERS
-from uvms_ocp.cli.printing import print_json
+from uvms_ocp.cli.printing import console_of, print_json
 from uvms_ocp.model.files.library import list_robots
 from uvms_ocp.scenario import PLANTS
 from uvms_ocp.scenarios import SCENARIOS
@@ -33,4 +32,4 @@ def list_all(
     table = Table("kind", "names", box=None)
     for kind, names in known.items():
         table.add_row(kind, ", ".join(names))
-    Console().print(table)
+    console_of().print(table)

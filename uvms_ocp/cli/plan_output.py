@@ -12,7 +12,8 @@ import typer
 from rich.console import Console
 
 from uvms_ocp.cli.options import NOT_COMPLETED
-from uvms_ocp.cli.printing import print_json, print_paths
+from uvms_ocp.cli.printing import console_of, print_json, print_paths
+from uvms_ocp.exceptions import plain_line
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.output import staged_folder
 from uvms_ocp.record import Record
@@ -53,7 +54,7 @@ class MadePlan:
 
 def put_out(make: Callable[[], MadePlan], out: Path, as_json: bool) -> None:
     """Make the plan, write it to the folder `out` and print what came of it; exit where it is not good."""
-    console = Console(stderr=as_json)
+    console = console_of(stderr=as_json)
     with staged_folder(out, earlier=_FILES) as staging:
         with console.status("planning"):
             made = make()
@@ -68,14 +69,15 @@ def put_out(make: Callable[[], MadePlan], out: Path, as_json: bool) -> None:
 
 def _print_plan(console: Console, report: dict[str, Any], paths: list[Path]) -> None:
     status = report["status"] + (f" ({report['reason']})" if "reason" in report else "")
-    console.print(f"plan: {status}; advice: {report['advice']}", markup=False)
+    console.print(plain_line(f"plan: {status}; advice: {report['advice']}"))
     if "duration_s" in report:
         least = report["min_clearance_m"]
         near = "" if least is None else f", {least:.3g} m between {report['min_clearance_between']} "
         near += "" if least is None else f"at {report['min_clearance_at_s']:.2f} s"
-        console.print(f"{report['duration_s']:.1f} s long{near}; found in {report['solve_time_s']:.2f} s", markup=False)
+        found = f"{report['duration_s']:.1f} s long{near}; found in {report['solve_time_s']:.2f} s"
+        console.print(plain_line(found))
     if report.get("peak_thrust_n") is not None:
         energy = report["energy_j"]
         taken = "- J (not known)" if energy is None else f"{energy:.0f} J"
-        console.print(f"{taken}, thrust up to {report['peak_thrust_n']:.0f} N", markup=False)
+        console.print(f"{taken}, thrust up to {report['peak_thrust_n']:.0f} N")
     print_paths(console, paths)

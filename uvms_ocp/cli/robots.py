@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
-from rich.text import Text
 
 from uvms_ocp.cli.options import BAD_INPUT
-from uvms_ocp.cli.printing import print_json
+from uvms_ocp.cli.printing import cell, console_of, print_json
+from uvms_ocp.exceptions import plain_line
 from uvms_ocp.model.files.description import RobotDescription
 from uvms_ocp.model.files.library import robot_folder
 from uvms_ocp.preflight.robot_check import RobotReport, check_robot_files
@@ -58,7 +57,7 @@ def _files(robot: str) -> Path:
 
 
 def _print_robot(report: RobotReport) -> None:
-    table = Table("", "what", "finding", box=None, title=report.name, title_justify="left")
+    table = Table("", "what", "finding", box=None, title=plain_line(report.name), title_justify="left")
     for finding in report.findings:
-        table.add_row(finding.verdict.value, finding.subject, Text(finding.text))
-    Console().print(table)
+        table.add_row(finding.verdict.value, cell(finding.subject), cell(finding.text))
+    console_of().print(table)

@@ -34,8 +34,8 @@ from uvms_ocp.cli.options import (
     require_taken,
     solver_name,
 )
-from uvms_ocp.cli.printing import cell, print_findings, print_json, print_paths, table_of
-from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.cli.printing import cell, console_of, print_findings, print_json, print_paths, table_of
+from uvms_ocp.exceptions import InvalidInput, plain_line
 from uvms_ocp.model.state import Command
 from uvms_ocp.output import staged_folder
 from uvms_ocp.record import Record
@@ -67,7 +67,7 @@ def run(
     \f
     Raises `InvalidInput` for what pre-flight refuses, unless forced, and for --n with a scenario.
     """
-    console = Console(stderr=as_json)
+    console = console_of(stderr=as_json)
     options = given(robot=robot, plant=plant, current=current, seabed=seabed, seed=seed, noise=noise, duration=duration)
     if name in STUDIES:
         chosen = given(n=n, force=force or None, solver=solver)
@@ -121,9 +121,9 @@ def _simulate(scenario: Scenario, console: Console) -> Record:
         def show(t: float, command: Command) -> None:
             if round(t / scenario.dt) % _PROGRESS_EVERY == 0 or command.finished:
                 phase = scenario.mission.phases[controller.state.phase]
-                waiting = "complete" if command.finished else controller.pending()
+                waiting = "complete" if command.finished else plain_line(controller.pending())
                 done = scenario.duration if command.finished else t
-                bar.update(task, completed=done, description=f"{phase.name} {phase.title}", waiting=waiting)
+                bar.update(task, completed=done, description=_title(phase.name, phase.title), waiting=waiting)
 
         return scenario.run(show, controller)
 
@@ -131,7 +131,7 @@ def _simulate(scenario: Scenario, console: Console) -> Record:
 @contextmanager
 def _bar(console: Console) -> Iterator[ProgressBar]:
     columns = (
-        TextColumn("[bold]{task.description:<14}"),
+        TextColumn("{task.description:<14}", style="bold", markup=False),
         BarColumn(bar_width=24),
         TimeElapsedColumn(),
         TextColumn("{task.fields[waiting]}", markup=False),
@@ -152,35 +152,41 @@ def _write(scenario: Scenario, record: Record, report: dict[str, Any], folder: P
 
 
 def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) -> None:
-    table = Table(title=f"{report['scenario']}, {report['robot']}, {report['plant']} plant, {report['solver']}")
+    table = Table(
+        title=plain_line(f"{report['scenario']}, {report['robot']}, {report['plant']} plant, {report['solver']}")
+    )
     for column in ("phase", "start [s]", "end [s]", "J", "m"):
         table.add_column(column, no_wrap=True, justify="left" if column == "phase" else "right")
     table.add_column("why it ended, errors at its end")
     for phase in report["phases"]:
         times = (f"{phase['start_s']:.2f}", f"{phase['end_s']:.2f}")
         energy = cell(phase["energy_j"])
-        why = Text("\n").join([Text(phase["reason"]), *(Text(error, style="dim") for error in _active_errors(phase))])
-        table.add_row(f"{phase['name']} {phase['title']}", *times, energy, f"{phase['path_length_m']:.2f}", why)
+        errors = (Text(plain_line(error), style="dim") for error in _active_errors(phase))
+        why = Text("\n").join([Text(plain_line(phase["reason"])), *errors])
+        table.add_row(_title(phase["name"], phase["title"]), *times, energy, f"{phase['path_length_m']:.2f}", why)
     console.print(table)
     for alarm in report["alarms"]:
-        console.print(f"alarm at {alarm['t']:.2f} s: {alarm['text']}", style="yellow", markup=False)
+        console.print(plain_line(f"alarm at {alarm['t']:.2f} s: {alarm['text']}"), style="yellow")
     resources = _transposed(report["resources"])
     console.print(table_of("resources", resources, tuple(resources[0])))
-    verdict = "complete" if report["completed"] else f"not completed: {report['pending']}"
+    verdict = "complete" if report["completed"] else plain_line(f"not completed: {report['pending']}")
     console.print(
         f"mission {verdict}; simulated {report['simulated_s']:.1f} s in {report['wall_s']:.1f} s, "
-        f"tick p50 {report['tick_us']['p50']:.0f} us",
-        markup=False,
+        f"tick p50 {report['tick_us']['p50']:.0f} us"
     )
     if not report["completed"] or report["ended_too_early"]:
-        console.print(f"cause: {report['cause']['kind']}: {report['cause']['text']}", markup=False)
+        console.print(plain_line(f"cause: {report['cause']['kind']}: {report['cause']['text']}"))
     print_paths(console, paths)
+
+
+def _title(name: str, title: str) -> str:
+    return plain_line(f"{name} {title}", 40)
 
 
 def _active_errors(phase: dict[str, Any]) -> Iterator[str]:
     """Errors of the tasks that the phase had turned on: as estimated, and where sensors are noisy the truth beside it."""
     for name, value in phase["final_errors"].items():
-        task, quantity = name.split(".")
+        task, _, quantity = name.rpartition(".")
         if task in phase["tasks"] and "error" in quantity:
             allowed = phase["sensors_allow"].get(name)
             true = cell(phase["true_errors"].get(name))
@@ -190,7 +196,7 @@ def _active_errors(phase: dict[str, Any]) -> Iterator[str]:
 
 def _transposed(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """One row per figure that some phase has, one column per visit to a phase; energy that is not known has its row too."""
-    names = [row["phase"] if row["phase"] == "total" else f"{k + 1} {row['phase']}" for k, row in enumerate(rows)]
+    names = [*(f"{k + 1} {row['phase']}" for k, row in enumerate(rows[:-1])), rows[-1]["phase"]]
     had = {name for name in rows[0] if any(row[name] is not None for row in rows)}
     if "joint_energy_j" in had:
         had |= {"thruster_energy_j", "energy_j"}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from importlib.resources import files
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.control.velocity.levels import LevelsProblem
-from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.exceptions import InvalidInput, plain_line
 from uvms_ocp.solvers.hierarchy.active_set.codes import Outcome
 from uvms_ocp.solvers.hierarchy.active_set.core_source import core_source
 from uvms_ocp.solvers.hierarchy.tick import Tick, TickResult, dense
@@ -146,8 +146,8 @@ def _header(problem: LevelsProblem, levels: ca.Function) -> str:
             "/* Largest change of each velocity in one tick. */",
             f"static const double TICK_STEP[TICK_N_V] = {{{', '.join(f'{x:.17g}' for x in step)}}};",
             f"/* in: {inputs}.",
-            f"   levels: {', '.join(f'{n} ({m})' for n, m in zip(problem.names, problem.sizes, strict=True))}.",
-            f"   quantities: {', '.join(problem.quantity_names)}.",
+            f"   levels: {_comment(f'{n} ({m})' for n, m in zip(problem.names, problem.sizes, strict=True))}.",
+            f"   quantities: {_comment(problem.quantity_names)}.",
             "   active_set: zeros before the first tick, then what the tick before left in it.",
             "   v: the velocity to command, whatever the status, which is returned. The viability rule and the mission are not",
             "   part of the tick. Where a status is not TICK_SOLVED the time is that of one solution per level at most. */",
@@ -170,6 +170,11 @@ def _statuses() -> list[str]:
         *(f'  "{status.name.lower().replace("_", " ")}: {status.meaning}",' for status in TickStatus),
         "};",
     ]
+
+
+def _comment(names: Iterable[str]) -> str:
+    """Names inside of a comment, which none of them ends."""
+    return plain_line(", ".join(names)).replace("*/", "* /").replace("/*", "/ *").replace("\\", "/")
 
 
 def _recorded(ticks: Sequence[RecordedTick]) -> str:

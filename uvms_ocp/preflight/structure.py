@@ -40,7 +40,7 @@ def _trap(name: str) -> Finding:
 def _idle(mission: Mission, phase: Phase) -> Iterator[Finding]:
     """A phase needs a task that acts; constraints, safety and preferences that it does not wait for move nothing on purpose."""
     acting = (TaskClass.PREREQUISITE, TaskClass.ACTION)
-    awaited = {c.quantity.split(".")[0] for transition in phase.transitions for c in transition.when}
+    awaited = {c.quantity.rpartition(".")[0] for transition in phase.transitions for c in transition.when}
     active = [task for task in mission.hierarchy.tasks if phase.gates.get(task.name, 0.0) > 0]
     if not any(task.task_class in acting or task.name in awaited for task in active):
         text = f"phase {phase.name!r} has no acting task switched on; nothing would happen in it"
@@ -51,7 +51,7 @@ def _waiting_in_vain(mission: Mission, phase: Phase) -> Iterator[Finding]:
     """A phase that waits for a quantity to fall must have the task on that makes it fall."""
     for transition in phase.transitions:
         for condition in transition.when:
-            task = condition.quantity.split(".", 1)[0]
+            task = condition.quantity.rpartition(".")[0]
             if isinstance(condition, Below) and not phase.gates.get(task, 0.0) > 0 and not _alternatives(phase):
                 text = f"phase {phase.name!r} waits for {condition.quantity}, but task {task} is off in it"
                 yield Finding(severity=Severity.WARNING, check=CHECK, phase=phase.name, text=text)

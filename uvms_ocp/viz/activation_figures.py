@@ -10,7 +10,7 @@ from uvms_ocp.arguments import checked
 from uvms_ocp.meta_values import TaskMeta
 from uvms_ocp.record import Record
 from uvms_ocp.viz.series import phase_spans, task_activity, task_gate
-from uvms_ocp.viz.style import BLUE, VERMILLION, heading_legend, shade_phases, stacked, styled
+from uvms_ocp.viz.style import BLUE, VERMILLION, heading_legend, shade_phases, shown, stacked, styled
 
 
 @checked
@@ -37,8 +37,10 @@ def _activation_panel(axis: Axes, record: Record, task: TaskMeta) -> None:
     axis.plot(t, gate, color=VERMILLION, lw=0.9, ls="--")
     axis.set(ylim=(-0.08, 1.12), yticks=(0, 1))
     axis.grid(visible=False, axis="y")
-    axis.set_ylabel(task.name, rotation=0, ha="right", va="center", fontweight="bold")
-    axis.annotate(task.label, (1.008, 0.5), xycoords="axes fraction", va="center", fontsize=6.5, annotation_clip=False)
+    axis.set_ylabel(shown(task.name), rotation=0, ha="right", va="center", fontweight="bold")
+    axis.annotate(
+        shown(task.label), (1.008, 0.5), xycoords="axes fraction", va="center", fontsize=6.5, annotation_clip=False
+    )
 
 
 @checked
@@ -48,7 +50,7 @@ def figure_row_activations(record: Record, task: str = "JL") -> Figure | None:
     rows = task_activity(record, task)
     if rows is None or not rows.shape[1]:
         return None
-    figure, axes = stacked(rows.shape[1], 0.5, f"Activation of the rows of {task}")
+    figure, axes = stacked(rows.shape[1], 0.5, f"Activation of the rows of {shown(task)}")
     names = _row_names(record, task, rows.shape[1])
     gate = task_gate(record, task)
     for axis, name, row in zip(axes, names, rows.T, strict=True):
@@ -57,7 +59,7 @@ def figure_row_activations(record: Record, task: str = "JL") -> Figure | None:
         if gate is not None:
             axis.plot(record["t"], gate, color=VERMILLION, lw=0.9, ls="--")
         axis.set(ylim=(-0.08, 1.12), yticks=(0, 1))
-        axis.set_ylabel(str(name), rotation=0, ha="right", va="center")
+        axis.set_ylabel(shown(name), rotation=0, ha="right", va="center")
     shade_phases(axes, phase_spans(record))
     _legend(figure)
     return figure

@@ -20,6 +20,7 @@ from uvms_ocp.viz.style import (
     WIDTH,
     RecordFigure,
     heading_legend,
+    shown,
     stacked,
     styled,
 )
@@ -35,7 +36,7 @@ def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> 
     """Positions of all joints during the last stay in a phase, for runs by name, over time since its start."""
     first = next(iter(records.values()))
     joints = first.meta.joints
-    figure, axes = stacked(len(joints), 0.6, f"Joint positions in phase {phase} [rad]")
+    figure, axes = stacked(len(joints), 0.6, f"Joint positions in phase {shown(phase)} [rad]")
     for (_, record), color in zip(records.items(), _COLORS, strict=False):
         span = [span for span in phase_spans(record) if span.name == phase][-1]
         rows = (record["t"] >= span.start) & (record["t"] <= span.end)
@@ -43,10 +44,10 @@ def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> 
         for axis, column in zip(axes, values.T, strict=True):
             axis.plot(record["t"][rows] - span.start, column, color=color, lw=1.0)
     for axis, name in zip(axes, joints, strict=True):
-        axis.set_ylabel(name, rotation=0, ha="right", va="center")
-    axes[-1].set_xlabel(f"time since phase {phase} began [s]")
+        axis.set_ylabel(shown(name), rotation=0, ha="right", va="center")
+    axes[-1].set_xlabel(f"time since phase {shown(phase)} began [s]")
     heading_legend(
-        figure, [Line2D([], [], color=color, label=name) for name, color in zip(records, _COLORS, strict=False)]
+        figure, [Line2D([], [], color=color, label=shown(name)) for name, color in zip(records, _COLORS, strict=False)]
     )
     return figure
 
@@ -61,7 +62,7 @@ def figure_paths(paths: Mapping[str, np.ndarray]) -> Figure:
     for axis, (i, j), labels in zip(views, ((0, 1), (0, 2)), (("x [m]", "y [m]"), ("x [m]", "z [m]")), strict=True):
         for k, (name, path) in enumerate(paths.items()):
             color = _COLORS[k % len(_COLORS)]
-            axis.plot(path[:, i], path[:, j], color=color, ls="-" if k else "--", label=name, zorder=3 - k)
+            axis.plot(path[:, i], path[:, j], color=color, ls="-" if k else "--", label=shown(name), zorder=3 - k)
             axis.plot(path[0, i], path[0, j], "o", color=color, ms=4)
             axis.plot(path[-1, i], path[-1, j], "*", color=color, ms=8)
         axis.set(xlabel=labels[0], ylabel=labels[1])
@@ -91,13 +92,13 @@ def figure_transitions(runs: Mapping[str, Mapping[str, np.ndarray]]) -> Figure:
     for axis, name, label in zip(
         axes,
         ("step", "jerk", "lost"),
-        ("step of v / ($a_{max}$ dt)", "jerk [m/s³, rad/s³]", "lost above [m/s, rad/s]"),
+        ("step of v / (a_max dt)", "jerk [m/s³, rad/s³]", "lost above [m/s, rad/s]"),
         strict=True,
     ):
         axis.set(yscale="log", ylabel=label)
         axis.set_ylim(bottom=_LEAST[name])
     axes[0].axhline(1.0, color=BLACK, lw=0.6, ls="--")
     heading_legend(
-        figure, [Line2D([], [], color=color, label=name) for name, color in zip(runs, _COLORS, strict=False)]
+        figure, [Line2D([], [], color=color, label=shown(name)) for name, color in zip(runs, _COLORS, strict=False)]
     )
     return figure

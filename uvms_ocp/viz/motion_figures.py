@@ -9,12 +9,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from uvms_ocp.arguments import checked
+from uvms_ocp.exceptions import plain_line
 from uvms_ocp.record import Record
 from uvms_ocp.viz.series import PhaseSpan, has_vehicle, n_joints, phase_spans
-from uvms_ocp.viz.style import AXES_XYZ, DASHES, LINES, VERMILLION, WIDTH, RecordFigure, shade_phases, styled
+from uvms_ocp.viz.style import AXES_XYZ, DASHES, LINES, VERMILLION, WIDTH, RecordFigure, shade_phases, shown, styled
 
 _ZOOM = 1.0  # [s] on each side of a transition
 _MAX_ZOOMS = 4
+_SHORT = 10  # [-] letters of a phase above a zoom
 _LEAST_SPAN = 0.02  # [m/s, rad/s] of a velocity panel
 
 
@@ -61,8 +63,12 @@ def _zooms(parent: Figure, record: Record, changes: Sequence[float], spans: Sequ
             _keep_span(axis)
             if column == 0:
                 axis.set_ylabel(label)
-        grid[0, column].set_title(f"{spans[column].name} to {spans[column + 1].name} at {change:.2f} s", fontsize=8)
+        grid[0, column].set_title(_change(spans[column], spans[column + 1]), fontsize=8)
         grid[1, column].set_xlabel("time [s]")
+
+
+def _change(before: PhaseSpan, after: PhaseSpan) -> str:
+    return f"{plain_line(before.name, _SHORT)} to {plain_line(after.name, _SHORT)} at {after.start:.2f} s"
 
 
 def _keep_span(axis: Axes) -> None:
@@ -94,7 +100,7 @@ def figure_joints(record: Record) -> Figure | None:
     _joint_column(grid[:, 0], record, record["q"][:, -n:], positions)
     _joint_column(grid[:, 1], record, record["v"][:, -n:], velocities)
     for axis, name in zip(grid[:, 0], names, strict=True):
-        axis.set_ylabel(name, rotation=0, ha="right", va="center")
+        axis.set_ylabel(shown(name), rotation=0, ha="right", va="center")
     for axis, title in zip(grid[0], ("position [rad or m]", "velocity [rad/s or m/s]"), strict=True):
         axis.set_title(title, pad=14)
     for axis in grid[-1]:

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
 from uvms_ocp.viz.series import floor_heights, has_vehicle, phase_spans
-from uvms_ocp.viz.style import BLACK, LINES, WIDTH, RecordFigure, styled
+from uvms_ocp.viz.style import BLACK, LINES, WIDTH, RecordFigure, shown, styled
 
 _SAND = "#8C6D46"
 
@@ -49,9 +49,9 @@ def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
     t, p = record["t"], record["q"][:, :3]
     for k, span in enumerate(phase_spans(record)):
         part = (t >= span.start) & (t <= span.end)
-        axis.plot(p[part, i], p[part, j], color=LINES[k % len(LINES)], lw=2, label=span.label)
+        axis.plot(p[part, i], p[part, j], color=LINES[k % len(LINES)], lw=2, label=shown(span.label))
     axis.plot(p[0, i], p[0, j], "o", color=BLACK, ms=4)
     for marker in record.meta.surroundings.markers:
         place = marker.position[i], marker.position[j]
         axis.plot(*place, "*", color=BLACK, ms=7)
-        axis.annotate(marker.name, place, xytext=(5, 4), textcoords="offset points", fontsize=7)
+        axis.annotate(shown(marker.name), place, xytext=(5, 4), textcoords="offset points", fontsize=7)

@@ -11,10 +11,22 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from uvms_ocp.arguments import checked
+from uvms_ocp.exceptions import plain_line
 from uvms_ocp.meta_values import ClearanceMeta
 from uvms_ocp.record import Record
 from uvms_ocp.viz.efforts import figure_efforts
-from uvms_ocp.viz.style import BLACK, DASHES, LINES, THRESHOLD, VERMILLION, save_figure, stacked, styled, threshold
+from uvms_ocp.viz.style import (
+    BLACK,
+    DASHES,
+    LINES,
+    THRESHOLD,
+    VERMILLION,
+    save_figure,
+    shown,
+    stacked,
+    styled,
+    threshold,
+)
 
 _ROWS: Mapping[str, str] = MappingProxyType(
     {
@@ -54,7 +66,7 @@ def figure_clearance(record: Record) -> Figure | None:
     figure, (axis,) = stacked(1, 2.8, "Clearance along the path")
     for k, name in enumerate(meta.clearance_groups):
         style = DASHES[k // len(LINES) % len(DASHES)]
-        axis.plot(record["t"], d[:, k], color=LINES[k % len(LINES)], ls=style, label=name)
+        axis.plot(record["t"], d[:, k], color=LINES[k % len(LINES)], ls=style, label=shown(name, 24))
     threshold(axis, wanted, f"wanted {wanted:g} m")
     if meta.min_clearance is not None:
         _mark_least(axis, meta.min_clearance)
@@ -73,7 +85,7 @@ def _mark_least(axis: Axes, nearest: ClearanceMeta) -> None:
     left = when < axis.get_xlim()[1] / 2.0
     axis.plot(when, least, "o", color=BLACK, ms=4, clip_on=False, zorder=3)
     axis.annotate(
-        f"{least:.3g} m, {nearest.between}",
+        plain_line(f"{least:.3g} m, {nearest.between}", 80),
         (when, least),
         xytext=(5 if left else -5, -4),
         textcoords="offset points",
@@ -110,7 +122,7 @@ def _motion(record: Record, names: Collection[str], title: str) -> Figure | None
     for row, (series, label) in zip(axes, rows.items(), strict=True):
         for k, i in enumerate(wanted):
             name, style = planned[i], DASHES[k // len(LINES) % len(DASHES)]
-            row.plot(record["t"], record[series][:, i], color=LINES[k % len(LINES)], ls=style, label=name)
+            row.plot(record["t"], record[series][:, i], color=LINES[k % len(LINES)], ls=style, label=shown(name, 10))
         row.set_ylabel(label)
         _draw_limits(row, record, series, wanted)
     axes[0].legend(ncols=len(wanted), loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=7)

@@ -76,7 +76,7 @@ def _quantity_figure(
 
 def _panel(axis: Axes, record: Record, name: str, color: str) -> np.ndarray:
     """Draw a quantity, faded while its task is off; returns its values (k,) while the task is on."""
-    values, on = _required(record, name), _task_on(record, name.split(".")[0])
+    values, on = _required(record, name), _task_on(record, name.rpartition(".")[0])
     axis.plot(record["t"], values, color=color, alpha=0.35, lw=0.9)
     axis.plot(record["t"], np.where(on, values, np.nan), color=color)
     for limit in thresholds(record, name):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
-from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.exceptions import InvalidInput, plain_line
 from uvms_ocp.record import Record
 from uvms_ocp.record import quantity as quantity
 
@@ -28,7 +28,7 @@ class PhaseSpan:
 
     @property
     def label(self) -> str:
-        return f"{self.name} {self.title}" if self.title else self.name
+        return plain_line(f"{self.name} {self.title}")
 
 
 def as_known(record: Record) -> str:

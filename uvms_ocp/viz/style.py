@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from functools import wraps
 from io import BytesIO
@@ -10,11 +11,12 @@ from typing import Any, ParamSpec, TypeVar
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from uvms_ocp.exceptions import OutputError
+from uvms_ocp.exceptions import OutputError, plain_line
 from uvms_ocp.viz.series import PhaseSpan
 
 P = ParamSpec("P")
@@ -66,6 +68,7 @@ _STYLE: dict[str, Any] = {
     "ytick.labelsize": 7.5,
     "xtick.direction": "out",
     "ytick.direction": "out",
+    "text.parse_math": False,  # names are no formulas
     "savefig.facecolor": "white",
     "figure.facecolor": "white",
 }
@@ -77,6 +80,12 @@ class RecordFigure(Figure):
     def __init__(self, **options: Any) -> None:
         super().__init__(dpi=DPI, layout="constrained", **options)
         FigureCanvasAgg(self)
+
+    def draw(self, renderer: RendererBase) -> None:
+        """Ticks get their labels only now; letters that the font has not are drawn as boxes."""
+        with mpl.rc_context({"text.parse_math": False}), warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+            super().draw(renderer)
 
     def _repr_png_(self) -> bytes:
         buffer = BytesIO()
@@ -102,6 +111,12 @@ def stacked(n_rows: int, height: float, title: str) -> tuple[RecordFigure, list[
     axes = figure.subplots(n_rows, 1, sharex=True, squeeze=False)[:, 0]
     axes[-1].set_xlabel("time [s]")
     return figure, list(axes)
+
+
+def shown(name: str, longest: int = 32) -> str:
+    """A name as a label of at most so many letters [-], and not of the kind that Matplotlib keeps out of legends."""
+    label = plain_line(name, longest)
+    return f" {label}" if label.startswith("_") else label
 
 
 def save_figure(figure: Figure, path: Path) -> Path:
@@ -137,7 +152,7 @@ def _name_phases(axis: Axes, spans: Sequence[PhaseSpan], width: float) -> None:
     for span in spans:
         room = scale * (span.end - span.start) / _LETTER
         axis.annotate(
-            span.label if len(span.label) < room else span.name,
+            span.label if len(span.label) < room else plain_line(span.name, max(2, int(room))),
             ((span.start + span.end) / 2, 1.0),
             xycoords=("data", "axes fraction"),
             xytext=(0, 3),

@@ -2,6 +2,7 @@
 // Drives meshcat's viewer: light, water, sea floor, camera, time line. World axes of the data: z up; three.js: y up.
 const THREE = MeshCat.THREE;
 const byId = (id) => document.getElementById(id);
+const [COMMANDS, DETAILS] = ["commands", "details"].map((id) => JSON.parse(byId(id).textContent));
 const viewer = new MeshCat.Viewer(byId("meshcat-pane"));
 const WATER = {light: 0x7cc4d8, haze: 0x2a7089, dark: 0x0a2c42};
 const PHASE_COLOURS = ["#2b7bba", "#c8741a", "#2c9467", "#a8518a", "#6b7680", "#8a7a1f"];
@@ -190,16 +191,18 @@ function lastBefore(times, t) {
   return Math.max(0, low - 1);
 }
 
+// Names are data: they become text, never markup.
 function showReadouts() {
-  const phase = phaseAt(clock.t), [times, ...rows] = DETAILS.readouts;
-  const lines = [`<div class="phase">${phase.name} ${phase.title}</div>`];
+  const phase = phaseAt(clock.t), [times, ...rows] = DETAILS.readouts, shown = byId("readouts");
+  shown.replaceChildren();
+  addElement(shown, "div", `${phase.name} ${phase.title}`, {className: "phase"});
   const k = times ? lastBefore(times.values, clock.t) : 0;
   for (const row of rows) {
-    const value = row.values[k];
+    const value = row.values[k], line = addElement(shown, "div", "");
     const text = value !== 0 && Math.abs(value) < 1e-3 ? value.toExponential(1) : value.toFixed(3);
-    lines.push(`<div><span>${row.label}</span><span>${text} ${row.unit}</span></div>`);
+    addElement(line, "span", row.label);
+    addElement(line, "span", `${text} ${row.unit}`);
   }
-  byId("readouts").innerHTML = lines.join("");
 }
 
 function showTime(t) {

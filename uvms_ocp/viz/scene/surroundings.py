@@ -49,16 +49,16 @@ def _spaced(points: np.ndarray) -> np.ndarray:
 
 
 def draw_goals(node: Visualizer, record: Record) -> None:
-    """Markers as balls, with a rod to the floor where they are above it, and frames as triads."""
+    """Markers as balls, with a rod to the floor where they are above it, and frames as triads; numbered as in the record."""
     for i, marker in enumerate(record.meta.surroundings.markers):
-        rgb, point, own = _MARKERS[i % len(_MARKERS)], np.array(marker.position), node[marker.name]
+        rgb, point, own = _MARKERS[i % len(_MARKERS)], np.array(marker.position), node[f"marker {i}"]
         own["ball"].set_object(mg.Sphere(0.06), material((*rgb, 0.75)))
         own.set_transform(shifted(point))
         floor = floor_heights(record, point[None, :2])
         if floor is not None and point[2] - floor[0] > 0.2:
             _draw_plumb(own["plumb"], point[2] - floor[0], rgb)
-    for frame in record.meta.surroundings.frames:
-        own = node[f"frame {frame.name}"]
+    for i, frame in enumerate(record.meta.surroundings.frames):
+        own = node[f"frame {i}"]
         draw_triad(own, 0.35)
         own.set_transform(pin.XYZQUATToSE3(np.array(frame.pose)).homogeneous)
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import html
 import json
-from collections.abc import Iterator, Mapping
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -14,7 +17,7 @@ from typing import Any
 import umsgpack  # type: ignore[import-untyped]
 
 from uvms_ocp.arguments import checked
-from uvms_ocp.exceptions import OutputError
+from uvms_ocp.exceptions import OutputError, plain_line
 from uvms_ocp.viz.scene.meshcat_parts import (
     Animation,
     ScenePath,
@@ -67,31 +70,58 @@ class ScenePage:
         return path
 
     def _repr_html_(self) -> str:
-        style = f"width:100%;height:{self.height}px;border:none"
-        return f'<iframe srcdoc="{html.escape(self.html)}" style="{style}"></iframe>'
+        style = f"width:100%;height:{self.height:d}px;border:none"
+        return f'<iframe sandbox="allow-scripts" srcdoc="{html.escape(self.html)}" style="{style}"></iframe>'
 
 
 def build_page(log: CommandLog, *, title: str, details: Mapping[str, Any], height: int = 520) -> ScenePage:
-    """Fill the page template with meshcat's viewer, the commands and `details` (JSON values) for the page's script."""
+    """Fill the page template with meshcat's viewer, the commands and `details` (JSON values) for the page's script.
+
+    The page's policy lets the viewer and the page's script run, by their hashes, and nothing else, and loads nothing.
+    """
     folder = files("uvms_ocp.viz.scene")
+    scripts = {"VIEWER": _viewer_source(), "SCRIPT": (folder / "page.js").read_text(encoding="utf-8")}
     parts = {
-        "__TITLE__": html.escape(title),
-        "__STYLE__": (folder / "page.css").read_text(encoding="utf-8"),
-        "__SCRIPT__": (folder / "page.js").read_text(encoding="utf-8"),
-        "__DETAILS__": _script_safe(json.dumps(details)),
-        "__COMMANDS__": json.dumps([base64.b64encode(blob).decode("ascii") for blob in log.blobs]),
-        "__VIEWER__": _viewer_source(),
+        **scripts,
+        "POLICY": _policy(scripts.values()),
+        "TITLE": html.escape(plain_line(title)),
+        "STYLE": (folder / "page.css").read_text(encoding="utf-8"),
+        "DETAILS": _data_block(details),
+        "COMMANDS": _data_block([base64.b64encode(blob).decode("ascii") for blob in log.blobs]),
     }
-    page = (folder / "page.html").read_text(encoding="utf-8")
-    for mark, text in parts.items():
-        page = page.replace(mark, text, 1)
+    # In one pass, so that no text that is filled in is looked through for marks.
+    page = _MARK.sub(lambda mark: parts[mark[1]], (folder / "page.html").read_text(encoding="utf-8"))
     return ScenePage(html=page, height=height)
+
+
+_MARK = re.compile("__([A-Z]+)__")
+
+
+def _policy(scripts: Iterable[str]) -> str:
+    """What the page may do; meshcat's panels make style sheets, and its textures are data."""
+    digests = (base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii") for text in scripts)
+    hashes = " ".join(f"'sha256-{digest}'" for digest in digests)
+    return (
+        f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; "
+        "base-uri 'none'; form-action 'none'"
+    )
 
 
 def _viewer_source() -> str:
     source = Path(viewer_assets_path()) / "dist" / "main.min.js"
-    return source.read_text(encoding="utf-8").replace("</script", "<\\/script")
+    # Browsers hash what they parsed: line ends as in HTML.
+    text = source.read_text(encoding="utf-8").replace("\r\n", "\n").replace("\r", "\n")
+    return text.replace("</script", "<\\/script")
 
 
-def _script_safe(text: str) -> str:
-    return text.replace("<", "\\u003c")
+def _data_block(value: object) -> str:
+    """JSON that nothing in it can end early; numbers that JSON has not are null."""
+    return json.dumps(_finite(value), allow_nan=False).replace("<", "\\u003c")
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
