@@ -20,7 +20,7 @@ def test_only_what_the_certificate_confirms_is_called_exact() -> None:
         levels = random_hierarchy(seed, 6, (6, 2, 3, 6))
         solution = Daqp().solve(levels)
         statuses.add(solution.status)
-        assert solution.status.exact == (solution.certificate(levels) <= 1e-9), seed
+        assert solution.status.exact == (solution.certificate(levels) <= 1e-7), seed
         assert solution.level_residuals[0] < 1e-5
     assert statuses == {Status.SOLVED, Status.INEXACT}
 

@@ -20,6 +20,11 @@ from uvms_ocp.solvers.hierarchy.solution import Status
 SOLVERS = [Icat(), LexicographicQp(), Daqp()]
 
 
+def _good(solver: Icat | LexicographicQp | Daqp) -> Status:
+    """The status of an optimum, which the regularised solver never promises."""
+    return Status.REGULARISED if isinstance(solver, Icat) else Status.SOLVED
+
+
 def _equalities(seed: int, n: int = 13) -> list[Level]:
     """Fully active equalities whose projected singular values all exceed 0.2."""
     rng = np.random.default_rng(seed)
@@ -121,7 +126,7 @@ def test_nan_in_a_tick_gives_zero_velocity_and_says_so(solver: Icat | Lexicograp
 @pytest.mark.parametrize(("n", "m"), [(1, 2), (3, 0), (2, 1)])
 def test_ticks_work_at_the_smallest_sizes(solver: Icat | LexicographicQp | Daqp, n: int, m: int) -> None:
     result = solver.bind(_tick_function(n, m), [m])(np.ones((m, n)), *[np.ones(m)] * 5)
-    assert result.status is Status.SOLVED
+    assert result.status is _good(solver)
     np.testing.assert_allclose(np.ones((m, n)) @ result.v, np.ones(m), atol=1e-3)
 
 
@@ -156,7 +161,7 @@ def test_levels_without_effect_leave_the_velocity_at_zero(solver: Icat | Lexicog
     ]
     for levels in cases:
         solution = solver.solve(levels)
-        assert solution.status is Status.SOLVED
+        assert solution.status is _good(solver)
         np.testing.assert_allclose(solution.v, np.zeros(5), atol=1e-12)
 
 
@@ -229,7 +234,7 @@ class _Misled:
     def __call__(self, *inputs: np.ndarray) -> tuple[np.ndarray, ...]:
         self.calls += 1
         v, status, *rest = self.honest(*inputs)
-        return (v, np.ones(1) if self.calls <= self.cured else status, *rest)
+        return (v, status, *rest) if self.calls > self.cured else (0.9 * v, np.ones(1), *rest)
 
 
 @pytest.mark.parametrize(("cured", "status", "calls"), [(1, Status.SOLVED, 4), (99, Status.INEXACT, 4)])

@@ -1,71 +1,197 @@
-"""Independent check of lexicographic optimality, from the Karush-Kuhn-Tucker conditions of every level.
+"""Independent check of lexicographic optimality: a proven bound of what every level is short of; certificate.c is the twin in C.
 
-`[velocity]` is the unit of an entry of v.
+Let f_k(y) be the Euclidean norm of the distances of the rows of level k from their bounds, `a_i` its rows, and v the
+velocity found. The levels above are held at the residuals found: row i of them at most as far beyond either bound as it is
+at v, and y stays in a region around v, ``-down <= y - v <= up``. **The bound**: for any numbers p_i of the rows of level k
+with ``|p| <= 1``, any multipliers ``x_j >= 0`` of the held rows and ``r = sum p_i a_i + sum x_j c_j``, with ``c_j`` the row
+where x_j belongs to its upper bound and minus the row where to its lower one, and gap_j >= 0 the distance of v from
+that bound, as held:
+
+    f_k(v) - f_k(y) <= f_k(v) - sum p_i d_i + sum x_j gap_j + sum_c (r_c > 0 ? r_c down_c : -r_c up_c)
+
+for every such y, where d_i is ``a_i v`` minus the upper bound of row i where p_i > 0, minus the lower one where p_i < 0.
+
+**Proof.** The distance s_i(y) of row i from its interval, negative below it, is at least ``a_i y - upper_i`` and at most
+``a_i y - lower_i`` everywhere. So ``f_k(y) = |s(y)| >= sum p_i s_i(y) >= sum p_i d_i + sum p_i a_i (y - v)``. The last sum
+is ``r (y - v) - sum x_j c_j (y - v)``. Held rows say ``c_j (y - v) <= gap_j``, and x_j >= 0; the region says
+``r (y - v) >= -sum_c (r_c > 0 ? r_c down_c : -r_c up_c)``. Moreover f_k(y) >= 0, so that f_k(v) is a bound as well. QED.
+
+It holds for any multipliers; how they are found decides only how small it is. Here p = s(v) / |s(v)|, for which the first
+two terms cancel, and x comes from non-negative least squares of r and the gaps, 0 for both at an optimum.
+
+Rounding: a row ``a_i v`` of doubles is wrong by up to ``noise_i = n 2^-52 |a_i| (|v| + |down or up|)``, and a smaller gap
+cannot be told from 0 and counts as 0. So the number is a bound up to ``noise_k + sum x_j noise_j``, about 1e-15 of
+``|a| |v|`` unless rows are nearly dependent: where it is more than `Tolerances.resolved`, it is added. `[rate]` is the unit
+of a row, `[velocity]` that of an entry of v.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import nnls
 
 from uvms_ocp.arrays import Array
-from uvms_ocp.solvers.hierarchy.level import Level, gated_bounds
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.solvers.hierarchy.gated_rows import gated
+from uvms_ocp.solvers.hierarchy.level import Level, row_slices, stack
+from uvms_ocp.solvers.hierarchy.scaling import NormalRows, normal_rows
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 from uvms_ocp.solvers.intervals import distance
 
 
-@np.errstate(over="ignore", invalid="ignore")  # what overflows has no certificate
-def certificate(levels: Sequence[Level], v: Array) -> float:
-    """Largest ``|J' s + C' lambda| / (|J| |s| + 1)`` of any level, over the multipliers that the signs allow.
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Region:
+    """How far y may be from v: ``-down <= y - v <= up``."""
 
-    s is the slack of the level at v (n,) [velocity] and C the rows of the levels above that cannot move without worsening
-    those: equalities and violated rows with any multiplier, rows at a bound with one that pushes outwards. 0 means that
-    no level can be improved without worsening one above it; nothing of the solver's report is used. The + 1 asks for rows
-    of the order of 1: of levels whose rows are all tiny it says little.
+    down: Array
+    """(n,) [-]"""
+    up: Array
+    """(n,) [-]"""
+
+
+def certificate(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | None = None) -> float:
+    """Largest entry [rate] of `level_excesses`: no level can be improved by more without worsening one above it.
+
+    v (n,) [velocity]; radius () or (n,) [velocity]. Raises `InvalidInput` as that.
     """
-    pushes, worst = np.zeros((0, len(v))), 0.0
-    largest = max(float(np.linalg.norm(level.jacobian, axis=1).max(initial=0.0)) for level in levels)
-    for level in levels:
-        slack = _slack(level, v)
-        size = float(np.linalg.norm(level.jacobian) * np.linalg.norm(slack))
-        unbalanced = _unbalanced(pushes, level.jacobian.T @ slack)
-        part = unbalanced / (size + 1.0)
-        worst = max(worst, part if np.isfinite(part) else np.inf)
-        # A slack as small as the distance to a bound is one only if it is balanced by itself, not by the + 1.
-        least = TOLERANCES.slight if unbalanced <= TOLERANCES.slightly_balanced * size else TOLERANCES.active
-        pushes = np.vstack([pushes, _pushes(level, v, least, TOLERANCES.vanished * largest)])
-    return worst
+    return float(level_excesses(levels, v, radius).max())
 
 
-def _slack(level: Level, v: Array) -> Array:
-    lower, upper = gated_bounds(level)
-    slack = distance(level.jacobian @ v, lower, upper)
-    return np.where(np.abs(slack) > _noise(level, v), slack, 0.0)
+@np.errstate(over="ignore", invalid="ignore")  # what overflows has no certificate
+def level_excesses(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | None = None) -> Array:
+    """(levels,) [rate] by how much at most each level's residual norm at v (n,) [velocity] is above its least.
+
+    That least is over all y with ``|y - v| <= radius``, () or (n,) [velocity], entry by entry, that leave every row of the
+    levels above at the residual it has at v or nearer to its bounds. Without a radius y is anywhere in the box that rows of
+    the first level with one entry and two bounds span, the velocity limits; entries without such a row get about twice the
+    velocity that the rows ask for. inf where v is not finite or too large to tell. Raises
+    `InvalidInput` for a v or radius of the wrong shape, or a radius that is not positive.
+    """
+    rows = stack(levels)
+    low, up = gated(rows.jacobian, rows.lower, rows.upper, rows.gate)
+    v = _velocity(v, rows.jacobian.shape[1])
+    # Rows that count as nothing for a solver count here.
+    normal = normal_rows(rows.jacobian, low, up, rows.sizes, vanished=0.0)
+    w = v / normal.velocity
+    region = _default_region(normal, w) if radius is None else _given_region(radius, v, normal.velocity)
+    return _excesses(normal, w, region) * normal.level * normal.velocity
 
 
-def _noise(level: Level, v: Array) -> Array:
-    lengths = np.linalg.norm(level.jacobian, axis=1)
-    return np.asarray(TOLERANCES.rounding * len(v) * lengths * np.linalg.norm(v))
+@np.errstate(over="ignore", invalid="ignore")
+def normal_certificate(rows: NormalRows, w: Array) -> float:
+    """Largest excess [-] of any level at w (n,) [-] over its residual or ``rows.unit``: what a status goes by.
+
+    The larger of both counts. The region is the default one, but no farther from w than ``TOLERANCES.reach``.
+    """
+    region, reach = _default_region(rows, w), TOLERANCES.reach
+    region = _Region(down=np.minimum(region.down, reach), up=np.minimum(region.up, reach))
+    excesses = _excesses(rows, w, region)
+    slack = distance(rows.J @ w, rows.lower, rows.upper)
+    sizes = np.array([_length(slack[own]) for own in row_slices(rows.sizes)])
+    return float((excesses / np.maximum(sizes, rows.unit)).max(initial=0.0)) if np.isfinite(excesses).all() else np.inf
 
 
-def _pushes(level: Level, v: Array, least: float, vanished: float) -> Array:
-    """Unit directions (k, n) of the multipliers that the rows lend to the levels below; ``least`` makes a slack."""
-    lower, upper = gated_bounds(level)
-    y, length = level.jacobian @ v, np.linalg.norm(level.jacobian, axis=1)
-    reached = np.clip(y, lower, upper)
-    size, noise = length + np.abs(reached), _noise(level, v)
-    fixed = (lower >= upper) | (np.abs(y - reached) > least * size + noise)
-    near = TOLERANCES.active * size + noise
-    up, down = fixed | (y >= upper - near), fixed | (y <= lower + near)
-    real = length > vanished
-    units = np.where(real[:, None], level.jacobian / np.where(real, length, 1.0)[:, None], 0.0)
-    return np.vstack([units[up], -units[down]])
+def _velocity(v: ArrayLike, n: int) -> Array:
+    array = np.asarray(v, dtype=np.float64)
+    if array.shape != (n,):
+        raise InvalidInput(f"v has shape {array.shape}; the levels have {n} columns, give ({n},)")
+    return array
 
 
-def _unbalanced(pushes: Array, gradient: Array) -> float:
-    size = float(np.linalg.norm(gradient))
-    if size == 0.0 or len(pushes) == 0:
+def _length(w: Array) -> float:
+    return float(np.sqrt(w @ w))
+
+
+def _default_region(rows: NormalRows, w: Array) -> _Region:
+    reach = TOLERANCES.reach
+    boxed = (rows.box.lower > -np.inf) & (rows.box.upper < np.inf)
+    down, up = np.maximum(w - rows.box.lower, 0.0), np.maximum(rows.box.upper - w, 0.0)
+    return _Region(down=np.where(boxed, down, reach), up=np.where(boxed, up, reach))
+
+
+def _given_region(radius: ArrayLike, v: Array, velocity: float) -> _Region:
+    given = np.asarray(radius, dtype=np.float64)
+    if given.shape not in ((), v.shape) or not ((given > 0.0) & (given < np.inf)).all():
+        raise InvalidInput(f"radius = {given}; give one finite velocity > 0 for all entries of v, or {len(v)} of them")
+    reach = np.broadcast_to(given, v.shape) / velocity
+    return _Region(down=reach, up=reach)
+
+
+def _excesses(rows: NormalRows, w: Array, region: _Region) -> Array:
+    """(levels,) [-]"""
+    if not np.isfinite(w).all():
+        return np.full(len(rows.sizes), np.inf)
+    found = _found(rows, w, region)
+    excesses = np.array([_level_excess(found, own) for own in row_slices(rows.sizes)])
+    return np.where(np.isfinite(excesses), excesses, np.inf)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Found:
+    """What the bound is made of."""
+
+    J: Array
+    """(M, n) [-]"""
+    slack: Array
+    """(M,) [-] distance of the rows from their bounds."""
+    up: Array
+    """(M,) [-] gap to the upper bound, as held."""
+    down: Array
+    """(M,) [-] gap to the lower one."""
+    noise: Array
+    """(M,) [-] what rounding leaves open of a row."""
+    unit: float
+    """[-] `NormalRows.unit`."""
+    region: _Region
+
+
+def _found(rows: NormalRows, w: Array, region: _Region) -> _Found:
+    y, far = rows.J @ w, _length(w) + _length(np.maximum(region.down, region.up))
+    noise = np.asarray(TOLERANCES.rounding * len(w) * np.linalg.norm(rows.J, axis=1) * far)
+    return _Found(
+        J=rows.J,
+        slack=distance(y, rows.lower, rows.upper),
+        up=np.where(rows.upper - y > noise, rows.upper - y, 0.0),
+        down=np.where(y - rows.lower > noise, y - rows.lower, 0.0),
+        noise=noise,
+        unit=rows.unit,
+        region=region,
+    )
+
+
+def _level_excess(found: _Found, own: slice) -> float:
+    size = _length(found.slack[own])
+    if size == 0.0 or not np.isfinite(size):
         return size
-    return size * float(nnls(pushes.T, -gradient / size, maxiter=100 * len(pushes))[1])
+    p, region = found.slack[own] / size, found.region
+    gradient, held, gap, noise = p @ found.J[own], *_held(found, own.start)
+    x = _multipliers(held, gap, gradient, np.maximum(region.down, region.up))
+    r, rounding = gradient + x @ held, float(x @ noise)
+    bound = float(x @ gap + np.abs(r) @ np.where(r > 0.0, region.down, region.up))
+    return min(size, bound + rounding if rounding > TOLERANCES.resolved * max(size, found.unit) else bound)
+
+
+def _held(found: _Found, above: int) -> tuple[Array, Array, Array]:
+    """Rows c (k, n) of the levels above, their gaps (k,) and noise (k,): ``c (y - v) <= gap``."""
+    rows, noise = found.J[:above], found.noise[:above]
+    c, gap = np.concatenate([rows, -rows]), np.concatenate([found.up[:above], found.down[:above]])
+    useful = np.isfinite(gap) & c.any(axis=1)
+    return c[useful], gap[useful], np.concatenate([noise, noise])[useful]
+
+
+def _multipliers(c: Array, gap: Array, gradient: Array, reach: Array) -> Array:
+    """x >= 0 (k,) for which both the gradient left and the gaps are small, in the sense of least squares."""
+    if len(c) == 0:
+        return np.zeros(0)
+    columns = np.vstack([(c * reach).T, gap])
+    lengths = np.linalg.norm(columns, axis=0)
+    lengths[lengths == 0.0] = 1.0
+    try:
+        x = nnls(columns / lengths, -np.append(gradient * reach, 0.0), maxiter=30 * len(c))[0]
+    except RuntimeError:  # too many iterations; without multipliers the bound is only larger
+        x = np.zeros(len(c))
+    return np.asarray(x / lengths)

@@ -16,9 +16,10 @@ from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput, NotInstalled
 from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
-from uvms_ocp.solvers.hierarchy.certificate import certificate
-from uvms_ocp.solvers.hierarchy.gated_rows import gated
+from uvms_ocp.solvers.hierarchy.certificate import normal_certificate
+from uvms_ocp.solvers.hierarchy.gated_rows import gated, is_valid
 from uvms_ocp.solvers.hierarchy.level import Level, Stack, row_slices, stack
+from uvms_ocp.solvers.hierarchy.scaling import normal_rows
 from uvms_ocp.solvers.hierarchy.solution import Solution, Status, row_residuals
 from uvms_ocp.solvers.hierarchy.stacked import solved
 from uvms_ocp.solvers.hierarchy.tick import (
@@ -27,11 +28,11 @@ from uvms_ocp.solvers.hierarchy.tick import (
     check_levels_function,
     dense,
 )
+from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 
 _EQUALITY = 5  # DAQP's word for it
 _ENDLESS = 1e30  # DAQP's infinity
 _SMALLEST = 1e-12  # norm of a row that DAQP can normalise
-_CERTIFIED = 1e-9
 
 _Solve = Callable[..., tuple[Array, float, int, dict[str, object]]]
 
@@ -74,12 +75,19 @@ class Daqp:
 
     def velocity(self, levels: Sequence[Level]) -> tuple[Array, Status]:
         """v (n,) and status. Raises `InvalidInput` as `solve`."""
-        v = self._native_velocity(stack(levels))
+        rows = stack(levels)
+        if not is_valid(rows.jacobian, rows.lower, rows.upper, rows.gate):
+            return np.zeros(rows.jacobian.shape[1]), Status.INVALID_INPUT
+        v = self._native_velocity(rows)
         if v is None:
             solution = LexicographicActiveSet(compiled=False).solve(levels)
             return np.array(solution.v), solution.status
-        exact = self.certified and certificate(levels, v) <= _CERTIFIED
+        exact = self.certified and self._certificate(rows, v) <= TOLERANCES.certified
         return v, Status.SOLVED if exact else Status.INEXACT
+
+    def _certificate(self, rows: Stack, v: Array) -> float:
+        normal = normal_rows(rows.jacobian, *gated(rows.jacobian, rows.lower, rows.upper, rows.gate), rows.sizes)
+        return normal_certificate(normal, v / normal.velocity)
 
     def _native_velocity(self, rows: Stack) -> Array | None:
         """None where DAQP gives up. Rows that ask for nothing are left out."""

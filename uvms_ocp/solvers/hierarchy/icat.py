@@ -28,6 +28,7 @@ from uvms_ocp.solvers.hierarchy.tick import (
     dense_inputs,
     dense_outputs,
 )
+from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 
 
 @checked
@@ -74,7 +75,19 @@ class Icat:
 
     def _of_levels(self, levels: Sequence[Level]) -> tuple[Array, Status]:
         rows = stack(levels)
-        return self.velocity(rows.jacobian, rows.rate, rows.activation, rows.sizes), Status.SOLVED
+        return self.checked(rows.jacobian, rows.rate, rows.activation, rows.sizes)
+
+    @np.errstate(over="ignore", invalid="ignore")
+    def checked(self, J: Array, rate: Array, activation: Array, sizes: Sequence[int]) -> tuple[Array, Status]:
+        """As `velocity`, of any numbers: v is 0 where they are not valid or what comes of them is not finite.
+
+        J (M, n) [rate/velocity], rate (M,) [rate] and activation (M,) [-].
+        """
+        # Comparisons with NaN are false.
+        valid = (np.abs(J) < TOLERANCES.largest).all() and np.isfinite(rate).all() and np.isfinite(activation).all()
+        v = self.velocity(J, rate, activation, sizes) if valid else np.full(J.shape[1], np.inf)
+        sound = bool((np.abs(v) < TOLERANCES.endless).all())
+        return (v, Status.REGULARISED) if sound else (np.zeros(len(v)), Status.INVALID_INPUT)
 
     def _step(self, rho: Array, Q: Array, J: Array, rate: Array, a: Array) -> tuple[Array, Array]:
         X = J @ Q
@@ -108,9 +121,6 @@ class _IcatTick:
         start = perf_counter()
         J, lower, upper, rate, activation, gate, *extras = self._function(*inputs)
         J = J.reshape(-1, self._n)
-        if np.isfinite(J).all() and np.isfinite(rate).all() and np.isfinite(activation).all():
-            status, v = Status.SOLVED, self._solver.velocity(J, rate, activation, self._sizes)
-            missed = residual(J, v, lower, upper, gate)
-        else:
-            status, v, missed = Status.INVALID_INPUT, np.zeros(J.shape[1]), np.zeros(len(lower))
+        v, status = self._solver.checked(J, rate, activation, self._sizes)
+        missed = residual(J, v, lower, upper, gate) if status.usable else np.zeros(len(lower))
         return TickResult(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)

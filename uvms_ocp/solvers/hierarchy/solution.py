@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from uvms_ocp.arguments import late
 from uvms_ocp.arrays import Array
@@ -37,14 +39,21 @@ class Status(AdvisedStatus):
     INVALID_INPUT = (
         "invalid input",
         (
-            "the levels contain NaN, an infinite Jacobian or lower > upper, so v is zero; check the measurements "
-            "and references of this tick"
+            "the levels contain NaN, an entry of a Jacobian of 1e15 and more, or lower > upper, so v is zero; check the "
+            "measurements and references of this tick"
+        ),
+    )
+    REGULARISED = (
+        "regularised",
+        (
+            "nothing to do, if a compromise will do: the velocity is smooth and near the optimum of the levels, never at it; "
+            "for the optimum choose another solver"
         ),
     )
 
     @property
     def exact(self) -> bool:
-        """True if every level is at its lexicographic optimum."""
+        """True if every level is at its lexicographic optimum: `certificate.normal_certificate` has proven it to 1e-7."""
         return self in (Status.SOLVED, Status.COLD_STARTED, Status.CASCADED)
 
     @property
@@ -70,11 +79,16 @@ class Solution:
     @property
     def level_residuals(self) -> Array:
         """(levels,) [rate] Euclidean norm of each level's residual."""
-        return np.array([np.linalg.norm(residual) for residual in self.residuals])
+        # Unlike a sum of squares it overflows only where the norm does.
+        return np.array([math.hypot(*residual) for residual in self.residuals])
 
-    def certificate(self, levels: Sequence[Level]) -> float:
-        """Violation [-] of the optimality conditions of any level at v; see ``certificate.certificate``."""
-        return certificate(levels, self.v)
+    def certificate(self, levels: Sequence[Level], radius: ArrayLike | None = None) -> float:
+        """By how much [rate] any level is above its least at most, proven; see ``certificate.level_excesses``.
+
+        radius () or (n,) [velocity]: how far the least is looked for, by default in the velocity limits of the first level.
+        Raises `InvalidInput` for a radius that is not positive.
+        """
+        return certificate(levels, self.v, radius)
 
 
 def row_residuals(levels: Sequence[Level], v: Array) -> tuple[Array, ...]:

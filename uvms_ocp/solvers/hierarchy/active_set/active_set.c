@@ -5,7 +5,6 @@
    at v is active. numpy_core.py is the same algorithm; keep both in step. */
 
 enum { GREEDY = 0, BLAND = 1, TABU = 2 };
-enum { OPEN = 0, WEAKLY = 1, FIRMLY = 2 };
 
 static int activate_violated(Work *k) {
   int count = 0;
@@ -48,9 +47,8 @@ typedef struct { int row; double value; } Worst;
 
 static void judge(Work *k, int row, double multiplier, double tolerance, int rule, Worst *worst) {
   double value = multiplier * k->state[row] * k->norm[row];
-  if (k->decided[row] == WEAKLY && value < -tolerance) k->contradicted = 1;
   if (k->state[row] == EQUAL || k->decided[row]) return;
-  if (value > tolerance) k->decided[row] = value > DECISIVE * tolerance ? FIRMLY : WEAKLY;
+  if (value > tolerance) k->decided[row] = 1;
   if (value >= -tolerance) return;
   if (k->tabu[row]) {
     k->skipped = 1;
@@ -64,30 +62,28 @@ static int is_significant(const Work *k, int row) {
   return fabs(k->slack[row]) > SIGNIFICANT / FEASIBLE * k->tolerance[row];
 }
 
-static void add(double *sum, double factor, const double *x) {
-  for (int c = 0; c < N; ++c) sum[c] += factor * x[c];
-}
-
 /* Multipliers of level `level` on its own rows and on the pivots above; the worst row, -1 where all signs hold. */
 static int wrong_row(Work *k, int level, int rule) {
   Worst worst = {-1, 0};
-  double g[N], balance[N], scale = 0, multiplier[N];
+  double g[N], scale = 0, multiplier[N], *balancing = k->multiplier[level];
   int c0 = k->column[level], significant = 0;
   memset(g, 0, sizeof(g));
-  memset(balance, 0, sizeof(balance));
   for (int j = k->first[level]; j < k->first[level + 1]; ++j) {
     int row = k->order[j];
     scale += fabs(k->slack[row]) * k->norm[row];
     significant |= is_significant(k, row);
     const double *x = c0 == N ? k->a[row] : k->t[row];
     for (int c = 0; c < c0; ++c) g[c] += k->slack[row] * x[c];
-    add(balance, k->slack[row], k->a[row]);
   }
+
   /* A slack that an exact solution could not tell from zero decides nothing for the levels below. */
   if (!significant) return -1;
   if (c0 == N)
     for (int c = 0; c < N; ++c) reflect(k, c, g);
+  memset(balancing, 0, M * sizeof(double));
+  for (int j = k->first[level]; j < k->first[level + 1]; ++j) balancing[k->order[j]] = k->slack[k->order[j]];
   double tolerance = fmax(MULTIPLIER * scale, WRONG);
+  k->decisive[level] = tolerance;
   for (int j = k->first[level]; j < k->first[level + 1]; ++j)
     if (is_significant(k, k->order[j])) judge(k, k->order[j], k->slack[k->order[j]], tolerance, rule, &worst);
   for (int above = level - 1; above >= 0; --above) {
@@ -101,18 +97,16 @@ static int wrong_row(Work *k, int level, int rule) {
       int row = k->order[begin + j];
       for (int c = 0; c < c1; ++c) g[c] += multiplier[j] * k->t[row][c];
       judge(k, row, multiplier[j], tolerance, rule, &worst);
-      add(balance, multiplier[j], k->a[row]);
+      balancing[row] = multiplier[j];
     }
   }
-  k->unbalanced = fmax(k->unbalanced, sqrt(dot(balance, balance, N)) / (scale + 1));
   return worst.row;
 }
 
 static int drop_row(Work *k, int rule) {
   memset(k->decided, 0, sizeof(k->decided));
+  memset(k->decisive, 0, sizeof(k->decisive));
   k->skipped = 0;
-  k->unbalanced = 0;
-  k->contradicted = 0;
   for (int level = 0; level < L; ++level) {
     int row = wrong_row(k, level, rule);
     if (row >= 0) {
@@ -131,20 +125,6 @@ static void start(Work *k, const double *state) {
     /* A flag of equality must never be inherited: the row may have become an inequality. */
     k->state[row] = k->lower[row] >= k->upper[row] ? EQUAL : given;
   }
-}
-
-/* True if v does to the active rows what the factorisation promised, and the multipliers, applied to the rows as given,
-   balance every level. False where that cannot be known, because rows are nearly but not quite dependent, or of very
-   different size. */
-static int is_consistent(const Work *k) {
-  if (k->uneven) return 0;
-  if (!(k->unbalanced <= BALANCED) || k->contradicted || k->smallest < CLEAR || k->rejected > NOTHING) return 0;
-  for (int j = 0; j < k->first[L]; ++j) {
-    int row = k->order[j];
-    double error = dot(k->a[row], k->v, N) - bound(k, row) - k->slack[row];
-    if (!(fabs(error) <= CONSISTENT * (k->tolerance[row] / FEASIBLE))) return 0;
-  }
-  return 1;
 }
 
 /* v and the active set of k; the number of iterations in *iterations. */
@@ -169,7 +149,7 @@ static int run(Work *k, int *iterations) {
       if (blocked >= 0) continue;
     }
     dropped = drop_row(k, rule);
-    if (dropped < 0) return k->skipped ? STALLED : is_consistent(k) ? SOLVED : DOUBTFUL;
+    if (dropped < 0) return k->skipped ? STALLED : DOUBTFUL;
     ++stalled;
     /* A row dropped under TABU stays, once active again: that ends every cycle, at the price of optimality. */
     if (stalled > TABU_STALLS || *iterations > TABU_ITERATIONS) rule = TABU;

@@ -1,22 +1,31 @@
-/* certificate.py in C: how far v is from lexicographic optimality, whatever the run that found v says of itself. */
+/* certificate.py in C: by how much any level can be above its least, whatever the run that found v says of itself.
+
+   Multipliers are signed here: positive ones belong to upper bounds, negative ones to lower ones. */
 
 typedef struct {
-  /* Unit directions of the multipliers that the levels so far lend to the next. */
-  double push[2 * M][N], multiplier[2 * M];
-  int count, used, set[N];
+  double y[M], slack[M], noise[M], down[N], up[N];
+  /* Columns of the multipliers in the search of least squares: their share of the gradient and of the gaps, of length 1. */
+  double column[2 * M][N + 1], length[2 * M], multiplier[2 * M];
+  int row[2 * M], count, used, set[N + 1];
   char is_used[2 * M], refused[2 * M];
-} Pushes;
+} Proof;
 
-static double size_of(const double *x) { return sqrt(dot(x, x, N)); }
+/* In four sums, which may go on at the same time. */
+static double row_at(const double *a, const double *v) {
+  double sum[4] = {0};
+  for (int c = 0; c < N; ++c) sum[c % 4] += a[c] * v[c];
+  return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+}
 
-/* min |sum x push - b| over the first `used` pushes of the set, x of any sign; 0 where they are dependent. */
-static int fit(const Pushes *p, const double *b, double *x) {
-  double B[N][N];
-  for (int i = 0; i < N; ++i)
-    for (int j = 0; j < p->used; ++j) B[i][j] = p->push[p->set[j]][i];
-  double r[N];
+static double size_of(const double *x, int n) { return sqrt(dot(x, x, n)); }
+
+/* min |sum x column - b| over the columns of the set, x of any sign; 0 where they are dependent. */
+static int fit(const Proof *p, const double *b, double *x) {
+  double B[N + 1][N + 1], r[N + 1];
+  for (int i = 0; i <= N; ++i)
+    for (int j = 0; j < p->used; ++j) B[i][j] = p->column[p->set[j]][i];
   memcpy(r, b, sizeof(r));
-  least_squares(B, r, N, p->used);
+  least_squares(B, r, N + 1, p->used);
   memcpy(x, r, p->used * sizeof(double));
   for (int j = 0; j < p->used; ++j)
     if (!(fabs(x[j]) < ENDLESS)) return 0;
@@ -24,23 +33,24 @@ static int fit(const Pushes *p, const double *b, double *x) {
 }
 
 /* b without what the multipliers explain of it. */
-static void remainder_of(const Pushes *p, const double *b, double *rest) {
-  memcpy(rest, b, N * sizeof(double));
-  for (int j = 0; j < p->used; ++j) add(rest, -p->multiplier[p->set[j]], p->push[p->set[j]]);
+static void remainder_of(const Proof *p, const double *b, double *rest) {
+  memcpy(rest, b, (N + 1) * sizeof(double));
+  for (int j = 0; j < p->used; ++j)
+    for (int i = 0; i <= N; ++i) rest[i] -= p->multiplier[p->set[j]] * p->column[p->set[j]][i];
 }
 
-static int steepest(const Pushes *p, const double *rest, double least) {
+static int steepest(const Proof *p, const double *rest, double least) {
   int chosen = -1;
   for (int j = 0; j < p->count; ++j) {
     if (p->is_used[j] || p->refused[j]) continue;
-    double descent = dot(p->push[j], rest, N);
+    double descent = dot(p->column[j], rest, N + 1);
     if (descent > least) least = descent, chosen = j;
   }
   return chosen;
 }
 
 /* From the multipliers towards x until the first is 0, which leaves the set; true if x is reached. */
-static int retreat(Pushes *p, const double *x) {
+static int retreat(Proof *p, const double *x) {
   double length = 1;
   int left = -1;
   for (int j = 0; j < p->used; ++j) {
@@ -49,7 +59,7 @@ static int retreat(Pushes *p, const double *x) {
   }
   for (int j = 0; j < p->used; ++j) {
     double *now = &p->multiplier[p->set[j]];
-    *now = fmax(0, *now + length * (x[j] - *now));
+    *now = larger(0, *now + length * (x[j] - *now));
   }
   if (left < 0) return 1;
   p->multiplier[p->set[left]] = 0;
@@ -59,19 +69,17 @@ static int retreat(Pushes *p, const double *x) {
   return 0;
 }
 
-/* min |gradient + sum x push| over x >= 0 (Lawson and Hanson); an upper bound of it where that does not end. */
-static double unbalanced(Pushes *p, const double *gradient) {
-  double b[N], rest[N], x[N], least = DESCENT * size_of(gradient), smallest;
-  for (int c = 0; c < N; ++c) b[c] = -gradient[c];
-  memcpy(rest, b, sizeof(b));
+/* Multipliers >= 0 of the columns that leave little of b (Lawson and Hanson). */
+static void search(Proof *p, const double *b) {
+  double rest[N + 1], x[N + 1], least = DESCENT * size_of(b, N + 1);
+  memcpy(rest, b, sizeof(rest));
   memset(p->multiplier, 0, sizeof(p->multiplier));
   memset(p->is_used, 0, sizeof(p->is_used));
   memset(p->refused, 0, sizeof(p->refused));
   p->used = 0;
-  smallest = size_of(rest);
-  for (int round = 0; round < 6 * M && p->used < N; ++round) {
+  for (int round = 0; round < 6 * M && p->used <= N; ++round) {
     int chosen = steepest(p, rest, least);
-    if (chosen < 0) break;
+    if (chosen < 0) return;
     p->set[p->used++] = chosen;
     if (!fit(p, b, x) || x[p->used - 1] <= 0) {
       p->refused[chosen] = 1;
@@ -80,50 +88,119 @@ static double unbalanced(Pushes *p, const double *gradient) {
     }
     p->is_used[chosen] = 1;
     while (!retreat(p, x) && p->used > 0)
-      if (!fit(p, b, x)) return smallest;
+      if (!fit(p, b, x)) return;
     remainder_of(p, b, rest);
-    smallest = fmin(smallest, size_of(rest));
     memset(p->refused, 0, sizeof(p->refused));
   }
-  return smallest;
 }
 
-static double clipped(const Work *k, int row, double y) { return fmin(fmax(y, k->lower[row]), k->upper[row]); }
-
-static double noise_of(const Work *k, int row) { return N * ROUNDING * k->norm[row] * size_of(k->v); }
-
-static void push(Pushes *p, const Work *k, int row, double sign) {
-  for (int c = 0; c < N; ++c) p->push[p->count][c] = sign * k->a[row][c] / k->norm[row];
-  ++p->count;
+/* Distance of a row from the bound that a multiplier of this sign belongs to, as held at what it misses. */
+static double gap(const Work *k, const Proof *p, int row, double sign) {
+  double distance = sign > 0 ? k->upper[row] - p->y[row] : p->y[row] - k->lower[row];
+  return distance > p->noise[row] ? distance : 0;
 }
 
-static void add_pushes(Pushes *p, const Work *k, int row, double least) {
-  double y = dot(k->a[row], k->v, N), at = clipped(k, row, y), size = k->norm[row] + fabs(at), noise = noise_of(k, row);
-  int fixed = k->lower[row] >= k->upper[row] || fabs(y - at) > least * size + noise;
-  if (k->norm[row] == 0) return;
-  if (fixed || y >= k->upper[row] - ACTIVE * size - noise) push(p, k, row, 1);
-  if (fixed || y <= k->lower[row] + ACTIVE * size + noise) push(p, k, row, -1);
+/* Rows far from a bound are left out: where they were needed, v would be far from an optimum. */
+static void add_column(Proof *p, const Work *k, int row, double sign) {
+  double *column = p->column[p->count];
+  column[N] = gap(k, p, row, sign);
+  if (!(column[N] <= NEAR)) return;
+  for (int c = 0; c < N; ++c) column[c] = sign * k->a[row][c] * larger(p->down[c], p->up[c]);
+  double length = size_of(column, N + 1);
+  if (!(length > 0 && length < INFINITY)) return;
+  for (int i = 0; i <= N; ++i) column[i] /= length;
+  p->row[p->count] = sign > 0 ? row : -1 - row;
+  p->length[p->count++] = length;
 }
 
-/* Largest |J' s + C' x| / (|J| |s| + 1) of any level, x >= 0; see certificate.py. */
-static double certificate(const Work *k, double enough) {
-  static _Thread_local Pushes p;
+/* Multipliers x of the rows above `begin`, for a level of this gradient. */
+static void search_multipliers(Proof *p, const Work *k, const double *gradient, int begin, double *x) {
+  double b[N + 1] = {0};
+  for (int c = 0; c < N; ++c) b[c] = -gradient[c] * larger(p->down[c], p->up[c]);
+  p->count = 0;
+  for (int row = 0; row < begin; ++row) add_column(p, k, row, 1), add_column(p, k, row, -1);
+  search(p, b);
+  memset(x, 0, M * sizeof(double));
+  for (int j = 0; j < p->used; ++j) {
+    int at = p->set[j], row = p->row[at];
+    x[row >= 0 ? row : -1 - row] += (row >= 0 ? 1 : -1) * p->multiplier[at] / p->length[at];
+  }
+}
+
+/* The bound for multipliers x of a level of this gradient, where so much rounding is left out. */
+static double evaluate(const Proof *p, const Work *k, const double *gradient, int begin, const double *x, double left_out) {
+  double r[N], bound = 0, rounding = 0;
+  memcpy(r, gradient, sizeof(r));
+  for (int row = 0; row < begin; ++row) {
+    if (x[row] == 0) continue;
+    add(r, x[row], k->a[row]);
+    bound += fabs(x[row]) * gap(k, p, row, x[row]);
+    rounding += fabs(x[row]) * p->noise[row];
+  }
+  for (int c = 0; c < N; ++c) bound += fabs(r[c]) * (r[c] > 0 ? p->down[c] : p->up[c]);
+  return rounding > left_out ? bound + rounding : bound;
+}
+
+/* Multipliers of a level, from those of the run. They may have the wrong sign where a level between has fixed a row: what
+   balances that level is added until the sign is right, unless the wrong one costs next to nothing. */
+static void suggested_multipliers(const Proof *p, const Work *k, int level, int begin, double size, double *x) {
+  memset(x, 0, M * sizeof(double));
+  for (int row = 0; row < begin; ++row) x[row] = k->multiplier[level][row] / size;
+  for (int above = level - 1, end = begin; above >= 0; end -= SIZES[above--]) {
+    const double *fixing = k->multiplier[above];
+    double share = 0;
+    if (k->decisive[above] == 0) continue;
+    for (int row = 0; row < end; ++row)
+      if (x[row] * fixing[row] < 0 && fabs(fixing[row]) * k->norm[row] > k->decisive[above] &&
+          fabs(x[row]) * gap(k, p, row, x[row]) > NEGLIGIBLE * k->unit)
+        share = larger(share, -x[row] / fixing[row]);
+    if (share > 0)
+      for (int row = 0; row < end; ++row) x[row] += share * fixing[row];
+  }
+}
+
+/* Relative to the residual of the level, or to the unit if that is more. */
+static double level_excess(Proof *p, const Work *k, int level, int begin) {
+  double gradient[N] = {0}, x[M], size = size_of(p->slack + begin, SIZES[level]), scale = larger(size, k->unit);
+  double bound = size, enough = CERTIFIED * scale;
+  if (!(size < INFINITY)) return INFINITY;
+  if (size <= enough) return size / scale;
+  for (int row = begin; row < begin + SIZES[level]; ++row) add(gradient, p->slack[row] / size, k->a[row]);
+  if (k->decisive[level] > 0) {
+    suggested_multipliers(p, k, level, begin, size, x);
+    bound = smaller(bound, evaluate(p, k, gradient, begin, x, RESOLVED * scale));
+  }
+  if (bound > enough) {
+    search_multipliers(p, k, gradient, begin, x);
+    bound = smaller(bound, evaluate(p, k, gradient, begin, x, RESOLVED * scale));
+  }
+  return bound / scale;
+}
+
+/* y may be in the box, where there is one, but no farther from v than REACH. */
+static void begin_proof(Proof *p, const Work *k) {
+  double length = size_of(k->v, N), far = 0;
+  for (int c = 0; c < N; ++c) {
+    int boxed = k->box[0][c] > -INFINITY && k->box[1][c] < INFINITY;
+    p->down[c] = boxed ? smaller(larger(k->v[c] - k->box[0][c], 0), REACH) : REACH;
+    p->up[c] = boxed ? smaller(larger(k->box[1][c] - k->v[c], 0), REACH) : REACH;
+    far += larger(p->down[c], p->up[c]) * larger(p->down[c], p->up[c]);
+  }
+  for (int row = 0; row < M; ++row) {
+    p->y[row] = row_at(k->a[row], k->v);
+    p->slack[row] = p->y[row] - smaller(larger(p->y[row], k->lower[row]), k->upper[row]);
+    p->noise[row] = N * ROUNDING * k->norm[row] * (length + sqrt(far));
+  }
+}
+
+/* `normal_certificate` of certificate.py at k->v. */
+static double certificate(const Work *k) {
+  static _Thread_local Proof p;
   double worst = 0;
-  p.count = 0;
-  for (int level = 0, begin = 0; level < L && worst <= enough; begin += SIZES[level++]) {
-    double gradient[N] = {0}, rows = 0, slacks = 0;
-    for (int row = begin; row < begin + SIZES[level]; ++row) {
-      double y = dot(k->a[row], k->v, N), slack = y - clipped(k, row, y);
-      if (fabs(slack) <= noise_of(k, row)) slack = 0;
-      add(gradient, slack, k->a[row]);
-      rows += dot(k->a[row], k->a[row], N), slacks += slack * slack;
-    }
-    double size = sqrt(rows * slacks), left = size_of(gradient);
-    if (left > NO_GRADIENT) left = unbalanced(&p, gradient);
-    double part = left / (size + 1);
-    if (!(part <= worst)) worst = part < INFINITY ? part : INFINITY;
-    double least = left <= SLIGHTLY_BALANCED * size ? SLIGHT : ACTIVE;
-    for (int row = begin; row < begin + SIZES[level]; ++row) add_pushes(&p, k, row, least);
+  begin_proof(&p, k);
+  for (int level = 0, begin = 0; level < L; begin += SIZES[level++]) {
+    double excess = level_excess(&p, k, level, begin);
+    if (!(excess <= worst)) worst = excess < INFINITY ? excess : INFINITY;
   }
   return worst;
 }

@@ -9,10 +9,15 @@ class Outcome(IntEnum):
     """Of one run."""
 
     SOLVED = 0
+    """Certified, however the run has ended."""
     STALLED = 1
+    """A row that should have been dropped could not be."""
     LIMIT = 2
+    """Too many iterations, or numbers that are not finite."""
     DOUBTFUL = 3
+    """All signs are right, but that is not certified."""
     INVALID = 4
+    """Rows that no solver takes."""
 
 
 class RowState(IntEnum):

@@ -12,7 +12,7 @@ from uvms_ocp.solvers.hierarchy.active_set.patience import patience
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 
 _INCLUDES = "#include <math.h>\n#include <string.h>\n"
-_SOURCES = ("equalities.c", "active_set.c", "certificate.c", "entry.c")
+_SOURCES = ("equalities.c", "active_set.c", "scaling.c", "certificate.c", "entry.c")
 
 
 def core_source(n: int, sizes: Sequence[int]) -> str:

@@ -1,4 +1,4 @@
-/* The solver as an external function of CasADi: checks and gates the rows, runs warm, then cold. */
+/* The solver and its certificate as external functions of CasADi: check and gate the rows; run warm, then cold. */
 
 #ifndef casadi_int
 #define casadi_int long long int
@@ -11,6 +11,8 @@
 
 enum { JACOBIAN, LOWER_BOUND, UPPER_BOUND, GATE, ACTIVE_SET, INPUTS };
 enum { VELOCITY, ACTIVE_SET_OUT, REPORT, RESIDUAL, OUTPUTS };
+/* Of the certificate, whose last input is a velocity. */
+enum { GIVEN_VELOCITY = ACTIVE_SET };
 
 /* `is_valid` of gated_rows.py. Comparisons with NaN are false. */
 static int is_valid(const double *const *arg) {
@@ -33,23 +35,20 @@ static void gate_bounds(Work *k, int row, double gate) {
   k->upper[row] += width;
 }
 
+/* The rows, gated, in normal units; nothing is known of any run. */
 static void load(Work *k, const double *const *arg) {
-  double largest = 0;
+  memset(k->decisive, 0, sizeof(k->decisive));
   for (int row = 0; row < M; ++row) {
     for (int c = 0; c < N; ++c) k->a[row][c] = arg[JACOBIAN][c * M + row];
-    k->norm[row] = sqrt(dot(k->a[row], k->a[row], N));
-    largest = fmax(largest, k->norm[row]);
     k->lower[row] = arg[LOWER_BOUND][row];
     k->upper[row] = arg[UPPER_BOUND][row];
     gate_bounds(k, row, arg[GATE][row]);
-    double low = fabs(k->lower[row]), up = fabs(k->upper[row]);
-    double size = fmax(low < ENDLESS ? low : 0, up < ENDLESS ? up : 0);
-    k->tolerance[row] = FEASIBLE * (k->norm[row] + size);
   }
-  k->uneven = 0;
+  normalise(k);
   for (int row = 0; row < M; ++row) {
-    if (k->norm[row] <= VANISHED * largest) k->norm[row] = 0;
-    k->uneven |= k->norm[row] > 0 && EVEN * k->norm[row] < largest;
+    double low = fabs(k->lower[row]), up = fabs(k->upper[row]);
+    double size = larger(low < ENDLESS ? low : 0, up < ENDLESS ? up : 0);
+    k->tolerance[row] = FEASIBLE * (k->norm[row] + size);
   }
 }
 
@@ -68,7 +67,7 @@ static int attempt(Work *k, const double *state, double *iterations) {
     memset(k->v, 0, sizeof(k->v));
     return LIMIT;
   }
-  return outcome != SOLVED && certificate(k, CERTIFIED) <= CERTIFIED ? SOLVED : outcome;
+  return certificate(k) <= CERTIFIED ? SOLVED : outcome;
 }
 
 static int is_warm(const double *state) {
@@ -78,9 +77,10 @@ static int is_warm(const double *state) {
 }
 
 /* `residual` of gated_rows.py. */
-static void write_residual(const Work *k, const double *const *arg, double *residual) {
+static void write_residual(const double *v, const double *const *arg, double *residual) {
   for (int row = 0; row < M; ++row) {
-    double y = dot(k->a[row], k->v, N), low = arg[LOWER_BOUND][row], up = arg[UPPER_BOUND][row];
+    double y = 0, low = arg[LOWER_BOUND][row], up = arg[UPPER_BOUND][row];
+    for (int c = 0; c < N; ++c) y += arg[JACOBIAN][c * M + row] * v[c];
     residual[row] = arg[GATE][row] > 0 ? y - fmin(fmax(y, low), up) : 0;
   }
 }
@@ -100,11 +100,29 @@ EXPORT int lexls(const double **arg, double **res, casadi_int *iw, double *w, in
       report[2] = 1;
       report[0] = attempt(&k, 0, &report[1]);
     }
+    for (int c = 0; c < N; ++c) k.v[c] *= k.velocity;
+    if (!is_finite(k.v)) {
+      memset(k.v, 0, sizeof(k.v));
+      report[0] = LIMIT;
+    }
     if (res[VELOCITY]) memcpy(res[VELOCITY], k.v, sizeof(k.v));
     for (int row = 0; res[ACTIVE_SET_OUT] && row < M; ++row) res[ACTIVE_SET_OUT][row] = k.state[row];
-    if (res[RESIDUAL]) write_residual(&k, arg, res[RESIDUAL]);
+    if (res[RESIDUAL]) write_residual(k.v, arg, res[RESIDUAL]);
   }
   if (res[REPORT]) memcpy(res[REPORT], report, sizeof(report));
+  return 0;
+}
+
+/* J (M, N) column-major, lower, upper, gate, v -> `normal_certificate` of certificate.py, infinite for invalid rows. */
+EXPORT int lexls_certificate(const double **arg, double **res, casadi_int *iw, double *w, int mem) {
+  static _Thread_local Work k;
+  (void)iw, (void)w, (void)mem;
+  if (!res[0]) return 0;
+  res[0][0] = INFINITY;
+  if (!is_valid(arg)) return 0;
+  load(&k, arg);
+  for (int c = 0; c < N; ++c) k.v[c] = arg[GIVEN_VELOCITY][c] / k.velocity;
+  if (is_finite(k.v)) res[0][0] = certificate(&k);
   return 0;
 }
 
@@ -123,5 +141,23 @@ EXPORT const casadi_int *lexls_sparsity_out(casadi_int i) {
 
 EXPORT int lexls_work(casadi_int *n_arg, casadi_int *n_res, casadi_int *n_iw, casadi_int *n_w) {
   *n_arg = INPUTS, *n_res = OUTPUTS, *n_iw = 0, *n_w = 0;
+  return 0;
+}
+
+EXPORT casadi_int lexls_certificate_n_in(void) { return INPUTS; }
+EXPORT casadi_int lexls_certificate_n_out(void) { return 1; }
+
+EXPORT const casadi_int *lexls_certificate_sparsity_in(casadi_int i) {
+  return i == GIVEN_VELOCITY ? lexls_sparsity_out(VELOCITY) : lexls_sparsity_in(i);
+}
+
+EXPORT const casadi_int *lexls_certificate_sparsity_out(casadi_int i) {
+  static const casadi_int one[] = {1, 1, 1};
+  (void)i;
+  return one;
+}
+
+EXPORT int lexls_certificate_work(casadi_int *n_arg, casadi_int *n_res, casadi_int *n_iw, casadi_int *n_w) {
+  *n_arg = INPUTS, *n_res = 1, *n_iw = 0, *n_w = 0;
   return 0;
 }

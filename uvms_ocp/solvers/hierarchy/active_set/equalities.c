@@ -4,28 +4,39 @@
    v behind the same reflectors. Every level is reduced by pivoted Householder reflections in the space that the levels above
    left free, and solved by least squares where its rows depend on each other.
 
-   First of the sources of one library: equalities.c, active_set.c, certificate.c, entry.c, compiled in one piece behind what
-   core_source.py writes: N velocities, M rows in L levels of LEVEL_SIZES rows, the tolerances of tolerances.py, the states of
+   First of the sources of one library: equalities.c, active_set.c, scaling.c, certificate.c, entry.c, compiled in one piece
+   behind what core_source.py writes: N velocities, M rows in L levels of LEVEL_SIZES rows, the tolerances of tolerances.py, the states of
    rows and the outcomes of runs; needs libm only. equalities.py is the same algorithm; keep both in step. */
 
 static const int SIZES[L] = {LEVEL_SIZES};
 
 typedef struct {
-  double a[M][N], lower[M], upper[M], norm[M], tolerance[M];
+  /* In normal units; v as given is `velocity` times v. */
+  double a[M][N], lower[M], upper[M], norm[M], tolerance[M], box[2][N], velocity, unit;
   int state[M];
   double t[M][N], reflector[N][N], beta[N], slack[M];
   int order[M], first[L + 1], column[L + 1];
-  /* Least independent part of a pivot and largest part of a row taken for dependent. */
-  double smallest, rejected;
-  double v[N], target[N], unbalanced;
+  /* Least independent part of a pivot. */
+  double smallest;
+  double v[N], target[N];
+  /* What balances the slack of each level that has one, itself included, and how large a multiplier decides there. */
+  double multiplier[L][M], decisive[L];
   char decided[M], tabu[M];
-  int skipped, contradicted, uneven;
+  int skipped;
 } Work;
 
 static double dot(const double *x, const double *y, int n) {
   double sum = 0;
   for (int i = 0; i < n; ++i) sum += x[i] * y[i];
   return sum;
+}
+
+/* fmax and fmin are calls into libm. */
+static double larger(double x, double y) { return x > y ? x : y; }
+static double smaller(double x, double y) { return x < y ? x : y; }
+
+static void add(double *sum, double factor, const double *x) {
+  for (int c = 0; c < N; ++c) sum[c] += factor * x[c];
 }
 
 static void reflect(const Work *k, int c, double *x) {
@@ -52,23 +63,20 @@ static void pivot(Work *k, int c, int at, int end) {
 
 /* Row with the largest part in the free space, relative to its size; -1 where all depend on pivots. */
 static int best_pivot(Work *k, int c, int begin, int end) {
-  double floor = fmax(RANK_TOLERANCE, RANK_NOISE / k->smallest), best = floor * floor, largest = 0;
+  double floor = fmax(RANK_TOLERANCE, RANK_NOISE / k->smallest), best = floor * floor;
   int chosen = -1;
   for (int j = begin; j < end; ++j) {
     int row = k->order[j];
     double part = dot(k->t[row] + c, k->t[row] + c, N - c) / (k->norm[row] * k->norm[row]);
-    largest = fmax(largest, part);
     if (part > best) best = part, chosen = j;
   }
   if (chosen >= 0) k->smallest = fmin(k->smallest, sqrt(best));
-  else k->rejected = fmax(k->rejected, sqrt(largest));
   return chosen;
 }
 
 static void factorise(Work *k) {
   int count = 0, c = 0, row = 0;
   k->smallest = 1;
-  k->rejected = 0;
   for (int level = 0; level < L; ++level) {
     k->first[level] = count;
     k->column[level] = c;
@@ -96,8 +104,8 @@ static void factorise(Work *k) {
   k->column[L] = c;
 }
 
-/* min |B y - r| for B (m, n) of full column rank; overwrites B and r, y in r[0..n). */
-static void least_squares(double (*B)[N], double *r, int m, int n) {
+/* min |B y - r| for B (m, n) of full column rank, n <= N + 1; overwrites B and r, y in r[0..n). */
+static void least_squares(double (*B)[N + 1], double *r, int m, int n) {
   for (int c = 0; c < n; ++c) {
     double size = 0;
     for (int i = c; i < m; ++i) size += B[i][c] * B[i][c];
@@ -143,7 +151,7 @@ static void solve_level(Work *k, int level, double *y) {
     return;
   }
   if (rank == 0) return;
-  double B[M][N];
+  double B[M][N + 1];
   for (int j = 0; j < m; ++j) memcpy(B[j], k->t[k->order[begin + j]] + c0, rank * sizeof(double));
   least_squares(B, r, m, rank);
   memcpy(y + c0, r, rank * sizeof(double));

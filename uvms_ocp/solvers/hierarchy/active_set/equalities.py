@@ -27,7 +27,7 @@ class Work:
     upper: Array
     """(M,) [rate]"""
     norm: Array
-    """(M,) [rate/velocity] of the rows; 0 for a row that counts as nothing."""
+    """(M,) [rate/velocity] of the rows."""
     tolerance: Array
     """(M,) [rate] by how much a row may be violated."""
     levels: list[slice]
@@ -40,10 +40,6 @@ class Work:
     """(M,) [-] True for rows that must not be dropped any more."""
     skipped: bool = False
     """A row should have been dropped, but is tabu."""
-    unbalanced: float = 0.0
-    """[-] Largest gradient of a level that its multipliers leave, relative to its slack and 1."""
-    contradicted: bool = False
-    """A lower level wants what a higher one has excluded by a narrow margin."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,8 +56,6 @@ class Block:
     """Number of pivots."""
     smallest: float
     """[-] Least independent part of any pivot so far, relative to its row."""
-    rejected: float = 0.0
-    """[-] Largest independent part of a row taken for dependent, relative to the row."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,8 +68,6 @@ class Equalities:
     """(n,) [velocity] of least norm among the optima."""
     slack: Array
     """(M,) [rate] by how much active rows miss their bound there."""
-    rejected: float
-    """[-] Largest `Block.rejected`."""
 
 
 def load(J: Array, lower: Array, upper: Array, state: Array, sizes: Sequence[int]) -> Work:
@@ -93,7 +85,7 @@ def load(J: Array, lower: Array, upper: Array, state: Array, sizes: Sequence[int
         A=J,
         lower=lower,
         upper=upper,
-        norm=np.where(norm <= TOLERANCES.vanished * norm.max(initial=0.0), 0.0, norm),
+        norm=norm,
         tolerance=TOLERANCES.feasible * (norm + size),
         levels=list(row_slices(sizes)),
         state=given,
@@ -133,21 +125,19 @@ def solve_equalities(work: Work) -> Equalities:
     for rows in late:
         slack[rows] = work.A[rows] @ target - bounds_of(work, rows)
     # Rows to which nothing is left lend only the sum of their gradients, in the same coordinates.
-    rejected = max(block.rejected for block in blocks)
     blocks = [replace(b, T=b.T @ Q) if b.column == n else b for b in blocks]
-    return Equalities(blocks, target, slack, rejected)
+    return Equalities(blocks, target, slack)
 
 
 def _reduced(work: Work, rows: Array, Q: Array, column: int, smallest: float) -> Block:
     """Pivoted Householder reduction in the space that the levels above left free; turns Q[:, column:]."""
     T, order, n = work.A[rows] @ Q, rows.copy(), Q.shape[1]
-    norm, rank, rejected = work.norm[rows], 0, 0.0
+    norm, rank = work.norm[rows], 0
     while rank < len(T) and column + rank < n:
         c = column + rank
         part = (T[rank:, c:] ** 2).sum(axis=1) / norm[rank:] ** 2
         best = int(np.argmax(part))
         if part[best] <= max(TOLERANCES.rank_tolerance, TOLERANCES.rank_noise / smallest) ** 2:
-            rejected = float(np.sqrt(part[best]))
             break
         smallest = min(smallest, float(np.sqrt(part[best])))
         best += rank
@@ -156,7 +146,7 @@ def _reduced(work: Work, rows: Array, Q: Array, column: int, smallest: float) ->
             T[swap], order[swap], norm[swap] = T[back], order[back], norm[back]
         _reflect(T, Q, rank, c)
         rank += 1
-    return Block(order, T, column, rank, smallest, rejected)
+    return Block(order, T, column, rank, smallest)
 
 
 def _reflect(T: Array, Q: Array, row: int, c: int) -> None:

@@ -15,9 +15,10 @@ from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.solvers.hierarchy.active_set.codes import Outcome
 from uvms_ocp.solvers.hierarchy.active_set.numpy_core import lexicographic_least_squares
 from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
-from uvms_ocp.solvers.hierarchy.certificate import certificate
+from uvms_ocp.solvers.hierarchy.certificate import normal_certificate
 from uvms_ocp.solvers.hierarchy.gated_rows import gated, is_valid, residual
-from uvms_ocp.solvers.hierarchy.level import Level, row_slices
+from uvms_ocp.solvers.hierarchy.level import row_slices
+from uvms_ocp.solvers.hierarchy.scaling import NormalRows, normal_rows
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.solvers.hierarchy.tick import TickResult
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
@@ -46,12 +47,12 @@ class ActiveSetFunctions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Run:
-    v: Array
-    """(n,) [velocity]"""
+    w: Array
+    """(n,) [-] in normal units."""
     active_set: Array
     """(M,) [-] where the run has ended."""
-    outcome: Outcome
-    """What the run says of itself."""
+    certificate: float
+    """[-] `normal_certificate` of w."""
     status: Status
     """If the run is exact."""
 
@@ -97,65 +98,68 @@ class ActiveSetTick:
         J = J.reshape(-1, self._functions.levels.size2_out(0))
         v, status, missed = np.zeros(J.shape[1]), Status.INVALID_INPUT, np.zeros(len(lower))
         if is_valid(J, lower, upper, gate):
-            run = self._chain(J, *gated(J, lower, upper, gate), start + self._functions.time_limit)
-            self._active_set, v, status = run.active_set, run.v, run.status
+            rows = normal_rows(J, *gated(J, lower, upper, gate), self._functions.sizes)
+            run = self._chain(rows, start + self._functions.time_limit)
+            self._active_set, status, v = run.active_set, run.status, run.w * rows.velocity
+            if not (np.abs(v) < TOLERANCES.endless).all():
+                v, status = np.zeros_like(v), Status.INEXACT
             missed = residual(J, v, lower, upper, gate)
         return TickResult(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)
 
-    def _chain(self, J: Array, low: Array, up: Array, deadline: float) -> _Run:
-        warm = self._run(J, low, up, self._active_set)
-        if warm.outcome is Outcome.SOLVED:
+    def _chain(self, rows: NormalRows, deadline: float) -> _Run:
+        warm = self._run(rows, self._active_set)
+        if warm.certificate <= TOLERANCES.certified:
             return warm
-        levels = [Level(jacobian=J[r], lower=low[r], upper=up[r]) for r in row_slices(self._functions.sizes)]
-        if certificate(levels, warm.v) <= TOLERANCES.certified:
-            return warm
-        cold = self._cold(J, low, up)
-        if cold.outcome is Outcome.SOLVED or certificate(levels, cold.v) <= TOLERANCES.certified:
+        cold = self._cold(rows)
+        if cold.certificate <= TOLERANCES.certified:
             return cold
         runs = [warm, cold]
         for more in (self._cascaded, self._shortened):
             if perf_counter() < deadline:
-                runs += more(levels, J, low, up)
-        return self._best(levels, runs)
+                runs += more(rows)
+        return _best(rows, runs)
 
-    def _best(self, levels: list[Level], runs: list[_Run]) -> _Run:
-        """The best of all runs; exact only if its certificate says so."""
-        run = min(runs, key=lambda run: _Badness(levels, run.v))
-        exact = certificate(levels, run.v) <= TOLERANCES.certified
-        return replace(run, status=Status.CASCADED if exact else Status.INEXACT)
-
-    def _cascaded(self, levels: list[Level], J: Array, low: Array, up: Array) -> list[_Run]:
+    def _cascaded(self, rows: NormalRows) -> list[_Run]:
         """The cascade, and a run that starts where it ended."""
         if not self._functions.cascade:
             return []
-        v = LexicographicQp().solve(levels).v
-        near = TOLERANCES.touching * (1.0 + np.abs(J).sum(axis=1))
-        active = np.where(J @ v >= up - near, 1.0, np.where(J @ v <= low + near, -1.0, 0.0))
-        return [self._run(J, low, up, active), _Run(v, active, Outcome.STALLED, Status.CASCADED)]
+        w = LexicographicQp(certified=False).solve(rows.levels()).v
+        y, near = rows.J @ w, TOLERANCES.touching * (1.0 + np.abs(rows.J).sum(axis=1))
+        active = np.where(y >= rows.upper - near, 1.0, np.where(y <= rows.lower + near, -1.0, 0.0))
+        return [self._run(rows, active), _Run(w, active, normal_certificate(rows, w), Status.CASCADED)]
 
-    def _shortened(self, levels: list[Level], J: Array, low: Array, up: Array) -> list[_Run]:
+    def _shortened(self, rows: NormalRows) -> list[_Run]:
         """As many of the first levels as can be solved: what is given up is given up from the bottom."""
-        low, up = low.copy(), up.copy()
-        for rows in reversed(list(row_slices(self._functions.sizes))[1:]):
-            low[rows], up[rows] = -np.inf, np.inf
-            run = self._cold(J, low, up)
-            if run.outcome is Outcome.SOLVED:
-                return [run]
-        return [self._cold(J, low, up)]
+        fewer = replace(rows, lower=rows.lower.copy(), upper=rows.upper.copy())
+        run = _Run(np.zeros(rows.J.shape[1]), np.zeros(len(rows.J)), np.inf, Status.INEXACT)
+        for given_up in reversed(list(row_slices(rows.sizes))[1:]):
+            fewer.lower[given_up], fewer.upper[given_up] = -np.inf, np.inf
+            run = self._cold(fewer)
+            if run.certificate <= TOLERANCES.certified:
+                break
+        return [replace(run, certificate=normal_certificate(rows, run.w))]
 
-    def _cold(self, J: Array, low: Array, up: Array) -> _Run:
-        return replace(self._run(J, low, up, np.zeros(len(low))), status=Status.COLD_STARTED)
+    def _cold(self, rows: NormalRows) -> _Run:
+        return replace(self._run(rows, np.zeros(len(rows.J))), status=Status.COLD_STARTED)
 
-    def _run(self, J: Array, low: Array, up: Array, active_set: Array) -> _Run:
+    def _run(self, rows: NormalRows, active_set: Array) -> _Run:
         if self._core is None:
-            v, reached, outcome, _ = lexicographic_least_squares(J, low, up, active_set, self._functions.sizes)
+            w, reached, _, _ = lexicographic_least_squares(rows.J, rows.lower, rows.upper, active_set, rows.sizes)
             cold = False
         else:
-            v, reached, report, _ = self._core(J, low, up, np.ones(len(low)), active_set)
-            outcome, cold = Outcome(int(report[0])), bool(report[2])
-        if np.isfinite(v).all():
-            return _Run(v, reached, outcome, Status.COLD_STARTED if cold else Status.SOLVED)
-        return _Run(np.zeros(len(v)), np.zeros(len(low)), Outcome.LIMIT, Status.INEXACT)
+            w, reached, report, _ = self._core(rows.J, rows.lower, rows.upper, np.ones(len(rows.J)), active_set)
+            cold = bool(report[2])
+        if np.isfinite(w).all():
+            status = Status.COLD_STARTED if cold else Status.SOLVED
+            return _Run(w, reached, normal_certificate(rows, w), status)
+        return _Run(np.zeros(len(w)), np.zeros(len(rows.J)), np.inf, Status.INEXACT)
+
+
+def _best(rows: NormalRows, runs: list[_Run]) -> _Run:
+    """The best of all runs; exact only if its certificate says so."""
+    run = min(runs, key=lambda run: _Badness(rows, run.w))
+    exact = run.certificate <= TOLERANCES.certified
+    return replace(run, status=Status.CASCADED if exact else Status.INEXACT)
 
 
 class _Badness:
@@ -163,8 +167,9 @@ class _Badness:
 
     __slots__ = ("_norms",)
 
-    def __init__(self, levels: Sequence[Level], v: Array) -> None:
-        self._norms = [float(np.linalg.norm(distance(lv.jacobian @ v, lv.lower, lv.upper))) for lv in levels]
+    def __init__(self, rows: NormalRows, w: Array) -> None:
+        missed = distance(rows.J @ w, rows.lower, rows.upper)
+        self._norms = [float(np.linalg.norm(missed[own])) for own in row_slices(rows.sizes)]
 
     def __lt__(self, other: _Badness) -> bool:
         for mine, theirs in zip(self._norms, other._norms, strict=True):

@@ -12,11 +12,9 @@ import numpy as np
 
 from uvms_ocp.arrays import Array
 from uvms_ocp.solvers.hierarchy.active_set.codes import EQUAL, FREE, LOWER, UPPER, Outcome
-from uvms_ocp.solvers.hierarchy.active_set.equalities import Equalities, Work, bounds_of, load, solve_equalities
+from uvms_ocp.solvers.hierarchy.active_set.equalities import Equalities, Work, load, solve_equalities
 from uvms_ocp.solvers.hierarchy.active_set.patience import Patience, patience
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
-
-_WEAKLY, _FIRMLY = 1, 2
 
 
 class _Rule(IntEnum):
@@ -30,7 +28,8 @@ def lexicographic_least_squares(
 ) -> tuple[Array, Array, Outcome, int]:
     """v (n,) [velocity], active set (M,), outcome and number of iterations; see active_set.c for the algorithm.
 
-    J (M, n) [rate/velocity]; lower and upper (M,) [rate]; state (M,) [-]: `RowState` of each row to start with.
+    J (M, n) [rate/velocity]; lower and upper (M,) [rate], all in normal units (`scaling`); state (M,) [-]: `RowState` of
+    each row to start with. A run does not judge its own result: no outcome is ``SOLVED``.
     """
     work = load(J, lower, upper, state, sizes)
     equalities = solve_equalities(work)
@@ -54,31 +53,13 @@ def lexicographic_least_squares(
                 continue
         dropped = _drop_row(work, equalities, rule)
         if dropped < 0:
-            outcome = Outcome.SOLVED if _is_consistent(work, equalities) else Outcome.DOUBTFUL
-            return work.v, work.state, Outcome.STALLED if work.skipped else outcome, iteration
+            return work.v, work.state, Outcome.STALLED if work.skipped else Outcome.DOUBTFUL, iteration
         stalled += 1
         rule = _rule(stalled, iteration, given, rule)
         if rule is _Rule.TABU:
             work.tabu[dropped] = True
         pending = True
     return work.v, work.state, Outcome.LIMIT, given.most_iterations
-
-
-def _is_consistent(work: Work, equalities: Equalities) -> bool:
-    """True if v and the multipliers do what the factorisation promised; false where that cannot be known."""
-    rejected, smallest = equalities.rejected, equalities.blocks[-1].smallest
-    if _is_uneven(work.norm) or work.contradicted or smallest < TOLERANCES.clear or rejected > TOLERANCES.nothing:
-        return False
-    if not work.unbalanced <= TOLERANCES.balanced:
-        return False
-    rows = np.concatenate([block.rows for block in equalities.blocks])
-    error = work.A[rows] @ work.v - bounds_of(work, rows) - equalities.slack[rows]
-    return bool((np.abs(error) <= TOLERANCES.consistent / TOLERANCES.feasible * work.tolerance[rows]).all())
-
-
-def _is_uneven(norm: Array) -> bool:
-    real = norm[norm > 0.0]
-    return real.size > 0 and bool(real.max() > TOLERANCES.even * real.min())
 
 
 def _rule(stalled: int, iteration: int, given: Patience, rule: _Rule) -> _Rule:
@@ -120,8 +101,7 @@ def _has_moved(before: Array, after: Array) -> bool:
 
 
 def _drop_row(work: Work, equalities: Equalities, rule: _Rule) -> int:
-    decided, work.skipped, work.unbalanced = np.zeros(len(work.A), dtype=int), False, 0.0
-    work.contradicted = False
+    decided, work.skipped = np.zeros(len(work.A), dtype=bool), False
     for level in range(len(work.levels)):
         row = _wrong_row(work, equalities, level, rule, decided)
         if row >= 0:
@@ -139,7 +119,6 @@ def _wrong_row(work: Work, equalities: Equalities, level: int, rule: _Rule, deci
     significant = np.abs(slack) > TOLERANCES.significant / TOLERANCES.feasible * work.tolerance[own.rows]
     if not significant.any():
         return -1
-    balance = slack @ work.A[own.rows]
     rows, multipliers, g = [own.rows[significant]], [slack[significant]], slack @ own.T[:, : own.column]
     for block in reversed(equalities.blocks[:level]):
         if block.rank == 0:
@@ -150,18 +129,14 @@ def _wrong_row(work: Work, equalities: Equalities, level: int, rule: _Rule, deci
         g = g[:c0] + multiplier @ pivots[:, :c0]
         rows.append(block.rows[: block.rank])
         multipliers.append(multiplier)
-        balance = balance + multiplier @ work.A[rows[-1]]
-    work.unbalanced = max(work.unbalanced, float(np.sqrt(balance @ balance)) / (scale + 1.0))
     tolerance = max(TOLERANCES.multiplier * scale, TOLERANCES.wrong)
     return _worst(work, np.concatenate(rows), np.concatenate(multipliers), tolerance, rule, decided)
 
 
 def _worst(work: Work, rows: Array, multipliers: Array, tolerance: float, rule: _Rule, decided: Array) -> int:
     value = multipliers * work.state[rows] * work.norm[rows]
-    work.contradicted |= bool(((decided[rows] == _WEAKLY) & (value < -tolerance)).any())
-    value = np.where((work.state[rows] != EQUAL) & (decided[rows] == 0), value, 0.0)
-    decided[rows[value > tolerance]] = _WEAKLY
-    decided[rows[value > TOLERANCES.decisive * tolerance]] = _FIRMLY
+    value = np.where((work.state[rows] != EQUAL) & ~decided[rows], value, 0.0)
+    decided[rows[value > tolerance]] = True
     wrong = value < -tolerance
     work.skipped |= bool((wrong & work.tabu[rows]).any())
     wrong &= ~work.tabu[rows]

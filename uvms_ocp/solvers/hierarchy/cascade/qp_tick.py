@@ -15,9 +15,12 @@ from numpy.typing import ArrayLike
 from uvms_ocp.arrays import Array
 from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.solvers.hierarchy.cascade.qp_graph import LevelStep, fixed_rows
+from uvms_ocp.solvers.hierarchy.certificate import normal_certificate
 from uvms_ocp.solvers.hierarchy.gated_rows import residual
+from uvms_ocp.solvers.hierarchy.scaling import normal_rows
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.solvers.hierarchy.tick import TickResult
+from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 
 _STATUS = (Status.SOLVED, Status.INEXACT, Status.INVALID_INPUT)
 _INEXACT = 1
@@ -33,6 +36,10 @@ class QpFunctions:
     """inputs -> J, lower, upper (gated), J, lower, upper, gate (as given), *extras"""
     steps: Sequence[LevelStep | None]
     """One per level, None for a level without rows."""
+    sizes: tuple[int, ...]
+    """Rows of each level."""
+    certified: bool
+    """`LexicographicQp.certified`."""
 
 
 class QpTick:
@@ -66,11 +73,22 @@ class QpTick:
         v, status, missed, *extras = outputs
         return TickResult(
             v=v,
-            status=_STATUS[int(status[0])],
+            status=self._status(int(status[0]), v, inputs),
             residual=missed,
             extras=tuple(extras),
             solve_time=perf_counter() - start,
         )
+
+    def _status(self, said: int, v: Array, inputs: Sequence[ArrayLike]) -> Status:
+        """Exact only if that is certified, whatever the programs say of themselves."""
+        if _STATUS[said] is Status.INVALID_INPUT:
+            return Status.INVALID_INPUT
+        if not self._functions.certified:
+            return Status.INEXACT
+        J, low, up = self._levels(*inputs)[:3]
+        rows = normal_rows(J.reshape(-1, len(v)), low, up, self._functions.sizes)
+        exact = normal_certificate(rows, v / rows.velocity) <= TOLERANCES.certified
+        return Status.SOLVED if exact else Status.INEXACT
 
     def _rescued(self, inputs: Sequence[ArrayLike]) -> tuple[Array, ...]:
         """On fresh plugins first, then level by level, where a level that still fails keeps v."""

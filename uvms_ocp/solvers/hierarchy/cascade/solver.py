@@ -60,6 +60,8 @@ class LexicographicQp:
     """[-] Largest accepted violation of a higher level, relative to its row."""
     attempts: int = 3
     """Programs per level at most; a further one starts where the last one ended."""
+    certified: bool = True
+    """Certify every result, which takes longer than the solution; else no result is called exact."""
 
     def __post_init__(self) -> None:
         """Raises `NameNotFound` for an unknown plugin, `InvalidInput` for a number out of range."""
@@ -89,7 +91,7 @@ class LexicographicQp:
         outputs, raw = [v, status, residual, *extras], [J_safe, low, up, J, lower, upper, gate, *extras]
         tick = ca.Function("tick", inputs, outputs, names, [f"out_{i}" for i in range(len(outputs))])
         levels = ca.Function("levels", inputs, raw, names, [f"out_{i}" for i in range(len(raw))])
-        return QpTick(QpFunctions(tick=tick, levels=levels, steps=steps))
+        return QpTick(QpFunctions(tick=tick, levels=levels, steps=steps, sizes=tuple(sizes), certified=self.certified))
 
     def _steps(self, n: int, sizes: Sequence[int]) -> list[LevelStep | None]:
         settings, above = self._settings(), np.cumsum([0, *sizes])
