@@ -227,6 +227,19 @@ def numbers(transcription: Transcription, x: np.ndarray, p: np.ndarray, problem:
     return values
 
 
+@pytest.mark.parametrize("name", TERMS)
+def test_a_weight_is_a_factor_on_the_squares(name: str) -> None:
+    problem = problem_of(name)
+    transcription, heavier = kept(problem), with_term(problem, replace(TERMS[name], weight=3.0))
+    x = 9.0 * np.random.default_rng(2).standard_normal(transcription.n_x)
+    cost, three = (
+        float(transcription.program.nlps[0].functions["nlp_f"](x, transcription.parameters(one)))
+        for one in (problem, heavier)
+    )
+    assert three == pytest.approx(3.0 * cost, rel=1e-12)
+    assert cost > 0 or name in ("MAC", "HA", "balls", "capsules")  # ranges that these states are in
+
+
 def test_the_registry_knows_every_term_and_every_task_with_rows_over_a_horizon() -> None:
     ours = [cls for cls in _below(Term) if cls.__module__.startswith("uvms_ocp.")]
     assert {cls for cls in ours if not _below(cls)} == {type(term) for term in TERMS.values()}
@@ -324,7 +337,7 @@ def test_a_kept_planner_finds_the_plan_of_a_new_one(options: dict[str, Any]) -> 
     ("options", "message"),
     [
         ({"hessian": HessianKind.GAUSS_NEWTON}, "the problem has hessian"),
-        ({"posture": None}, "level 'cheap' has terms 1, the planner was built for 2"),
+        ({"posture": None}, "level 'cheap' has 1 terms, the planner was built for 2"),
         ({"task": ToolPose(goal=GOAL)}, r"level 'tool': term 'T' differs in task \(ToolPose, not ToolPosition\)"),
         ({"task": ToolPosition(goal=GOAL, frame="link2")}, r"differs in task\.frame"),
     ],

@@ -49,17 +49,18 @@ def fitted(model: StageModel, blocks: Sequence[TermBlock], given: OcpProblem) ->
 
 
 def _require_same_parts(built: OcpProblem, given: OcpProblem) -> None:
-    _require_equal("the problem", "phases", len(built.phases), len(given.phases))
+    _require_as_many("the problem", "phases", built.phases, given.phases)
     for phase, other in zip(built.phases, given.phases, strict=True):
         _require_same_fields(f"phase {other.name!r}", phase, other)
     _require_equal("the problem", "free durations", built.free_time, given.free_time)
-    _require_equal("the problem", "constraints", len(built.constraints), len(given.constraints))
-    _require_equal("the problem", "levels", len(built.levels), len(given.levels))
+    _require_as_many("the problem", "constraints", built.constraints, given.constraints)
+    _require_as_many("the problem", "levels", built.levels, given.levels)
     for level, another in zip(built.levels, given.levels, strict=True):
         place = f"level {another.name!r}"
         _require_same_fields(place, level, another)
-        _require_equal(place, "terms", len(level.terms), len(another.terms))
-        _require_equal(place, "relax", *(item.relax is not None for item in (level, another)))
+        _require_as_many(place, "terms", level.terms, another.terms)
+        if (level.relax is None) != (another.relax is None):
+            _require_equal(place, "relax", level.relax, another.relax)
 
 
 def _require_same_fields(place: str, built: object, given: object) -> None:
@@ -70,7 +71,13 @@ def _require_same_fields(place: str, built: object, given: object) -> None:
 
 def _require_equal(place: str, name: str, built: object, given: object) -> None:
     if not _same(built, given):
-        raise InvalidInput(f"{place} has {name} {given}, the planner was built for {built}: build a new Planner")
+        raise InvalidInput(f"{place} has {name} = {given}, the planner was built for {built}: build a new Planner")
+
+
+def _require_as_many(place: str, name: str, built: Sequence[object], given: Sequence[object]) -> None:
+    if len(built) != len(given):
+        was, now = len(built), len(given)
+        raise InvalidInput(f"{place} has {now} {name}, the planner was built for {was}: build a new Planner")
 
 
 def _numbers(model: StageModel, rows: TermRows, given: OcpProblem) -> TermNumbers:
