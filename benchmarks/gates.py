@@ -1,23 +1,34 @@
 """Phase changes by external gates, strict and regularised: ``python benchmarks/gates.py [--figure PNG]``.
 
-Runs Case 1 on the kinematic plant with the strict hierarchy and with iCAT, which reads the same gates as weights. Writes
-gates.csv and gates.md, one row per solver and phase change; the figure only where a path is given.
+Runs missions on the kinematic plant with the strict hierarchy and with iCAT, which reads the same gates as weights. Writes
+gates.csv and gates.md, one row per mission, solver and phase change; the figure, of Case 1, only where a path is given.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from recording.report import Report, Table, begin, parser_of
 
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.report.transitions import WINDOW, transition_series, transition_table
+from uvms_ocp.scenario import Scenario
 from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.scenarios.case2 import case2
+from uvms_ocp.scenarios.priority_swap import priority_swap
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
 from uvms_ocp.solvers.hierarchy.icat import Icat
 from uvms_ocp.viz.comparison import figure_transitions
 
-SOLVERS: dict[str, HierarchySolver] = {"lexls": LexicographicActiveSet(), "icat": Icat()}
+MISSIONS: dict[str, Callable[..., Scenario]] = {"case1": case1, "case2": case2, "priority_swap": priority_swap}
+SOLVERS: dict[str, HierarchySolver] = {
+    "lexls": LexicographicActiveSet(),
+    "lexqp": LexicographicQp(),
+    "icat": Icat(),
+}
 PROSE = """
 Kinematic plant, {rate:.0f} Hz. A change counts from its begin for {window:g} s; *all* is the whole run, whose t is the
 time to finish.
@@ -27,23 +38,42 @@ time to finish.
 - *lost*: what any constraint, safety task or prerequisite that is fully on misses of the rate that the acceleration
   limits let it reach [m/s, rad/s]: tracking that lower levels or the regularisation take from the levels above the
   action.
+
+Largest jerk at the phase changes of a mission:
+
+{jerks}
 """
 FORMATS = {"run": "", "change": "", "t_s": ".2f", "step": ".3f", "jerk": ".0f", "jerk_rms": ".1f", "lost": ".1e"}
 
 
 def main() -> None:
-    """Run Case 1 once per solver."""
+    """Run every mission once per solver."""
     parser = parser_of(__doc__)
     parser.add_argument("--figure", type=Path, metavar="PNG", help="draw it as well")
     given, run = begin(parser)
     dt = 1 / 50 if run.quick else 1 / 200
-    records = {name: case1(solver=solver, plant="kinematic", dt=dt).run() for name, solver in SOLVERS.items()}
-    prose = PROSE.format(rate=1 / dt, window=WINDOW)
-    table = Table(rows=transition_table(records), columns=FORMATS)
-    run.write(Report(name="gates", title="Phase changes of Case 1", prose=prose, tables=[table]))
+    missions = {name: MISSIONS[name] for name in (["case1"] if run.quick else MISSIONS)}
+    records = {
+        f"{mission} {name}": build(solver=solver, plant="kinematic", dt=dt).run()
+        for mission, build in missions.items()
+        for name, solver in SOLVERS.items()
+    }
+    rows = transition_table(records)
+    jerks = "\n".join(f"- {mission}: {_jerks(rows, mission)}" for mission in missions)
+    prose = PROSE.format(rate=1 / dt, window=WINDOW, jerks=jerks)
+    run.write(Report(name="gates", title="Phase changes", prose=prose, tables=[Table(rows=rows, columns=FORMATS)]))
     if given.figure:
-        series = {name: transition_series(record) for name, record in records.items()}
+        series = {name: transition_series(records[f"case1 {name}"]) for name in SOLVERS}
         figure_transitions(series).savefig(given.figure)
+
+
+def _jerks(rows: Sequence[Mapping[str, Any]], mission: str) -> str:
+    """The largest at any change, by solver."""
+    largest = {
+        name: max(row["jerk"] for row in rows if row["run"] == f"{mission} {name}" and row["change"] != "all")
+        for name in SOLVERS
+    }
+    return ", ".join(f"{name} {jerk:.0f}" for name, jerk in largest.items())
 
 
 if __name__ == "__main__":

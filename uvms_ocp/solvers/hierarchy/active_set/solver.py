@@ -34,7 +34,8 @@ class LexicographicActiveSet:
     """Exact lexicographic least squares, warm-started from the active set of the call before.
 
     In C where there is a compiler, in NumPy otherwise, with the same results. What a gate between 0 and 1 does
-    is said in `uvms_ocp.solvers.hierarchy.gated_rows`.
+    is said in `uvms_ocp.solvers.hierarchy.gated_rows`. In a controller priorities stay strict and accelerations within their
+    limits while gates change, and the jerk is bounded (`uvms_ocp.control.velocity.easing`); `Icat` keeps none of the three.
     """
 
     compiled: bool = True
