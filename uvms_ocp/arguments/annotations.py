@@ -78,6 +78,9 @@ def _annotated(base: Any, *extras: object) -> Kind:
 
 def _either(arguments: tuple[Any, ...]) -> Kind:
     found: list[Kind] = []
+    if {Path, str} <= set(arguments):
+        arguments = tuple(a for a in arguments if a not in (Path, str))
+        found.append(FilePath(text=True))
     if set(arguments) >= _ARRAY_LIKE:  # a union of unions is flat: what numpy calls array-like has come apart
         arguments = tuple(a for a in arguments if a not in _ARRAY_LIKE)
         found.append(Numbers())

@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable
 from functools import wraps
 from typing import Any, TypeVar
 
+import numpy as np
+
 from uvms_ocp.arguments.annotations import kinds_of
 from uvms_ocp.arguments.kinds import Kind, Wrong
 from uvms_ocp.exceptions import InvalidInput, UvmsError
@@ -67,7 +69,7 @@ def _extra(function: Callable[..., Any]) -> bool:
 class _Arguments:
     """What the arguments of one function may be, read from its annotations when first needed."""
 
-    __slots__ = ("_function", "_kinds", "_owner", "_positional", "title")
+    __slots__ = ("_defaults", "_function", "_kinds", "_owner", "_positional", "title")
 
     def __init__(self, function: Callable[..., Any], owner: type | None) -> None:
         self._function, self._owner = function, owner
@@ -75,8 +77,9 @@ class _Arguments:
         self.title = owner.__name__ if constructor and owner else function.__qualname__
         self._positional: tuple[tuple[str, Kind], ...] = ()
         self._kinds: dict[str, Kind] | None = None
+        self._defaults: dict[str, Any] = {}
 
-    def of(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> Iterable[tuple[str, Kind, Any]]:
+    def of(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> list[tuple[str, Kind, Any]]:
         """Name, kind and value of each argument that is given and annotated."""
         if self._kinds is None:
             self._read()
@@ -86,23 +89,28 @@ class _Arguments:
 
     def check(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> bool:
         """Whether an argument has to be converted. Raises `InvalidInput` for a wrong one."""
-        converts = False
-        for name, kind, value in self.of(args, kwargs):
-            if not kind.holds(value):
+        converts, given = False, self.of(args, kwargs)
+        for name, kind, value in given:
+            if not kind.holds(value) and value is not self._defaults.get(name, _ANYTHING):
                 raise InvalidInput(f"{self.title}: {_one_line(kind.wrong(name, value))}")
             converts = converts or kind.converts
+        for name, kind, value in given:
+            shape = kind.shape_of(value)
+            if shape is not None and not (exact := shape.among({name: value for name, _, value in given})).holds(value):
+                raise InvalidInput(f"{self.title}: {name} has shape {np.shape(value)}; give {exact}")
         return converts
 
     def _read(self) -> None:
         constructor = self._owner if self._function.__name__ == "__init__" else None
         kinds = kinds_of(self._function, constructor)
-        code = self._function.__code__
-        names = code.co_varnames[: code.co_argcount]
-        self._positional = tuple((name, kinds.get(name, _ANYTHING)) for name in names)
-        own = set(code.co_varnames[: code.co_argcount + code.co_kwonlyargcount])
-        self._kinds = {name: kind for name, kind in kinds.items() if name in own}
+        parameters = inspect.signature(self._function).parameters
+        self._defaults = {name: parameter.default for name, parameter in parameters.items()}
+        by_place = [name for name, p in parameters.items() if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+        self._positional = tuple((name, kinds.get(name, _ANYTHING)) for name in by_place)
+        self._kinds = {name: kinds[name] for name, p in parameters.items() if name in kinds and p.kind not in _STARRED}
 
 
+_STARRED = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 _ANYTHING = Kind()
 
 

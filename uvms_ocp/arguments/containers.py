@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.arguments.frozen import frozen_mapping
-from uvms_ocp.arguments.kinds import Kind, Number, Numbers, Whole, Wrong, shown
+from uvms_ocp.arguments.kinds import Kind, Number, Numbers, Shape, Whole, Wrong, shown
 
 _TEXT = (str, bytes)
 
@@ -53,6 +53,9 @@ class Either(Kind):
         found = [kind.wrong(place, value) for kind in self.kinds]
         deeper = [fault for fault in found if fault.place != place or not fault.found.startswith("=")]
         return deeper[0] if deeper else super().wrong(place, value)
+
+    def shape_of(self, value: object) -> Shape | None:
+        return next((kind.shape_of(value) for kind in self.kinds if kind.holds(value)), None)
 
     def taken(self, value: Any) -> Any:
         return self._of(value).taken(value)

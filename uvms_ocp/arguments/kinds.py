@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import operator
+import types
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -53,6 +55,10 @@ class Kind:
     def wrong(self, place: str, value: object) -> Wrong:
         """What is wrong with a value that does not fit, as deep inside as can be said."""
         return Wrong(place, f"= {shown(value)}", self.allowed)
+
+    def shape_of(self, value: object) -> Shape | None:
+        """The shape that a value should have."""
+        return None
 
     def taken(self, value: Any) -> Any:
         """What a function gets."""
@@ -105,13 +111,16 @@ class Pose(Kind):
         return value.copy()
 
 
+@dataclass(frozen=True)
 class FilePath(Kind):
-    """A path."""
+    """A path, or the text of one."""
 
+    text: bool = False
     allowed = "a path"
 
     def holds(self, value: object) -> bool:
-        return isinstance(value, Path) and "\0" not in str(value)
+        known = isinstance(value, Path) or (self.text and isinstance(value, str))
+        return known and str(value) != "" and all(letter >= " " for letter in str(value))
 
 
 @dataclass(frozen=True)
@@ -137,20 +146,40 @@ class Range:
         return f" {'between' if self.open else 'from'} {self.low:g} {'and' if self.open else 'to'} {self.high:g}"
 
 
-@dataclass(frozen=True)
 class Shape:
-    """In an annotation: the shape of an array; a name stands for any length."""
+    """In an annotation: the shape of an array, where a name stands for any length and `...` for any axes before the others.
 
-    sizes: tuple[int | str, ...]
+    A name with dots, such as ``self.robot.n_q``, is read from the arguments of the call.
+    """
 
-    def holds(self, shape: tuple[int, ...]) -> bool:
-        """Whether a shape fits."""
-        return len(shape) == len(self.sizes) and all(
-            isinstance(size, str) or size == n for size, n in zip(self.sizes, shape, strict=True)
-        )
+    def __init__(self, *sizes: int | str | types.EllipsisType) -> None:
+        self._any_before = ... in sizes
+        self._sizes = tuple(size for size in sizes if not isinstance(size, types.EllipsisType))
+
+    def holds(self, value: object) -> bool:
+        """Whether an array has such a shape."""
+        shape, n = np.shape(value), len(self._sizes)  # type: ignore[arg-type]
+        if len(shape) < n or (len(shape) > n and not self._any_before):
+            return False
+        last = shape[len(shape) - n :]
+        return all(isinstance(size, str) or size == m for size, m in zip(self._sizes, last, strict=True))
+
+    def among(self, arguments: Mapping[str, object]) -> Shape:
+        """The shape with the lengths that the arguments of a call tell."""
+        sizes = [_length(size, arguments) if isinstance(size, str) else size for size in self._sizes]
+        return Shape(*([...] if self._any_before else []), *sizes)
 
     def __str__(self) -> str:
-        return f"({', '.join(map(str, self.sizes))}{',' if len(self.sizes) == 1 else ''})"
+        text = ", ".join(["..."] * self._any_before + [str(size) for size in self._sizes])
+        return f"({text}{',' if len(self._sizes) == 1 and not self._any_before else ''})"
+
+
+def _length(name: str, arguments: Mapping[str, object]) -> int | str:
+    first, *rest = name.split(".")
+    value = arguments.get(first) if rest else name
+    for part in rest:
+        value = getattr(value, part, name)
+    return value if isinstance(value, (int, str)) else name
 
 
 @dataclass(frozen=True)
@@ -158,6 +187,7 @@ class Number(Kind):
     """A real number; NaN and infinity too unless a range says otherwise, since who asks for it often knows better why."""
 
     inside: Range | None = None
+    converts = True
 
     @property
     def allowed(self) -> str:  # type: ignore[override]
@@ -172,6 +202,13 @@ class Number(Kind):
         except (TypeError, ValueError, OverflowError, RuntimeError):
             return False
         return self.inside is None or self.inside.holds(number)
+
+    def taken(self, value: Any) -> Any:
+        # NumPy cannot say of a whole number of thirty digits whether it is finite.
+        return float(value) if type(value) is int else value
+
+    def kept(self, value: Any) -> Any:
+        return self.taken(value)
 
 
 @dataclass(frozen=True)
@@ -214,7 +251,9 @@ class Numbers(Kind):
 
     def holds(self, value: object) -> bool:
         array = _array(value)
-        if array is None or (self.shape is not None and not self.shape.holds(array.shape)):
+        if array is None or (self.plain and array.ndim == 0 and self.shape is None):
+            return False
+        if self.shape is not None and not self.shape.holds(array):
             return False
         if array.size and array.dtype.kind not in _OF_TYPE.get(self.dtype, _REAL)[1]:
             return False
@@ -224,12 +263,15 @@ class Numbers(Kind):
         array = _array(value)
         if array is None or array.dtype.kind not in "biuf":
             return super().wrong(place, value)
-        if self.shape is not None and not self.shape.holds(array.shape):
+        if self.shape is not None and not self.shape.holds(array):
             return Wrong(place, f"has shape {array.shape}", self.allowed)
         spoilt = np.argwhere(np.isnan(array))
         if len(spoilt) and self.inside is not None:
             return Wrong(place, f"has NaN at {spoilt[0].tolist()}", self.allowed)
         return super().wrong(place, value)
+
+    def shape_of(self, value: object) -> Shape | None:
+        return self.shape
 
     def taken(self, value: Any) -> Any:
         if not self.plain:

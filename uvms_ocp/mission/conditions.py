@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import ClassVar, TypeAlias
 
 from uvms_ocp.arguments import checked, late
-from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
 
 DONE, ABORT = "done", "abort"
 """Where a mission ends: as wanted, or given up."""
@@ -41,7 +41,7 @@ class Below:
     def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
         """Whether it is true of the quantities [in their units], given whether it was `held` to be true before."""
         limit = self.limit if self.release is None or not held else self.release
-        return quantities[self.quantity] < limit
+        return _measured(self.quantity, quantities) < limit
 
     def describe(self, quantities: Mapping[str, float]) -> str:
         """One clause with the value among the quantities [in their units], true or not."""
@@ -74,7 +74,7 @@ class Above:
     def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
         """Whether it is true of the quantities [in their units], given whether it was `held` to be true before."""
         limit = self.limit if self.release is None or not held else self.release
-        return quantities[self.quantity] > limit
+        return _measured(self.quantity, quantities) > limit
 
     def describe(self, quantities: Mapping[str, float]) -> str:
         """One clause with the value among the quantities [in their units], true or not."""
@@ -121,6 +121,13 @@ class Transition:
     def describe(self, quantities: Mapping[str, float]) -> str:
         """The clauses of its conditions, with the quantities [in their units]."""
         return ", ".join(condition.describe(quantities) for condition in self.when)
+
+
+def _measured(quantity: str, quantities: Mapping[str, float]) -> float:
+    try:
+        return quantities[quantity]
+    except KeyError:
+        raise NameNotFound("quantity", quantity, quantities) from None
 
 
 def _described(condition: Condition, quantities: Mapping[str, float]) -> str:

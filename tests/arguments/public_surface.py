@@ -1,0 +1,77 @@
+"""Every public callable: what the rooms of the package export, with constructors and public methods."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from enum import Enum
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import uvms_ocp
+from uvms_ocp.control.navigation import watchdog
+from uvms_ocp.model import dynamics, sensing, state
+
+ROOT = Path(uvms_ocp.__file__).parent
+OTHERS = (state, sensing, watchdog, dynamics)
+"""Modules whose classes users make although no room exports them."""
+APART = ("arguments", "cli", "robots")
+
+
+@dataclass(frozen=True)
+class Call:
+    """One public callable, and its parameters without `self`."""
+
+    title: str
+    function: Callable[..., Any]
+    owner: type | None
+    """Of a method; None for functions, constructors and static methods."""
+    parameters: dict[str, inspect.Parameter]
+
+
+def surface() -> list[Call]:
+    """Everything public that takes arguments, by name."""
+    found: dict[str, Call] = {}
+    for thing in _exported():
+        for call in _calls(thing):
+            found.setdefault(call.title, call)
+    return sorted(found.values(), key=lambda call: call.title)
+
+
+def _exported() -> Iterator[Any]:
+    for init in sorted(ROOT.rglob("__init__.py")):
+        if not set(APART) & set(init.relative_to(ROOT).parts):
+            room = import_module(".".join(("uvms_ocp", *init.parent.relative_to(ROOT).parts)))
+            for node in ast.parse(init.read_text(encoding="utf-8")).body:
+                names = node.names if isinstance(node, ast.ImportFrom) else []
+                yield from (getattr(room, alias.asname) for alias in names if alias.asname == alias.name)
+    for module in OTHERS:
+        yield from (
+            item for item in vars(module).values() if inspect.isclass(item) and item.__module__ == module.__name__
+        )
+
+
+def _calls(thing: Any) -> Iterator[Call]:
+    if inspect.isfunction(thing):
+        yield from _call(thing.__name__, thing, None)
+    if not inspect.isclass(thing) or issubclass(thing, (Exception, Enum)) or getattr(thing, "_is_protocol", False):
+        return
+    if not inspect.isabstract(thing):
+        yield from _call(thing.__name__, thing, None)
+    for name, member in vars(thing).items():
+        if name.startswith("_") and name != "__call__":
+            continue
+        if isinstance(member, (staticmethod, classmethod)):
+            yield from _call(f"{thing.__name__}.{name}", getattr(thing, name), None)
+        elif inspect.isfunction(member) and not getattr(member, "__isabstractmethod__", False):
+            yield from _call(f"{thing.__name__}.{name}", member, thing)
+
+
+def _call(title: str, function: Callable[..., Any], owner: type | None) -> Iterator[Call]:
+    parameters = dict(inspect.signature(function).parameters)
+    parameters.pop("self", None)
+    if parameters:
+        yield Call(title=title, function=function, owner=owner, parameters=parameters)

@@ -1,0 +1,693 @@
+"""One right call of every public callable. Most arguments come from a pool, by the annotation of their parameter or its
+name; `ARGUMENTS` holds what a callable needs beyond that. What is expensive is small here: short runs, few steps.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from functools import cache
+from inspect import Parameter
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import coal
+import numpy as np
+import pinocchio as pin
+from public_surface import Call
+
+from uvms_ocp import collision, control, mission, ocp, planning, report, sim, solvers, tasks, trajectories, without_arm
+from uvms_ocp.collision.conservative_advancement import ClearanceReport
+from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
+from uvms_ocp.control.velocity.tick_state import TickState
+from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.model.kinematics import Kinematics
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpec
+from uvms_ocp.model.shapes.collision_model import CollisionModel
+from uvms_ocp.model.state import Command, Measurement, Readings, State
+from uvms_ocp.model.symbolic.tree import SymbolicModel
+from uvms_ocp.ocp.transcription.transcription import Transcription
+from uvms_ocp.preflight import Finding, PreflightReport, Severity
+from uvms_ocp.record import Record
+from uvms_ocp.scenario import Scenario
+from uvms_ocp.scenarios import RunOptions, case1
+from uvms_ocp.solvers import nlp
+from uvms_ocp.tasks.task import TickSymbols
+from uvms_ocp.viz.scene.viewer import ScenePage
+
+RECORDS = Path(__file__).parents[1] / "records"
+Arguments = Mapping[str, Any]
+STARRED = (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD)
+
+
+def right_arguments(call: Call) -> dict[str, Any]:
+    """Of one right call: what has no default, and what `ARGUMENTS` gives."""
+    given = dict(ARGUMENTS.get(call.title, dict)())
+    for name, parameter in call.parameters.items():
+        if name not in given and parameter.default is parameter.empty and parameter.kind not in STARRED:
+            given[name] = from_pool(str(parameter.annotation), name)
+    return given
+
+
+def from_pool(annotation: str, name: str) -> Any:
+    """A right value for a parameter. Raises `KeyError` where there is none."""
+    named = name in NAMED and (annotation == "str" or annotation not in POOL)
+    return NAMED[name]() if named else POOL[annotation]()
+
+
+def owner_of(call: Call) -> Any:
+    """The value on which a method is called."""
+    assert call.owner is not None
+    return POOL[call.owner.__name__]()
+
+
+@cache
+def scenario() -> Scenario:
+    return case1(plant="kinematic", duration=0.01)
+
+
+def robot() -> Robot:
+    return scenario().robot
+
+
+def q() -> np.ndarray:
+    return scenario().start.copy()
+
+
+@cache
+def curve_record() -> Record:
+    return Record.load(RECORDS / "plan_curve_v0_1.npz")
+
+
+@cache
+def run_record() -> Record:
+    return Record.load(RECORDS / "run_v0_1.npz")
+
+
+@cache
+def arm() -> Robot:
+    return load_robot("planar5")
+
+
+@cache
+def dynamics() -> Dynamics:
+    return robot_dynamics(robot())
+
+
+@cache
+def symbolic() -> SymbolicModel:
+    return SymbolicModel(robot().model)
+
+
+@cache
+def tick_symbols() -> TickSymbols:
+    q, v, h = ca.SX.sym("q", robot().model.nq), ca.SX.sym("v", robot().n_v), ca.SX.sym("h")
+    kinematics = symbolic().forward_kinematics(q)
+    return TickSymbols(robot=robot(), kinematics=kinematics, q=q, velocity=v, altimeter_range=h, dt=0.005)
+
+
+@cache
+def stage_symbols() -> Any:
+    from uvms_ocp.ocp.terms import StageSymbols
+
+    n_u = len(robot().description.thrusters)
+    thrust, torque = ca.SX.sym("f", n_u), ca.SX.sym("tau", robot().n_joints)
+    a = ca.SX.sym("a", robot().n_v)
+    return StageSymbols(
+        tick=tick_symbols(), acceleration=a, thrust=thrust, thrust_share=thrust, torque=torque, torque_share=torque
+    )
+
+
+@cache
+def scene() -> collision.CollisionScene:
+    return collision.collision_scene(collision.coordinates(robot()), [rock()])
+
+
+@cache
+def curve() -> trajectories.PiecewisePolynomial:
+    return trajectories.min_snap(np.array([[0.0, 0.0], [1.0, 0.5], [2.0, 0.0]]), [0.0, 1.0, 2.0]).trajectory
+
+
+@cache
+def motion() -> trajectories.PiecewisePolynomial:
+    x = scene().coordinates.x(q())
+    return trajectories.min_snap(np.array([x, x + 0.01, x]), [0.0, 1.0, 2.0]).trajectory
+
+
+@cache
+def problem() -> ocp.OcpProblem:
+    task = tasks.ToolPosition(goal=pin.SE3.Identity(), frame=arm().model.frames[-1].name)
+    level = ocp.OcpLevel(name="tool", terms=(ocp.TaskTerm(task=task), ocp.Smoothness()))
+    start = State(q=arm().configuration(), v=np.zeros(arm().n_v))
+    return ocp.single_phase(robot=arm(), start=start, duration=1.0, n_steps=2, levels=[level])
+
+
+@cache
+def plan() -> ocp.Plan:
+    return ocp.plan(problem())
+
+
+@cache
+def ocp_result() -> ocp.OcpResult:
+    goal = planning.PostureGoal(joints={arm().joints[0].name: 0.1})
+    request = ocp.OcpRequest(robot=arm(), start=arm().configuration(), goal=goal, n_steps=2, duration=1.0)
+    return ocp.OcpResult(
+        request=request, scene=collision.collision_scene(collision.coordinates(arm()), []), plan=plan()
+    )
+
+
+@cache
+def small_program() -> nlp.LexicographicProgram:
+    x = ca.SX.sym("x", 2)
+    return nlp.lexicographic_program(x, [nlp.NlpLevel(y=x - 0.8)], g=ca.sum1(x), g_lower=-1.0, g_upper=1.0)
+
+
+@cache
+def path_plan() -> planning.CollisionPlan:
+    from uvms_ocp.collision.collision_scene import Nearest
+    from uvms_ocp.planning.path_cost import CostParts
+
+    nearest = Nearest(distance=1.0, time=0.0, pair=scene().pairs[0])
+    report = ClearanceReport(collision_free=True, undecided=False, nearest=nearest, n_samples=3)
+    return planning.CollisionPlan(
+        trajectory=motion(),
+        status=next(iter(planning.PlanStatus)),
+        clearance=report,
+        cost=CostParts(1.0, 1.0, 1.0),
+        iterations=1,
+        attempts=1,
+        solve_time=0.1,
+    )
+
+
+def path_request() -> planning.PlanRequest:
+    return planning.PlanRequest(robot=robot(), start=q(), goal=tool())
+
+
+def path_result() -> planning.PlanResult:
+    return planning.PlanResult(request=path_request(), scene=scene(), plan=path_plan())
+
+
+def rock() -> collision.Obstacle:
+    return collision.obstacle("rock", coal.Sphere(0.3), [30.0, 0.0, -3.0])
+
+
+def tool() -> planning.ToolGoal:
+    return planning.ToolGoal(position=(12.3, 37.0, -38.5))
+
+
+def data() -> collision.ObstacleData:
+    return collision.ObstacleData(name="rock", shape="sphere", size=(0.3,), position=(0.0, 0.0, 0.0))
+
+
+def measurement() -> Measurement:
+    return Measurement(q=q(), v=np.zeros(robot().n_v), altimeter_range=3.0)
+
+
+def state() -> State:
+    return State(q=q(), v=np.zeros(robot().n_v))
+
+
+def readings() -> Readings:
+    return suite().read(state(), 0.0)
+
+
+def suite() -> sim.SensorSuite:
+    return sim.SensorSuite(robot(), sim.FlatSeafloor(z=-60.0), IDEAL_SENSORS)
+
+
+def phase() -> mission.Phase:
+    return mission.Phase(name="A", gates={"HA": 1.0}, transitions=(transition(),))
+
+
+def below() -> mission.Below:
+    return mission.Below(quantity="HA.tilt", limit=0.1)
+
+
+def transition() -> mission.Transition:
+    return mission.Transition(to="done", when=(below(),))
+
+
+@cache
+def controller() -> control.KinematicController:
+    return scenario().controller()
+
+
+@cache
+def dynamic_controller() -> control.DynamicController:
+    return control.DynamicController(robot=robot(), dynamics=dynamics(), kinematic=scenario().controller())
+
+
+def tick() -> TickState:
+    state = controller().mission.start()
+    gates = controller().mission.gates(state, 0.0)
+    return TickState(
+        begin=0.0, t=0.0, measurement=measurement(), echo=3.0, mission=state, gates=gates, freshness=Freshness.FRESH
+    )
+
+
+def level() -> solvers.Level:
+    return solvers.Level(jacobian=np.eye(2), lower=0.0, upper=1.0)
+
+
+def quantities() -> dict[str, float]:
+    return dict.fromkeys((*controller().problem.quantity_names, "HA.tilt"), 0.05)
+
+
+@cache
+def levels_function() -> ca.Function:
+    return controller().problem.function
+
+
+def poses() -> Any:
+    return symbolic().local_poses(ca.SX.sym("q", robot().model.nq))
+
+
+@cache
+def clearance() -> tasks.Clearance:
+    return tasks.Clearance(model=CollisionModel(robot(), [rock()]))
+
+
+def whole() -> ocp.WholeMission:
+    return ocp.WholeMission(
+        way_point=pin.SE3.Identity(), target=np.ones(3), tool_goal=pin.SE3.Identity(), durations=((1.0, 2.0),) * 4
+    )
+
+
+@cache
+def nmpc() -> control.Nmpc:
+    return control.Nmpc(problem())
+
+
+def fields_of(value: Any) -> dict[str, Any]:
+    """The arguments that make a value anew."""
+    return {item.name: getattr(value, item.name) for item in dataclasses.fields(value) if item.init}
+
+
+def parameters(n: int) -> dict[str, Any]:
+    return {"parameters": ca.SX.sym("p", n)}
+
+
+def sx(name: str) -> ca.SX:
+    return ca.SX.sym(name, robot().model.nq)
+
+
+def full_command() -> Command:
+    n_u = len(robot().description.thrusters)
+    return Command(v=np.zeros(robot().n_v), thrust=np.zeros(n_u), torque=np.zeros(robot().n_joints))
+
+
+def wrenches() -> Any:
+    from uvms_ocp.model.symbolic.bodies import Wrench
+
+    return [Wrench(force=ca.SX.zeros(3), moment=ca.SX.zeros(3)) for _ in poses()]
+
+
+@cache
+def planner() -> ocp.Planner:
+    return ocp.Planner(problem())
+
+
+def nmpc_x() -> int:
+    return int(Transcription(problem()).n_x)
+
+
+def nmpc_p() -> np.ndarray:
+    return Transcription(problem()).parameters(problem())
+
+
+def arm_measurement() -> Measurement:
+    return Measurement(q=arm().configuration(), v=np.zeros(arm().n_v), altimeter_range=np.nan)
+
+
+def two_postures() -> np.ndarray:
+    x = scene().coordinates.x(q())
+    return np.array([x, x + 0.01])
+
+
+def limits() -> trajectories.MotionLimits:
+    return trajectories.MotionLimits(velocity=robot().limits.velocity, acceleration=robot().limits.acceleration)
+
+
+def simulation() -> dict[str, Any]:
+    return {
+        "plant": sim.KinematicPlant(robot(), q()),
+        "sensors": suite().read,
+        "estimator": control.PassThrough(robot()),
+        "controller": controller(),
+        "dt": 0.005,
+        "duration": 0.01,
+    }
+
+
+def lexicographic() -> dict[str, Any]:
+    x = ca.SX.sym("x", 2)
+    return {"x": x, "levels": [nlp.NlpLevel(y=x)]}
+
+
+def _curve_file() -> str:
+    curve().to_numpy("curve.npz")
+    return "curve.npz"
+
+
+def _obstacle_file() -> str:
+    text = "obstacles: [{name: ball, shape: sphere, size: [0.3], position: [1.0, 0.0, 0.0]}]"
+    Path("obstacles.yaml").write_text(text, encoding="utf-8")
+    return "obstacles.yaml"
+
+
+def keyed(task: type[tasks.Task], **fields: Any) -> Callable[[], tasks.Task]:
+    return lambda: task(**fields)
+
+
+NAMED: dict[str, Callable[[], Any]] = {
+    "frame": lambda: "tool",
+    "sizes": lambda: controller().problem.sizes,
+    "p_W": lambda: np.zeros((2, 3)),
+    "q": q,
+    "q0": q,
+    "v": lambda: np.zeros(robot().n_v),
+    "a": lambda: np.zeros(robot().n_v),
+    "tau": lambda: np.zeros(robot().n_v),
+    "folder": lambda: "figures",
+    "path": lambda: "file",
+    "plant": lambda: "kinematic",
+    "origin": lambda: np.array([0.0, 0.0, 50.0]),
+    "direction": lambda: np.array([0.0, 0.0, -1.0]),
+    "position": lambda: (0.0, 0.0, -3.0),
+    "velocity": lambda: [0.1, 0.0, 0.0],
+    "waypoints": lambda: np.array([[0.0, 0.0], [1.0, 0.5], [2.0, 0.0]]),
+    "times": lambda: [0.0, 1.0, 2.0],
+    "start": q,
+    "x": lambda: scene().coordinates.x(q())[None],
+    "indices": lambda: [0],
+    "axes": lambda: (1,),
+    "names": lambda: ("a",),
+    "known": lambda: tuple(quantities()),
+    "gates": lambda: np.ones(len(scenario().mission.hierarchy.tasks)),
+    "bounds": lambda: (0.0, 1.0),
+}
+"""Right values by the name of a parameter."""
+
+POOL: dict[str, Callable[[], Any]] = {
+    "str": lambda: "HA",
+    "float": lambda: 1.0,
+    "int": lambda: 1,
+    "bool": lambda: True,
+    "Path": lambda: Path("file"),
+    "Robot": robot,
+    "Mission": lambda: scenario().mission,
+    "Environment": lambda: scenario().environment,
+    "Scenario": scenario,
+    "Record": run_record,
+    "Mapping[str, Record]": lambda: {"a": run_record(), "b": run_record()},
+    "RunMeta | PlanMeta": lambda: run_record().meta,
+    "Mapping[str, np.ndarray]": lambda: {"t": np.arange(3.0)},
+    "Dynamics": dynamics,
+    "SymbolicModel": symbolic,
+    "TickSymbols": tick_symbols,
+    "StageSymbols": stage_symbols,
+    "CollisionScene": scene,
+    "Coordinates": lambda: scene().coordinates,
+    "CoalDistances": lambda: collision.CoalDistances(scene()),
+    "PairDistances": lambda: collision.CoalDistances(scene()),
+    "PiecewisePolynomial": curve,
+    "Sequence[PiecewisePolynomial]": lambda: [curve(), curve()],
+    "MotionLimits": lambda: trajectories.MotionLimits(velocity=1.0, acceleration=1.0),
+    "OcpProblem": problem,
+    "OcpRequest": lambda: ocp_result().request,
+    "OcpResult": ocp_result,
+    "Plan": plan,
+    "Trajectory": lambda: plan().trajectory,
+    "Planner": lambda: ocp.Planner(problem()),
+    "Transcription": lambda: Transcription(problem()),
+    "LexicographicProgram": small_program,
+    "LexicographicNlp": lambda: nlp.LexicographicNlp(small_program()),
+    "Sequence[NlpLevel]": lambda: [nlp.NlpLevel(y=ca.SX.sym("x", 2))],
+    "PlanRequest": path_request,
+    "PlanResult": path_result,
+    "CollisionPlan": path_plan,
+    "Goal": tool,
+    "ToolGoal": tool,
+    "PostureGoal": lambda: planning.PostureGoal(joints={"joint1": 0.1}),
+    "Obstacle": rock,
+    "Sequence[Obstacle]": lambda: [rock()],
+    "ObstacleData": data,
+    "coal.CollisionGeometry": lambda: coal.Sphere(0.2),
+    "pin.SE3": pin.SE3.Identity,
+    "pin.Model": lambda: robot().model,
+    "Measurement": measurement,
+    "State": state,
+    "Readings": readings,
+    "Command": lambda: Command(v=np.zeros(robot().n_v)),
+    "TickState": tick,
+    "MissionState": lambda: scenario().mission.start(),
+    "Phase": phase,
+    "tuple[Phase, ...]": lambda: (phase(),),
+    "tuple[Transition, ...]": lambda: (transition(),),
+    "tuple[Condition, ...]": lambda: (below(),),
+    "Below": below,
+    "Above": lambda: mission.Above(quantity="HA.tilt", limit=0.1),
+    "Transition": transition,
+    "Mapping[str, float]": lambda: {"HA": 0.5},
+    "Hierarchy": lambda: tasks.Hierarchy([tasks.HorizontalAttitude()]),
+    "Sequence[Task]": lambda: [tasks.HorizontalAttitude()],
+    "Task": keyed(tasks.VehiclePose, goal=pin.SE3.Identity()),
+    "TaskClass": lambda: tasks.TaskClass.ACTION,
+    "HierarchySolver": solvers.LexicographicActiveSet,
+    "KinematicController": controller,
+    "DynamicController": dynamic_controller,
+    "Level": level,
+    "Sequence[Level]": lambda: [level()],
+    "Seafloor": lambda: sim.FlatSeafloor(z=-60.0),
+    "FlatSeafloor": lambda: sim.FlatSeafloor(z=-60.0),
+    "Current": sim.StillWater,
+    "StillWater": sim.StillWater,
+    "UniformCurrent": lambda: sim.UniformCurrent([0.1, 0.0, 0.0]),
+    "OnsetCurrent": lambda: sim.OnsetCurrent([0.1, 0.0, 0.0], start=1.0, rise=1.0),
+    "ShearedCurrent": lambda: sim.ShearedCurrent(z=np.array([0.0, 1.0]), velocities=np.zeros((2, 3))),
+    "GustyCurrent": lambda: sim.GustyCurrent(base=sim.StillWater()),
+    "HeightField": lambda: sim.HeightField.random("small", z=-60.0, extent=5.0),
+    "Altimeter": lambda: sim.Altimeter(robot(), sim.FlatSeafloor(z=-60.0)),
+    "SensorSuite": suite,
+    "KinematicPlant": lambda: sim.KinematicPlant(robot(), q()),
+    "DynamicPlant": lambda: sim.DynamicPlant(robot(), q(), dynamics=dynamics(), environment=scenario().environment),
+    "PassThrough": lambda: control.PassThrough(robot()),
+    "Estimator": lambda: control.Estimator(robot()),
+    "Nmpc": nmpc,
+    "Watchdog": Watchdog,
+    "BufferedFunction": lambda: dynamics()._mass,
+    "ca.Function": levels_function,
+    "ca.SX": lambda: ca.SX.sym("a", robot().n_v),
+    "Setup": lambda: scenario().setup(),
+    "PreflightReport": lambda: PreflightReport(findings=()),
+    "Severity": lambda: next(iter(Severity)),
+    "tuple[Finding, ...]": lambda: (Finding(severity=next(iter(Severity)), check="a", text="b"),),
+    "RunOptions": lambda: RunOptions(robot=robot(), seabed=-60.0),
+    "ScenePage": lambda: ScenePage(html="<p>"),
+    "Bell": lambda: tasks.Bell(0.1, 0.2),
+    "SensorSpec": SensorSpec,
+    "SensorSpecs": lambda: IDEAL_SENSORS,
+    "Study": lambda: _study(),
+    "StudyResult": lambda: _study().run(),
+    "RealTimeSqp": lambda: nlp.RealTimeSqp(Transcription(problem()).program),
+    "Icat": solvers.Icat,
+    "Daqp": solvers.Daqp,
+    "LexicographicQp": solvers.LexicographicQp,
+    "LexicographicActiveSet": solvers.LexicographicActiveSet,
+    "Solution": lambda: solvers.Icat().solve([level()]),
+    "Status": lambda: solvers.Status.SOLVED,
+    "Ball": lambda: ocp.Ball(radius=0.1),
+    "WholeMission": whole,
+    "Clearance": clearance,
+    "Kinematics": lambda: Kinematics(robot(), q()),
+    "CollisionModel": lambda: CollisionModel(robot(), [rock()]),
+    "Expression": lambda: ca.SX.sym("x", 2),
+    "NlpStatus": lambda: next(iter(nlp.NlpStatus)),
+    "OcpStatus": lambda: next(iter(ocp.OcpStatus)),
+    "PlanStatus": lambda: next(iter(planning.PlanStatus)),
+    "Value": lambda: 1.0,
+    "str | None": lambda: None,
+    "Markers": dict,
+    "Sequence[Pose]": poses,
+    "Triple": lambda: (12.3, 37.0, -38.5),
+    "tuple[float, float]": lambda: (0.0, 0.0),
+    "tuple[float, float, float]": lambda: (0.0, 0.0, 0.0),
+    "float | tuple[float, float]": lambda: 1.0,
+    "ca.SX | float": lambda: 0.15,
+    "Relief | str": lambda: "small",
+    "Sequence[Any]": lambda: (1, 2),
+    "tuple[Row, ...]": lambda: ({"a": 1},),
+    "CollisionPlan | None": path_plan,
+    "SymbolicDynamics": lambda: dynamics().symbolic,
+    "tuple[Ball, ...]": lambda: (ocp.Ball(radius=0.1),),
+    "Callable[[Any], Row]": lambda: lambda case: {"case": case},
+    "Callable[[Sequence[Row]], Sequence[Row]]": lambda: lambda rows: rows,
+    "tuple[OcpLevel, ...]": lambda: problem().levels,
+    "Sequence[OcpLevel]": lambda: problem().levels,
+    "tuple[OcpPhase, ...]": lambda: problem().phases,
+    "tuple[Term, ...]": lambda: (ocp.Smoothness(),),
+    "LandingAltitude": tasks.LandingAltitude,
+    "MinimumAltitude": tasks.MinimumAltitude,
+    "HorizontalAttitude": tasks.HorizontalAttitude,
+    "JointLimits": tasks.JointLimits,
+    "Manipulability": tasks.Manipulability,
+    "NullVelocity": tasks.NullVelocity,
+    "UnderActuation": keyed(tasks.UnderActuation, axes=(1,)),
+    "Alignment": keyed(tasks.Alignment, goal=np.ones(3)),
+    "FieldOfView": keyed(tasks.FieldOfView, goal=np.ones(3)),
+    "JointTracking": keyed(tasks.JointTracking, joints=("joint1",), goal=np.zeros(1)),
+    "ToolPosition": keyed(tasks.ToolPosition, goal=pin.SE3.Identity()),
+    "ToolPose": keyed(tasks.ToolPose, goal=pin.SE3.Identity()),
+    "AtRest": ocp.AtRest,
+    "Duration": ocp.Duration,
+    "Effort": ocp.Effort,
+    "Energy": ocp.Energy,
+    "Smoothness": ocp.Smoothness,
+    "Term": ocp.Smoothness,
+    "Posture": lambda: ocp.Posture(q=q()),
+    "TaskTerm": lambda: ocp.TaskTerm(task=tasks.VehiclePose(goal=pin.SE3.Identity())),
+    "BallClearance": lambda: ocp.BallClearance(robot_balls=(ocp.Ball(radius=0.1),), obstacles=(ocp.Ball(radius=0.1),)),
+}
+"""Right values by annotation, and the values on which methods are called by the name of their class."""
+
+CONDITIONS = ("Above", "Below", "Transition")
+
+ARGUMENTS: dict[str, Callable[[], Arguments]] = {
+    **{f"{kind}.{use}": lambda: {"quantities": quantities()} for kind in CONDITIONS for use in ("holds", "describe")},
+    "Mission.pending": lambda: {"quantities": quantities()},
+    "Mission.step": lambda: {"quantities": quantities()},
+    "Alignment": lambda: {"goal": np.ones(3)},
+    "Alignment.rows": lambda: parameters(3 + 3),
+    "Alignment.residual": lambda: parameters(3 + 3),
+    "FieldOfView": lambda: {"goal": np.ones(3)},
+    "FieldOfView.rows": lambda: parameters(6),
+    "ToolPosition": lambda: {"goal": pin.SE3.Identity()},
+    "ToolPosition.rows": lambda: parameters(6),
+    "ToolPosition.residual": lambda: parameters(6),
+    "ToolPose": lambda: {"goal": pin.SE3.Identity()},
+    "VehiclePose": lambda: {"goal": pin.SE3.Identity()},
+    "JointTracking": lambda: {"joints": ("joint1",), "goal": np.zeros(1)},
+    "JointTracking.rows": lambda: parameters(2),
+    "JointTracking.residual": lambda: parameters(2),
+    "Clearance.rows": lambda: parameters(clearance().n_parameters(robot())),
+    "Bell": lambda: {"start": 0.0, "end": 1.0},
+    "BufferedFunction.__call__": dict,
+    "CoalDistances.near": lambda: {"thresholds": np.full(len(scene().pairs), 0.1)},
+    "CollisionScene": lambda: fields_of(scene()),
+    "CollisionScene.check_apart": lambda: {"distances": np.ones(len(scene().pairs))},
+    "CollisionScene.nearest": lambda: {"t": np.arange(2.0), "distances": np.ones((2, len(scene().pairs)))},
+    "CollisionPlan": lambda: fields_of(path_plan()),
+    "Coordinates": lambda: fields_of(scene().coordinates),
+    "Coordinates.symbolic_configuration": lambda: {"x": ca.SX.sym("x", scene().coordinates.n_axes)},
+    "DynamicPlant.step": lambda: {"command": full_command(), "dt": 0.001},
+    "KinematicPlant.step": lambda: {"dt": 0.001},
+    "HeightField": lambda: {"centres": np.zeros((1, 2)), "heights": np.ones(1), "radii": np.ones(1)},
+    "HeightField.random": lambda: {"extent": 5.0},
+    "HeightField.heights_at": lambda: {"points": np.zeros((2, 2))},
+    "Icat.velocity": lambda: {"J": np.eye(2), "rate": np.ones(2), "activation": np.ones(2), "sizes": (2,)},
+    "Level": lambda: {"jacobian": np.eye(2)},
+    "LevelsProblem": lambda: fields_of(controller().problem),
+    "LexicographicNlp.rows_at": lambda: {"x": np.zeros(2), "p": np.zeros(0)},
+    "LexicographicNlp.solve": lambda: {"start": np.zeros(2)},
+    "LexicographicProgram": lambda: fields_of(small_program()),
+    "LexicographicResult": lambda: fields_of(plan().result),
+    "RealTimeSqp": lambda: {"program": Transcription(problem()).program},
+    "RealTimeSqp.solve": lambda: {"x": np.zeros(nmpc_x()), "p": nmpc_p()},
+    "Planner.solve": lambda: {"p": planner().transcription.parameters(problem()), "guess": plan().trajectory},
+    "Plan": lambda: fields_of(plan()),
+    "Trajectory": lambda: fields_of(plan().trajectory),
+    "Trajectory.state_at": lambda: {"model": arm().model},
+    "Posture": lambda: {"q": arm().configuration()},
+    "MinSnap": lambda: fields_of(trajectories.min_snap(curve().evaluate([0.0, 1.0, 2.0]), [0.0, 1.0, 2.0])),
+    "MissionState": lambda: {"gates_before": np.zeros(13), "held_since": (None,)},
+    "Mission.tasks_of": lambda: {"phase": 0},
+    "NlpLevel": lambda: {"y": ca.SX.sym("x", 2)},
+    "Nmpc.__call__": lambda: {"measurement": arm_measurement()},
+    "ObstacleData": lambda: data().model_dump(),
+    "OcpProblem": lambda: fields_of(problem()),
+    "OcpRequest": lambda: {"goal": tool(), "n_steps": 2},
+    "PlanRequest": lambda: {"goal": tool()},
+    "PassThrough.__call__": lambda: {"t": 0.0},
+    "PiecewisePolynomial": lambda: fields_of(curve()),
+    "PiecewisePolynomial.evaluate": lambda: {"t": [0.0, 0.5]},
+    "PiecewisePolynomial.from_numpy": lambda: {"path": _curve_file()},
+    "PiecewisePolynomial.axes": lambda: {"indices": [0]},
+    "Record.load": lambda: {"path": RECORDS / "run_v0_1.npz"},
+    "Residual": lambda: {"value": ca.SX.sym("y", 1), "lower": np.zeros(1), "upper": np.zeros(1)},
+    "Robot": lambda: fields_of(robot()),
+    "Robot.frame_id": lambda: {"name": "tool"},
+    "Robot.joint": lambda: {"name": "joint1"},
+    "Robot.with_water_density": lambda: {"density": 1000.0},
+    "Robot.configuration": dict,
+    "ShearedCurrent": lambda: {"z": np.array([0.0, 1.0]), "velocities": np.zeros((2, 3))},
+    "ShearedCurrent.over_floor": lambda: {"floor_z": -60.0},
+    "Solution": lambda: {"v": np.zeros(2), "residuals": (np.zeros(2),)},
+    "TickResult": lambda: {"v": np.zeros(2), "residual": np.zeros(2), "extras": ()},
+    "SqpResult": lambda: {"x": np.zeros(2)},
+    "StudyResult.write_csv": lambda: {"path": Path("rows.csv")},
+    "SymbolicModel.frame": lambda: {"name": "tool"},
+    "SymbolicModel.congruence": lambda: {"matrices": [ca.DM.eye(6)] * len(poses())},
+    "SymbolicModel.generalized_force": lambda: {"wrenches": wrenches()},
+    "SymbolicModel.difference": lambda: {"q0": sx("q0"), "q1": sx("q1")},
+    "SymbolicModel.forward_kinematics": lambda: {"q": sx("q")},
+    "SymbolicModel.local_poses": lambda: {"q": sx("q")},
+    "SymbolicModel.mass_matrix": lambda: {"q": sx("q")},
+    "SymbolicModel.integrate": lambda: {"q": sx("q")},
+    "SymbolicModel.rnea": lambda: {"q": sx("q")},
+    "Task.with_goal": lambda: {"goal": pin.SE3.Identity()},
+    "TaskTerm.residual": lambda: parameters(18),
+    "ToolGoal.as_tasks": lambda: {"start": q()},
+    "WholeMission": lambda: fields_of(whole()),
+    "check_clearance": lambda: {"trajectory": motion()},
+    "clearance_along": lambda: {"trajectory": motion()},
+    "closest_approach": lambda: {"q": np.array([q(), q()])},
+    "concatenate": lambda: {"curves": [curve(), curve().shifted(2.0)]},
+    "figure_paths": lambda: {"paths": {"a": np.zeros((3, 3))}},
+    "figure_joint_comparison": lambda: {"records": {"a": run_record(), "b": run_record()}},
+    "figure_transitions": lambda: {"runs": {"a": report.transition_series(run_record())}},
+    "figure_clearance": lambda: {"record": curve_record()},
+    "figure_joint_motion": lambda: {"record": curve_record()},
+    "figure_vehicle_motion": lambda: {"record": curve_record()},
+    "write_plan_figures": lambda: {"record": curve_record()},
+    "floor_mesh": lambda: {"extent": 2.0},
+    "floor_obstacle": lambda: {"extent": 2.0},
+    "floor_relief": lambda: {"low": np.zeros(2), "high": np.ones(2)},
+    "load_robot": lambda: {"name": "planar5"},
+    "mesh_shape": lambda: {"vertices": np.eye(3), "triangles": np.array([[0, 1, 2]])},
+    "mount": lambda: {"vehicle": without_arm(robot()), "arm": arm()},
+    "obstacle_from_words": lambda: {"shape": "sphere", "words": "1 2 3 0.3"},
+    "ocp_record": lambda: {"result": ocp_result()},
+    "plan_soft_collision": lambda: {"waypoints": two_postures(), "limits": limits()},
+    "read_obstacles": lambda: {"path": _obstacle_file()},
+    "sampled_waypoints": lambda: {"start": two_postures()[0], "goal": two_postures()[1]},
+    "simulate": lambda: simulation(),
+    "single_phase": lambda: {"robot": arm(), "start": problem().start, "n_steps": 2},
+    "through": lambda: {"configurations": np.array([arm().configuration()] * 3)},
+    "tool_goal": lambda: {"goal": pin.SE3.Identity(), "guess": two_postures()[0]},
+    "tool_reach": lambda: {"goal": pin.SE3.Identity(), "n_steps": 2},
+    "hold": dict,
+    "whole_mission": lambda: {"start": state(), "floor": -60.0},
+    "lexicographic_program": lambda: lexicographic(),
+    "random_limits": lambda: {"n": 2},
+    "random_missions": lambda: {"n": 2},
+    "table2": lambda: {"seeds": 1},
+    "scale_to_limits": dict,
+}
+"""What a call needs beyond the pool."""
+
+
+def _study() -> Any:
+    from uvms_ocp.campaign import Study
+
+    return Study(name="a", title="b", cases=(1, 2), run_case=lambda case: {"case": case}, summarize=lambda rows: rows)
+
+
+REFUSES = {"Task.residual", "BufferedFunction.__call__"}
+"""Calls that are never right: the base class of tasks refuses, and a list of arguments has no names."""
+
+EXPENSIVE = {"write_figures", "write_plan_figures", "write_scene", "show", "solve_ocp", "solve", "plan_soft_collision"}
+"""Calls that take a second or more when they are right, and so are tried with wrong types only."""
