@@ -14,6 +14,9 @@ from typing import Any
 class UvmsError(Exception):
     """Base of every exception that uvms_ocp raises on purpose. It can be pickled, whatever its constructor takes."""
 
+    def __str__(self) -> str:
+        return " ".join(super().__str__().splitlines())
+
     def __reduce__(self) -> tuple[Any, ...]:
         # By default an exception is made anew by its constructor, which takes other arguments than the message.
         _, given, *state = super().__reduce__()

@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
+from uvms_ocp.validation import one_line_errors
+
 _MESH = "mesh"
 N_SIZES: Mapping[str, int] = MappingProxyType(
     {"sphere": 1, "capsule": 2, "cylinder": 2, "cone": 2, "box": 3, "ellipsoid": 3, _MESH: 0}
@@ -16,6 +18,7 @@ N_SIZES: Mapping[str, int] = MappingProxyType(
 Triple = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 
 
+@one_line_errors
 class ObstacleData(BaseModel):
     """One obstacle: a primitive shape with its sizes, or a mesh with its triangles."""
 

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
+from functools import wraps
 from itertools import accumulate
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
+from uvms_ocp.exceptions import InvalidInput
+
+_M = TypeVar("_M", bound=BaseModel)
 _SHOWN = 3  # mistakes
 
 
@@ -18,6 +22,22 @@ def one_line(error: ValidationError, model: type[BaseModel]) -> str:
     shown = [f"{key}: {_problem(problem, model)}" for key, problem in list(problems.items())[:_SHOWN]]
     left = len(problems) - len(shown)
     return "; and ".join(shown) + (f"; and {left} more" if left else "")
+
+
+def one_line_errors(model: type[_M]) -> type[_M]:
+    """A model whose constructor raises `InvalidInput` in place of pydantic's own error."""
+    construct = model.__init__
+
+    @wraps(construct)
+    def init(self: _M, /, **data: Any) -> None:
+        try:
+            construct(self, **data)
+        except ValidationError as error:
+            raise InvalidInput(f"{model.__name__}: {one_line(error, model)}") from None
+
+    # Set afterwards, so that pydantic does not call it for the parts of a file, of which it tells the place itself.
+    model.__init__ = init  # type: ignore[method-assign, assignment]
+    return model
 
 
 def _by_key(error: ValidationError) -> dict[str, Any]:

@@ -24,6 +24,14 @@ WORDS = {
     "posture": ("joints",),
     "waypoints": ("way points?",),
     "quantities": ("quantity",),
+    "p": ("parameters",),
+    "order": ("task",),
+    "density": ("water_density",),
+    "dt": ("control period",),
+    "floor_z": ("z",),
+    "heights": ("height",),
+    "joints": ("joint",),
+    "position": ("goal",),
 }
 """What messages call a parameter."""
 N_TRIED = 9  # of the wrong values, for each parameter

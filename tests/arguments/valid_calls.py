@@ -395,6 +395,9 @@ NAMED: dict[str, Callable[[], Any]] = {
 POOL: dict[str, Callable[[], Any]] = {
     "str": lambda: "HA",
     "float": lambda: 1.0,
+    "Finite": lambda: 1.0,
+    "Positive": lambda: 1.0,
+    "Count": lambda: 1,
     "int": lambda: 1,
     "bool": lambda: True,
     "Path": lambda: Path("file"),

@@ -8,3 +8,8 @@ from uvms_ocp.arguments.checked import checked as checked
 from uvms_ocp.arguments.checked import late as late
 from uvms_ocp.arguments.kinds import Range as Range
 from uvms_ocp.arguments.kinds import Shape as Shape
+from uvms_ocp.arguments.names import Count as Count
+from uvms_ocp.arguments.names import Finite as Finite
+from uvms_ocp.arguments.names import Point as Point
+from uvms_ocp.arguments.names import Positive as Positive
+from uvms_ocp.arguments.names import Vector3 as Vector3

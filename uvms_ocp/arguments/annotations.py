@@ -68,8 +68,10 @@ def _hints(thing: Any) -> dict[str, Any]:
 def _annotated(base: Any, *extras: object) -> Kind:
     kind = kind_of(base)
     inside = next((extra for extra in extras if isinstance(extra, Range)), None)
+    shape = next((extra for extra in extras if isinstance(extra, Shape)), None)
+    if isinstance(kind, Items) and shape is not None:
+        kind = Numbers()
     if isinstance(kind, Numbers):
-        shape = next((extra for extra in extras if isinstance(extra, Shape)), None)
         return Numbers(dtype=kind.dtype, plain=kind.plain, shape=shape, inside=inside)
     if isinstance(kind, Number):
         return Number(inside=inside)
@@ -96,7 +98,7 @@ def _generic(origin: Any, arguments: tuple[Any, ...]) -> Kind:
     if origin is type:
         return Subclass(arguments[0]) if isinstance(arguments[0], type) else Kind()
     if origin is Callable:
-        return Function()
+        return Function(len(arguments[0]) if isinstance(arguments[0], list) else None)
     if not isinstance(origin, type):
         return Kind()
     if issubclass(origin, Mapping):

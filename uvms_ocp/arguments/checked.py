@@ -11,7 +11,7 @@ import numpy as np
 
 from uvms_ocp.arguments.annotations import kinds_of
 from uvms_ocp.arguments.kinds import Kind, Wrong
-from uvms_ocp.exceptions import InvalidInput, UvmsError
+from uvms_ocp.exceptions import InvalidInput
 
 _T = TypeVar("_T", bound=Callable[..., Any])
 _LATE = "_arguments_late"
@@ -94,11 +94,19 @@ class _Arguments:
             if not kind.holds(value) and value is not self._defaults.get(name, _ANYTHING):
                 raise InvalidInput(f"{self.title}: {_one_line(kind.wrong(name, value))}")
             converts = converts or kind.converts
+        self._check_shapes(given)
+        return converts
+
+    def _check_shapes(self, given: list[tuple[str, Kind, Any]]) -> None:
+        lengths: dict[str, Any] = {}
         for name, kind, value in given:
             shape = kind.shape_of(value)
-            if shape is not None and not (exact := shape.among({name: value for name, _, value in given})).holds(value):
-                raise InvalidInput(f"{self.title}: {name} has shape {np.shape(value)}; give {exact}")
-        return converts
+            if shape is not None:
+                lengths = lengths or {name: value for name, _, value in given}
+                exact = shape.among(lengths)
+                if not exact.holds(value):
+                    raise InvalidInput(f"{self.title}: {name} has shape {np.shape(value)}; give {exact}")
+                lengths |= exact.named(value)
 
     def _read(self) -> None:
         constructor = self._owner if self._function.__name__ == "__init__" else None
@@ -135,7 +143,7 @@ def _after(function: Any, owner: type | None) -> Any:
 
     # Written out with the parameters of the function, it costs a tenth of what *args and **kwargs do.
     declared, passed, defaults = _parameters(function)
-    space = {"_function": function, "_explain": explain, "_UvmsError": UvmsError, **defaults}
+    space = {"_function": function, "_explain": explain, **defaults}
     exec(_AFTER.format(declared=declared, passed=passed), space)
     return wraps(function)(space["_call"])
 
@@ -144,8 +152,6 @@ _AFTER = """
 def _call({declared}):
     try:
         return _function({passed})
-    except _UvmsError:
-        raise
     except Exception:
         _explain({passed})
         raise

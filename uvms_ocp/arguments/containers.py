@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -149,7 +150,9 @@ class Several(Kind):
 
     def _is_holder(self, value: object) -> bool:
         numbers = all(isinstance(kind, (Number, Whole)) for kind in self.kinds)
-        return isinstance(value, tuple) or (numbers and isinstance(value, (list, np.ndarray)) and np.ndim(value) == 1)
+        return isinstance(value, tuple) or (
+            numbers and isinstance(value, (list, np.ndarray)) and getattr(value, "ndim", 1) == 1
+        )
 
 
 @dataclass(frozen=True)
@@ -182,13 +185,27 @@ class Table(Kind):
                 yield self.item.wrong(f"{place}[{shown(key)}]", item)
 
 
+@dataclass(frozen=True)
 class Function(Kind):
-    """Something to call."""
+    """Something to call, with so many arguments as far as its signature can be read."""
 
-    allowed = "a function"
+    n_arguments: int | None = None
+
+    @property
+    def allowed(self) -> str:  # type: ignore[override]
+        """In words."""
+        return "a function" + ("" if self.n_arguments is None else f" of {self.n_arguments} arguments")
 
     def holds(self, value: object) -> bool:
-        return callable(value) and not isinstance(value, type)
+        if not callable(value) or isinstance(value, type):
+            return False
+        try:
+            inspect.signature(value).bind(*[None] * (self.n_arguments or 0))
+        except TypeError:
+            return self.n_arguments is None
+        except ValueError:  # built in
+            return True
+        return True
 
 
 @dataclass(frozen=True)

@@ -147,9 +147,9 @@ class Range:
 
 
 class Shape:
-    """In an annotation: the shape of an array, where a name stands for any length and `...` for any axes before the others.
+    """In an annotation: the shape of an array, where `...` stands for any axes before the others.
 
-    A name with dots, such as ``self.robot.n_q``, is read from the arguments of the call.
+    A name stands for one length throughout a call; one with dots, such as ``self.robot.n_q``, is read from its arguments.
     """
 
     def __init__(self, *sizes: int | str | types.EllipsisType) -> None:
@@ -169,17 +169,22 @@ class Shape:
         sizes = [_length(size, arguments) if isinstance(size, str) else size for size in self._sizes]
         return Shape(*([...] if self._any_before else []), *sizes)
 
+    def named(self, value: object) -> dict[str, int]:
+        """The lengths that an array of such a shape gives to names."""
+        last = np.shape(value)[np.ndim(value) - len(self._sizes) :]  # type: ignore[arg-type]
+        return {f"length of {size}": n for size, n in zip(self._sizes, last, strict=True) if isinstance(size, str)}
+
     def __str__(self) -> str:
         text = ", ".join(["..."] * self._any_before + [str(size) for size in self._sizes])
         return f"({text}{',' if len(self._sizes) == 1 and not self._any_before else ''})"
 
 
-def _length(name: str, arguments: Mapping[str, object]) -> int | str:
+def _length(name: str, known: Mapping[str, object]) -> int | str:
     first, *rest = name.split(".")
-    value = arguments.get(first) if rest else name
+    value = known.get(first if rest else f"length of {name}")
     for part in rest:
-        value = getattr(value, part, name)
-    return value if isinstance(value, (int, str)) else name
+        value = getattr(value, part, None)
+    return value if isinstance(value, int) else name
 
 
 @dataclass(frozen=True)

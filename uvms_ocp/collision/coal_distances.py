@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import checked, late
+from uvms_ocp.arguments import Shape, checked, late
 from uvms_ocp.arrays import Array, Indices, Mask
 from uvms_ocp.collision.collision_scene import CollisionScene
 from uvms_ocp.model.axis_reach import largest_change
@@ -59,6 +60,9 @@ class _Bounds:
         self.x = x.copy()
 
 
+Samples = Annotated[Array, Shape("n", "self.scene.coordinates.n_axes")]
+
+
 @checked
 @dataclass(frozen=True, slots=True, eq=False)
 class CoalDistances:
@@ -84,7 +88,7 @@ class CoalDistances:
         object.__setattr__(self, "_bounds", _Bounds(x=np.zeros((0, 0)), lower=np.zeros((0, 0))))
 
     @late
-    def distances(self, x: Array) -> Array:
+    def distances(self, x: Samples) -> Array:
         """(n, n_pairs) [m] signed distances at x (n, n_axes) [m, rad]; -inf for an overlap whose depth coal cannot tell."""
         result = np.empty((x.shape[0], self.scene.n_pairs))
         geometry, data, pairs = self.scene.geometry, self._geometry_data, range(self.scene.n_pairs)
@@ -95,7 +99,7 @@ class CoalDistances:
         return result
 
     @late
-    def near(self, x: Array, thresholds: Array) -> NearPairs:
+    def near(self, x: Samples, thresholds: Annotated[Array, Shape("self.scene.n_pairs")]) -> NearPairs:
         """The pairs closer than their thresholds (n_pairs,) [m] at x (n, n_axes) [m, rad].
 
         The derivative of a distance is ``n'(J_p2 - J_p1)`` with the normal n and the witness points p1, p2, which

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import checked, late
+from uvms_ocp.arguments import Shape, checked, late
 from uvms_ocp.arrays import Array
 from uvms_ocp.collision.coordinates import Coordinates
 from uvms_ocp.exceptions import InvalidInput
@@ -74,7 +75,9 @@ class CollisionScene:
         return shape >= self.coordinates.robot.collision_model.ngeoms
 
     @late
-    def nearest(self, t: Array, distances: Array) -> Nearest:
+    def nearest(
+        self, t: Annotated[Array, Shape("n")], distances: Annotated[Array, Shape("n", "self.n_pairs")]
+    ) -> Nearest:
         """The smallest of the distances (n, n_pairs) [m] at times t (n,) [s]."""
         if not distances.size:
             return Nearest(distance=np.inf, time=0.0, pair="")
@@ -90,7 +93,7 @@ class CollisionScene:
         return groups
 
     @late
-    def check_apart(self, distances: Array, place: str) -> None:
+    def check_apart(self, distances: Annotated[Array, Shape("self.n_pairs")], place: str) -> None:
         """Raise `InvalidInput` where two shapes touch, by the distances (n_pairs,) [m] at the place of that name."""
         if distances.min(initial=np.inf) <= 0.0:
             nearest = int(np.argmin(distances))

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import checked, late
+from uvms_ocp.arguments import Shape, checked, late
 from uvms_ocp.arrays import Array, Indices
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.robot import Robot
@@ -45,14 +46,14 @@ class Coordinates:
         return tuple(names[i] for i in self.planned)
 
     @late
-    def all_axes(self, x: Array) -> Array:
+    def all_axes(self, x: Annotated[Array, Shape(..., "self.n_axes")]) -> Array:
         """(..., n_v) [m, rad] values of all axes from x (..., n_axes) [m, rad]."""
         full = np.broadcast_to(self.reference, (*x.shape[:-1], self.reference.size)).copy()
         full[..., self.planned] = x
         return full
 
     @late
-    def configurations(self, x: Array) -> Array:
+    def configurations(self, x: Annotated[Array, Shape("n", "self.n_axes")]) -> Array:
         """(n, n_q) [m, rad] configurations from x (n, n_axes) [m, rad]."""
         full = self.all_axes(x)
         if not self.robot.n_vehicle:
@@ -65,7 +66,7 @@ class Coordinates:
         return _axis_values(self.robot, self.robot.check_configuration(q))[self.planned]
 
     @late
-    def velocity_map(self, x: Array) -> Array:
+    def velocity_map(self, x: Annotated[Array, Shape("n", "self.n_axes")]) -> Array:
         """(n, n_v, n_axes) [-]: generalized velocity v = map @ rate of x, at x (n, n_axes) [m, rad]."""
         full = self.all_axes(x)
         maps = np.broadcast_to(np.eye(full.shape[1]), (full.shape[0], full.shape[1], full.shape[1])).copy()

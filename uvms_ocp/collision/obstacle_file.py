@@ -21,7 +21,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from scipy.spatial import ConvexHull
 
 from uvms_ocp.arguments import checked
-from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.shapes.obstacles import Obstacle, mesh_shape, obstacle
 from uvms_ocp.obstacle_data import N_SIZES, ObstacleData
 from uvms_ocp.untrusted.yaml_file import read_yaml
@@ -70,6 +70,8 @@ def obstacle_from_words(shape: str, words: str, name: str) -> ObstacleData:
 
     Raises ``InvalidInput`` for words that are not numbers, too many or too few, or a size that is not positive.
     """
+    if shape not in N_SIZES:
+        raise NameNotFound("shape", shape, N_SIZES)
     given = words.replace(",", " ").split()
     wanted = 3 + N_SIZES[shape]
     try:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import checked, late
+from uvms_ocp.arguments import Positive, checked, late
 from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
@@ -100,7 +100,7 @@ class Dynamics:
 
 
 @checked
-def robot_dynamics(robot: Robot, density: float | None = None) -> Dynamics:
+def robot_dynamics(robot: Robot, density: Positive | None = None) -> Dynamics:
     """Dynamics of a robot with the water of its description and the joint friction of its URDF.
 
     density: of the water [kg/m3]; default the description's.

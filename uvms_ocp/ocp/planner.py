@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Finite, checked
 from uvms_ocp.ocp.first_step import impossible_start
 from uvms_ocp.ocp.plan import LevelReport, OcpStatus, Plan
 from uvms_ocp.ocp.problem import OcpPhase, OcpProblem
@@ -47,7 +47,7 @@ class Planner:
         problem: OcpProblem | None = None,
         *,
         guess: Trajectory | Plan | None = None,
-        t0: float = 0.0,
+        t0: Finite = 0.0,
         diagnose: bool = True,
     ) -> Plan:
         """Plan for `problem`, by default the one this planner was built from.

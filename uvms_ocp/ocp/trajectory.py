@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Shape, checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.model.state import State
@@ -79,7 +80,11 @@ def shifted(problem: OcpProblem, last: Trajectory, delay: float, start: State) -
 
 
 @checked
-def through(problem: OcpProblem, times: np.ndarray, configurations: np.ndarray) -> Trajectory:
+def through(
+    problem: OcpProblem,
+    times: Annotated[np.ndarray, Shape("n")],
+    configurations: Annotated[np.ndarray, Shape("n", "problem.robot.n_q")],
+) -> Trajectory:
     """Guess through configurations (n, n_q) [m, rad] at `times` (n,) [s]: a rollout of the hierarchy, or a minimum-snap path.
 
     Resampled at the nodes on the manifold, with velocities by differences and the forces that the motion takes.
@@ -99,7 +104,12 @@ def through(problem: OcpProblem, times: np.ndarray, configurations: np.ndarray) 
     return Trajectory(t=t, q=q, v=v, a=a, **inputs, of_wrench=not has_thrusters(problem))
 
 
-def _between(model: pin.Model, times: np.ndarray, configurations: np.ndarray, t: float) -> np.ndarray:
+def _between(
+    model: pin.Model,
+    times: np.ndarray,
+    configurations: np.ndarray,
+    t: float,
+) -> np.ndarray:
     k = int(np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2))
     share = float(np.clip((t - times[k]) / (times[k + 1] - times[k]), 0.0, 1.0))
     return np.asarray(pin.interpolate(model, configurations[k], configurations[k + 1], share))

@@ -6,11 +6,12 @@ Own and small: the kept-up libraries of sampling planners are either C++ alone o
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Range, Shape, checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.collision.conservative_advancement import PairDistances
 from uvms_ocp.exceptions import InvalidInput
@@ -39,9 +40,15 @@ class SamplingOptions:
                 raise InvalidInput(f"{name} is {getattr(self, name)}; it must be positive.")
 
 
+Place = Annotated[ArrayLike, Shape("distances.scene.coordinates.n_axes"), Range(open=True)]
+
+
 @checked
 def sampled_waypoints(
-    distances: PairDistances, start: ArrayLike, goal: ArrayLike, options: SamplingOptions | None = None
+    distances: PairDistances,
+    start: Place,
+    goal: Place,
+    options: SamplingOptions | None = None,
 ) -> Array | None:
     """Way points (n, n_axes) [m, rad] whose straight legs are free of collision, or None where none were found in time.
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Shape, checked
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
@@ -39,7 +40,7 @@ class Setup:
         """Height [m] of the floor in W at x [m], y [m]."""
         return self.environment.seafloor.height(float(x), float(y))
 
-    def altimeter_pose(self, q: np.ndarray) -> pin.SE3:
+    def altimeter_pose(self, q: Annotated[np.ndarray, Shape("self.robot.n_q")]) -> pin.SE3:
         """X_WS at q (n_q,) [m, rad]; the vehicle's own pose without an altimeter."""
         if self.altimeter_frame is None:
             return pin.XYZQUATToSE3(np.asarray(q[:7]))

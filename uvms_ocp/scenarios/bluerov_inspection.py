@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Point, checked
 from uvms_ocp.mission.conditions import DONE, Below, Transition
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.model.kinematics import Kinematics
@@ -53,7 +52,7 @@ class Circle:
 @checked
 def bluerov_inspection(
     *,
-    target: Sequence[float] = (2.5, 1.0, -6.0),
+    target: Point = (2.5, 1.0, -6.0),
     radius: float = 0.1,
     turns: float = 2.0,
     turning: float = 24.0,

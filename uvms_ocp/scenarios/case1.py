@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Point, checked
 from uvms_ocp.mission.conditions import DONE, Below, Transition
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.model.robot import Robot
@@ -60,7 +60,7 @@ def case1(
     start: pin.SE3 | None = None,
     posture: np.ndarray | None = None,
     way_point: pin.SE3 | None = None,
-    target: Sequence[float] = (12.2025, 37.3748, -39.886),
+    target: Point = (12.2025, 37.3748, -39.886),
     tool_goal: pin.SE3 | None = None,
     tasks: Mapping[str, Mapping[str, Any]] | None = None,
     order: Sequence[str] | None = None,

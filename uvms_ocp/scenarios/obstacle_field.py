@@ -7,7 +7,7 @@ from typing import Any
 
 import coal
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Positive, checked
 from uvms_ocp.mission.conditions import DONE, Below, Transition
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.model.shapes.collision_model import CollisionModel
@@ -35,7 +35,7 @@ def obstacle_field(
     *,
     obstacles: Sequence[Obstacle] = FIELD,
     with_clearance: bool = True,
-    min_clearance: float = 0.15,
+    min_clearance: Positive = 0.15,
     **options: Any,
 ) -> Scenario:
     """A transit of 11 m past a boulder, a pillar and a wreck, kept clear of the whole robot by the clearance task.

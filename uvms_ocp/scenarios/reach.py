@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Point, Positive, checked
 from uvms_ocp.mission.conditions import DONE, Below, Transition
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.model.kinematics import Kinematics
@@ -26,9 +25,9 @@ from uvms_ocp.tasks.pose import ToolPosition, VehiclePose
 def reach(
     *,
     variant: str | None = None,
-    target: Sequence[float] | None = None,
+    target: Point | None = None,
     start: pin.SE3 | None = None,
-    tolerance: float = 0.01,
+    tolerance: Positive = 0.01,
     **options: Any,
 ) -> Scenario:
     """A small floating vehicle with a four-joint arm brings its tool to a position: approach, then reach.
@@ -77,7 +76,7 @@ def facing(origin: pin.SE3, target: np.ndarray, start: Kinematics) -> pin.SE3:
     return pin.SE3(R_WB, target - R_WB @ p_BT)
 
 
-def _reach_phases(tolerance: float) -> tuple[Phase, ...]:
+def _reach_phases(tolerance: Positive) -> tuple[Phase, ...]:
     there = Below(quantity="TP.position_error", limit=tolerance)
     return (
         approach_phase(),

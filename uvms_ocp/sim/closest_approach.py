@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Shape, checked
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.collision_model import CollisionModel
 from uvms_ocp.model.shapes.obstacles import Obstacle
@@ -33,7 +34,7 @@ class ClosestApproach:
 def closest_approach(
     robot: Robot,
     environment: Environment,
-    q: np.ndarray,
+    q: Annotated[np.ndarray, Shape("n", "robot.n_q")],
     *,
     self_collision: bool = False,
     floor: bool = True,
@@ -50,7 +51,9 @@ def closest_approach(
     return ClosestApproach(distance=float(distances[row, pair]), row=int(row), pair=model.pair_names[pair])
 
 
-def _floor_below(environment: Environment, q: np.ndarray, spacing: float) -> Obstacle:
+def _floor_below(
+    environment: Environment, q: Annotated[np.ndarray, Shape("n", "robot.n_q")], spacing: float
+) -> Obstacle:
     """The part of the floor around the track of the vehicle."""
     low, high = q[:, :2].min(axis=0) - _AROUND, q[:, :2].max(axis=0) + _AROUND
     centre, extent = 0.5 * (low + high), float((high - low).max())

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from scipy.optimize import brentq
 
-from uvms_ocp.arguments import checked, late
+from uvms_ocp.arguments import Shape, Vector3, checked, late
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.sim.seafloor import Seafloor
 
@@ -120,7 +121,7 @@ class HeightField(Seafloor):
     def height(self, x: float, y: float) -> float:
         return self.z + float(_elevation(self._bumps, x, y))
 
-    def heights_at(self, points: np.ndarray) -> np.ndarray:
+    def heights_at(self, points: Annotated[np.ndarray, Shape("n", 2)]) -> np.ndarray:
         """z (m,) [m] of the floor at points (m, 2) [m], x, y in W."""
         return self.z + _elevation(self._bumps, points[:, :1], points[:, 1:])
 
@@ -137,7 +138,7 @@ class HeightField(Seafloor):
         return upwards / np.linalg.norm(upwards)
 
     @late
-    def range_along(self, origin: np.ndarray, direction: np.ndarray) -> float:
+    def range_along(self, origin: Vector3, direction: Vector3) -> float:
         # Marches with a fraction of the smallest radius, then refines by Brent's method.
         descent = -float(direction[2])
         above = float(origin[2]) - self.height(float(origin[0]), float(origin[1]))
@@ -166,7 +167,12 @@ class HeightField(Seafloor):
         return (start, end) if start <= end else None
 
     def _first_bracket(
-        self, bumps: np.ndarray, origin: np.ndarray, direction: np.ndarray, start: float, end: float
+        self,
+        bumps: np.ndarray,
+        origin: np.ndarray,
+        direction: np.ndarray,
+        start: float,
+        end: float,
     ) -> tuple[float, float] | None:
         """Two neighbouring samples, above and below the floor."""
         if not bumps.size:
@@ -180,7 +186,12 @@ class HeightField(Seafloor):
         return (float(distances[max(hit - 1, 0)]), float(distances[hit])) if below[hit] else None
 
     def _refined(
-        self, bumps: np.ndarray, origin: np.ndarray, direction: np.ndarray, above: float, below: float
+        self,
+        bumps: np.ndarray,
+        origin: np.ndarray,
+        direction: np.ndarray,
+        above: float,
+        below: float,
     ) -> float:
         (x, y, z), (dx, dy, dz) = origin.tolist(), direction.tolist()
 
@@ -199,7 +210,13 @@ def _elevation(bumps: np.ndarray, x: float | np.ndarray, y: float | np.ndarray) 
     return (rest * rest * rest) @ bumps[2]
 
 
-def _near_ray(bumps: np.ndarray, origin: np.ndarray, direction: np.ndarray, start: float, end: float) -> np.ndarray:
+def _near_ray(
+    bumps: np.ndarray,
+    origin: np.ndarray,
+    direction: np.ndarray,
+    start: float,
+    end: float,
+) -> np.ndarray:
     """Mask (n,) of the bumps above which the ray passes between two distances."""
     dx, dy = bumps[0] - origin[0], bumps[1] - origin[1]
     sideways = max(direction[0] ** 2 + direction[1] ** 2, _LEVEL**2)

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Positive, checked
+from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.state import Command, Measurement, Readings, State
 from uvms_ocp.record import Recorder
 from uvms_ocp.sim.plant import Plant
@@ -24,6 +25,8 @@ Controller = Callable[[Measurement, float], Command]
 Progress = Callable[[float, Command], None]
 """Told the time [s] and the command of a tick."""
 
+_MOST_TICKS = 1e7  # each is about a kilobyte of record
+
 
 @checked
 def simulate(
@@ -32,14 +35,17 @@ def simulate(
     sensors: Sensors,
     estimator: StateEstimator,
     controller: Controller,
-    dt: float,
-    duration: float,
+    dt: Positive,
+    duration: Positive,
     progress: Progress | None = None,
 ) -> Recorder:
     """Run until the command says finished or `duration` [s] is over; one row per tick, before its step.
 
-    dt [s] is the control period. `progress` is called after every tick with the time and the command.
+    dt [s] is the control period. `progress` is called after every tick with the time and the command. Raises
+    `InvalidInput` for more ticks than any memory holds.
     """
+    if not duration / dt < _MOST_TICKS:
+        raise InvalidInput(f"duration = {duration:g} s at dt = {dt:g} s; give at most {_MOST_TICKS:g} ticks")
     recorder = Recorder()
     command: Command | None = None
     for k in range(round(duration / dt) + 1):

@@ -10,7 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import checked, late
+from uvms_ocp.arguments import Vector3, checked, late
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.meta_values import FloorRelief
 from uvms_ocp.model.shapes.obstacles import Obstacle, mesh_shape
@@ -31,7 +31,7 @@ class Seafloor(Protocol):
     def normal(self, x: float, y: float) -> np.ndarray:
         """Unit normal (3,) [-] of the floor at (x, y) [m], upwards, in W."""
 
-    def range_along(self, origin: np.ndarray, direction: np.ndarray) -> float:
+    def range_along(self, origin: Vector3, direction: Vector3) -> float:
         """Distance [m] from `origin` (3,) [m] along the unit vector `direction` (3,) [-] in W to the floor; nan without a hit.
 
         0 or negative where the origin is at or below the floor and the ray points down.
@@ -59,7 +59,7 @@ class FlatSeafloor(Seafloor):
         return np.array([0.0, 0.0, 1.0])
 
     @late
-    def range_along(self, origin: np.ndarray, direction: np.ndarray) -> float:
+    def range_along(self, origin: Vector3, direction: Vector3) -> float:
         descent = -float(direction[2])
         return (float(origin[2]) - self.z) / descent if descent > _LEVEL else math.nan
 
@@ -74,6 +74,9 @@ def floor_relief(seafloor: Seafloor, low: np.ndarray, high: np.ndarray) -> Floor
     return FloorRelief(x=tuple(x.round(3).tolist()), y=tuple(y.round(3).tolist()), z=z)
 
 
+_FINEST = 3000  # cells a side of a mesh, more than can be drawn
+
+
 @checked
 def floor_mesh(
     seafloor: Seafloor, *, centre: tuple[float, float], extent: float, spacing: float
@@ -81,10 +84,14 @@ def floor_mesh(
     """Vertices (n, 3) [m] in W and triangles (m, 3), counter-clockwise from above, of a square of the floor.
 
     centre [m] is x, y of the square, extent [m] its side, spacing [m] the distance between vertices. Raises `InvalidInput`
-    unless 0 < spacing <= extent.
+    unless 0 < spacing <= extent, and for more than a few thousand cells a side.
     """
     if not (math.isfinite(extent) and math.isfinite(spacing) and 0 < spacing <= extent):
         raise InvalidInput(f"mesh of extent {extent} m and spacing {spacing} m; give 0 < spacing <= extent")
+    if extent / spacing > _FINEST:
+        raise InvalidInput(
+            f"mesh of extent {extent:g} m and spacing {spacing:g} m; give at most {_FINEST} cells a side"
+        )
     side = np.linspace(-extent / 2, extent / 2, 1 + math.ceil(extent / spacing))
     x, y = (values.ravel() for values in np.meshgrid(centre[0] + side, centre[1] + side))
     z = [seafloor.height(*point) for point in zip(x.tolist(), y.tolist(), strict=True)]

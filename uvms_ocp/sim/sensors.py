@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import checked, late
+from uvms_ocp.arguments import Shape, checked, late
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.kinematics import AltimeterBeam
 from uvms_ocp.model.robot import Robot
@@ -28,10 +28,11 @@ class Altimeter:
     """Range along -z of a frame of the robot to the seafloor, without noise. Raises `FrameNotFound` for an unknown frame."""
 
     def __init__(self, robot: Robot, seafloor: Seafloor, frame: str = "altimeter") -> None:
+        self.robot = robot
         self._beam, self._seafloor = AltimeterBeam(robot, frame), seafloor
 
     @late
-    def measure(self, q: np.ndarray) -> float:
+    def measure(self, q: Annotated[np.ndarray, Shape("self.robot.n_q")]) -> float:
         """Range [m] at configuration q (n_q,) [m, rad]; nan without an echo."""
         beam = self._beam.at(q)
         return self._seafloor.range_along(beam.origin, beam.direction)

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import checked, late
+from uvms_ocp.arguments import Count, Finite, Positive, checked, late
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput, OutputError
 from uvms_ocp.untrusted.array_file import read_arrays
@@ -87,7 +87,7 @@ class PiecewisePolynomial:
         return value, rate / duration if inside == t else np.zeros(self.n_axes)
 
     @late
-    def evaluate(self, t: ArrayLike, derivative: int = 0) -> Array:
+    def evaluate(self, t: ArrayLike, derivative: Count = 0) -> Array:
         """The derivative-th derivative (..., n_axes) [axis/s^derivative] at times t (...) [s], clipped to the ends.
 
         Raises `InvalidInput` for a negative derivative.
@@ -100,12 +100,12 @@ class PiecewisePolynomial:
         scaled = _differentiated(self.coefficients, derivative)
         return _horner(scaled[:, piece], u[..., None]) / self.durations[piece][..., None] ** derivative
 
-    def derivative(self, order: int = 1) -> PiecewisePolynomial:
+    def derivative(self, order: Count = 1) -> PiecewisePolynomial:
         """The order-th time derivative as a curve of its own."""
         scale = self.durations[:, None] ** -order
         return PiecewisePolynomial(breaks=self.breaks, coefficients=_differentiated(self.coefficients, order) * scale)
 
-    def sample(self, period: float, derivatives: int = 0) -> tuple[Array, Array]:
+    def sample(self, period: float, derivatives: Count = 0) -> tuple[Array, Array]:
         """Times (n,) [s] every ``period`` [s], end included, and values (n, derivatives + 1, n_axes) [axis/s^d].
 
         Raises `InvalidInput` for a period that is not positive.
@@ -116,25 +116,25 @@ class PiecewisePolynomial:
         times = np.minimum(self.start + period * np.arange(n), self.end)
         return times, np.stack([self.evaluate(times, d) for d in range(derivatives + 1)], axis=1)
 
-    def jumps(self, derivative: int) -> Array:
+    def jumps(self, derivative: Count) -> Array:
         """(n_pieces - 1, n_axes) [axis/s^derivative] value just after minus just before each inner break."""
         scaled = _differentiated(self.coefficients, derivative)
         rate = self.durations[:, None] ** -derivative
         return scaled[0, 1:] * rate[1:] - scaled[:, :-1].sum(axis=0) * rate[:-1]
 
-    def peak(self, derivative: int = 0) -> Array:
+    def peak(self, derivative: Count = 0) -> Array:
         """(n_axes,) [axis/s^derivative] largest absolute value of the derivative-th derivative over the whole curve."""
         scaled = _differentiated(self.coefficients, derivative)
         return np.max(_unit_peaks(scaled) / self.durations[:, None] ** derivative, axis=0)
 
-    def scaled(self, factor: float) -> PiecewisePolynomial:
+    def scaled(self, factor: Positive) -> PiecewisePolynomial:
         """The same path, ``factor`` [-] times slower, with the same start time. Raises `InvalidInput` unless it is positive."""
         if not factor > 0.0:
             raise InvalidInput(f"time factor is {factor}; it must be positive.")
         breaks = self.start + factor * (self.breaks - self.start)
         return PiecewisePolynomial(breaks=breaks, coefficients=self.coefficients)
 
-    def shifted(self, delay: float) -> PiecewisePolynomial:
+    def shifted(self, delay: Finite) -> PiecewisePolynomial:
         """The same curve, ``delay`` [s] later."""
         return PiecewisePolynomial(breaks=self.breaks + delay, coefficients=self.coefficients)
 
@@ -143,7 +143,7 @@ class PiecewisePolynomial:
         return PiecewisePolynomial(breaks=self.breaks, coefficients=self.coefficients[:, :, list(indices)])
 
     def table(
-        self, period: float, derivatives: int = 4, names: Sequence[str] | None = None
+        self, period: float, derivatives: Count = 4, names: Sequence[str] | None = None
     ) -> tuple[tuple[str, ...], Array]:
         """Column names and rows ``t, d0_axis0, d0_axis1, ..., d1_axis0, ...`` every ``period`` [s].
 
@@ -157,7 +157,13 @@ class PiecewisePolynomial:
         columns = [f"d{d}_{axis}" for d in range(derivatives + 1) for axis in axes]
         return ("t", *columns), np.column_stack([times, values.reshape(times.size, -1)])
 
-    def to_csv(self, path: Path | str, period: float, derivatives: int = 4, names: Sequence[str] | None = None) -> None:
+    def to_csv(
+        self,
+        path: Path | str,
+        period: float,
+        derivatives: Count = 4,
+        names: Sequence[str] | None = None,
+    ) -> None:
         """Write ``table``, with a row every ``period`` [s], as comma-separated text.
 
         Raises `OutputError` where the file cannot be written, `InvalidInput` as ``table``.

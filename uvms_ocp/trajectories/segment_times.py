@@ -6,12 +6,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Shape, checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.trajectories.min_snap import MinSnap, min_snap
@@ -93,7 +94,7 @@ def scale_to_limits(trajectory: PiecewisePolynomial, limits: MotionLimits) -> Pi
 @checked
 def optimal_times(
     waypoints: ArrayLike,
-    times: ArrayLike,
+    times: Annotated[ArrayLike, Shape("n")],
     specification: CurveSpecification = MINIMUM_SNAP,
     *,
     time_weight: float,
@@ -111,6 +112,8 @@ def optimal_times(
     """
     if not 0.0 < time_weight < np.inf:
         raise InvalidInput(f"time_weight is {time_weight}; it must be positive and finite.")
+    if not np.size(times):
+        raise InvalidInput("times are empty; give one for each way point.")
     start = float(np.asarray(times, dtype=float).flat[0])
 
     def solution(log_durations: Array) -> MinSnap:

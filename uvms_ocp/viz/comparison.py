@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from uvms_ocp.arguments import checked
+from uvms_ocp.exceptions import NameNotFound
 from uvms_ocp.record import Record
 from uvms_ocp.viz.series import n_joints, phase_spans
 from uvms_ocp.viz.style import (
@@ -33,12 +34,18 @@ _LEAST = {"step": 1e-4, "jerk": 1e-2, "lost": 1e-18}
 @checked
 @styled
 def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> Figure:
-    """Positions of all joints during the last stay in a phase, for runs by name, over time since its start."""
+    """Positions of all joints during the last stay in a phase, for runs by name, over time since its start.
+
+    Raises `NameNotFound` where a run has no such phase.
+    """
     first = next(iter(records.values()))
     joints = first.meta.joints
     figure, axes = stacked(len(joints), 0.6, f"Joint positions in phase {shown(phase)} [rad]")
     for (_, record), color in zip(records.items(), _COLORS, strict=False):
-        span = [span for span in phase_spans(record) if span.name == phase][-1]
+        spans = {span.name: span for span in phase_spans(record)}
+        if phase not in spans:
+            raise NameNotFound("phase", phase, spans)
+        span = spans[phase]
         rows = (record["t"] >= span.start) & (record["t"] <= span.end)
         values = record["q"][rows, -n_joints(record) :]
         for axis, column in zip(axes, values.T, strict=True):

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Range, Shape, checked
 from uvms_ocp.exceptions import InvalidInput
 
 
@@ -32,7 +33,10 @@ class Obstacle:
 
 @checked
 def obstacle(
-    name: str, shape: coal.CollisionGeometry, position: ArrayLike, rotation: ArrayLike | None = None
+    name: str,
+    shape: coal.CollisionGeometry,
+    position: Annotated[ArrayLike, Range(open=True)],
+    rotation: ArrayLike | None = None,
 ) -> Obstacle:
     """An obstacle at `position` (3,) [m] p_WO with `rotation` (3, 3) [-] R_WO, identity by default.
 
@@ -46,7 +50,9 @@ def obstacle(
 
 
 @checked
-def mesh_shape(vertices: np.ndarray, triangles: np.ndarray) -> coal.BVHModelOBBRSS:
+def mesh_shape(
+    vertices: Annotated[np.ndarray, Shape("n", 3)], triangles: Annotated[np.ndarray, Shape("m", 3)]
+) -> coal.BVHModelOBBRSS:
     """coal shape of a surface, such as `uvms_ocp.sim.floor_mesh` gives, for clearances and drawings.
 
     vertices (n, 3) [m]; triangles (m, 3) [-] indices of vertices. Raises `InvalidInput` for indices of no vertex.

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Shape, checked
 from uvms_ocp.exceptions import FrameNotFound, InvalidInput
 from uvms_ocp.model import spatial
 from uvms_ocp.model.symbolic.bodies import Pose, Twist, TwistToWrench, Wrench, inertial_wrench
@@ -106,7 +107,8 @@ class SymbolicModel:
         return (Pose.identity(), *(Pose(R=R, p=p) for R, p in across))
 
     def joint_poses(self, local_poses: Sequence[Pose]) -> tuple[Pose, ...]:
-        """Pose X_WJ of every joint body; index 0 is the universe."""
+        """Pose X_WJ of every joint body; index 0 is the universe. Raises InvalidInput for another number of poses."""
+        self._check_poses(local_poses)
         poses = [local_poses[0]]
         for joint, local in zip(self.joints, local_poses[1:], strict=True):
             poses.append(poses[joint.parent].then(local.R, local.p) if joint.parent else local)
@@ -139,7 +141,7 @@ class SymbolicModel:
         v: ca.SX,
         a: ca.SX,
         inertias: Inertias | None = None,
-        gravity: Sequence[float] | None = None,
+        gravity: Annotated[Sequence[float], Shape(3)] | None = None,
     ) -> ca.SX:
         """Generalized force (n_v,) [N, N m] of the recursive Newton-Euler algorithm.
 
@@ -157,13 +159,24 @@ class SymbolicModel:
         ]
         return self.generalized_force(local, wrenches) + self.model.armature * a
 
+    def _check_poses(self, local_poses: Sequence[Pose]) -> None:
+        if len(local_poses) != self.model.njoints:
+            raise InvalidInput(
+                f"local_poses has {len(local_poses)} poses; give {self.model.njoints}, as from local_poses(q)"
+            )
+
     def body_motions(
-        self, local_poses: Sequence[Pose], v: ca.SX, a: ca.SX, gravity: Sequence[float] | None = None
+        self,
+        local_poses: Sequence[Pose],
+        v: ca.SX,
+        a: ca.SX,
+        gravity: Annotated[Sequence[float], Shape(3)] | None = None,
     ) -> BodyMotions:
         """Velocities and accelerations of all joint bodies: the outward pass.
 
-        gravity: (3,) [m/s2] in W, default the model's. Raises InvalidInput for a v or a of another size.
+        gravity: (3,) [m/s2] in W, default the model's. Raises InvalidInput for another size of v or a, or number of poses.
         """
+        self._check_poses(local_poses)
         self._check_rows("v", v, self.model.nv)
         self._check_rows("a", a, self.model.nv)
         g = self.model.gravity.linear if gravity is None else np.asarray(gravity, dtype=float)

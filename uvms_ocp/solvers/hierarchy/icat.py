@@ -8,12 +8,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter
+from typing import Annotated
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import checked, late
+from uvms_ocp.arguments import Shape, checked, late
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.buffered import BufferedFunction
@@ -63,7 +64,13 @@ class Icat:
         return _IcatTick(self, BufferedFunction(function), tuple(sizes), levels_function.size2_out(0))
 
     @late
-    def velocity(self, J: Array, rate: Array, activation: Array, sizes: Sequence[int]) -> Array:
+    def velocity(
+        self,
+        J: Annotated[Array, Shape("m", "n")],
+        rate: Annotated[Array, Shape("m")],
+        activation: Annotated[Array, Shape("m")],
+        sizes: Sequence[int],
+    ) -> Array:
         """(n,) [velocity] from J (M, n) [rate/velocity], rate (M,) [rate] and activation (M,) [-], all finite."""
         n = J.shape[1]
         rho, Q = np.zeros(n), np.eye(n)

@@ -14,10 +14,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from time import perf_counter
+from typing import Annotated
 
 import numpy as np
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Shape, checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.nlp.level_solver import Deadline, LevelSolver, NlpPoint, Outcome
 from uvms_ocp.solvers.nlp.nlp_options import NlpOptions as NlpOptions
@@ -58,6 +59,10 @@ class LexicographicResult:
         return np.array([np.linalg.norm(residual) for residual in self.residuals])
 
 
+Variables = Annotated[np.ndarray, Shape("self.program.n_x")]
+Parameters = Annotated[np.ndarray, Shape("self.program.n_p")]
+
+
 @checked
 class LexicographicNlp:
     """Solves one program again and again: every NLP is built once, here."""
@@ -70,11 +75,11 @@ class LexicographicNlp:
 
     def solve(
         self,
-        start: np.ndarray | LexicographicResult,
+        start: Variables | LexicographicResult,
         *,
-        p: np.ndarray | None = None,
-        x_lower: np.ndarray | float = -np.inf,
-        x_upper: np.ndarray | float = np.inf,
+        p: Parameters | None = None,
+        x_lower: Variables | float = -np.inf,
+        x_upper: Variables | float = np.inf,
         ranges: RowRanges | None = None,
         time_limit: float | None = None,
     ) -> LexicographicResult:
@@ -109,7 +114,7 @@ class LexicographicNlp:
             raise InvalidInput("the guess has NaN or infinite entries; give finite numbers")
         return tuple(NlpPoint(x=x) for _ in self.levels)
 
-    def rows_at(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
+    def rows_at(self, x: Variables, p: Parameters) -> tuple[np.ndarray, ...]:
         """Rows y of every level at x (n,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
         return tuple(np.array(y).ravel() for y in self.program.values.call([x, p]))
 

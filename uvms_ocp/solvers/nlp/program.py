@@ -116,6 +116,16 @@ class RowRanges:
     """(n_constraints,) [unit of the row]"""
 
     @property
+    def n_x(self) -> int:
+        """Variables."""
+        return int(self.values.size1_in(0))
+
+    @property
+    def n_p(self) -> int:
+        """Parameters."""
+        return int(self.values.size1_in(1))
+
+    @property
     def n_rows(self) -> int:
         """Constraints and the rows that freeze all levels but the last."""
         return max((level.frozen.stop for level in self.levels), default=len(self.lower))
@@ -207,6 +217,9 @@ def lexicographic_program(
     parameters = type(x).sym("p", 0) if p is None else p
     constraints = type(x)(0, 1) if g is None else g
     rows, first = [], int(constraints.numel())
+    for name, bound in (("g_lower", g_lower), ("g_upper", g_upper)):
+        if np.shape(bound) not in ((), (first,)):
+            raise InvalidInput(f"{name} has shape {np.shape(bound)}; give one number, or ({first},)")
     for i, level in enumerate(levels):
         rows.append(_level_rows(level, i, first))
         first = rows[-1].frozen.stop

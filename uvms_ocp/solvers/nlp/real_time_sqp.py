@@ -12,11 +12,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
+from typing import Annotated
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.arguments import checked, late
+from uvms_ocp.arguments import Shape, checked, late
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.program import LevelNlp, LexicographicProgram
@@ -71,6 +72,10 @@ class SqpResult:
     """[s] by the clock that was given."""
 
 
+Variables = Annotated[np.ndarray, Shape("self.program.n_x")]
+Parameters = Annotated[np.ndarray, Shape("self.program.n_p")]
+
+
 @checked
 class RealTimeSqp:
     """Steps of one program: its QPs are built once, here.
@@ -85,11 +90,11 @@ class RealTimeSqp:
     @late
     def solve(
         self,
-        x: np.ndarray,
+        x: Variables,
         *,
-        p: np.ndarray,
-        x_lower: np.ndarray | float = -np.inf,
-        x_upper: np.ndarray | float = np.inf,
+        p: Parameters,
+        x_lower: Variables | float = -np.inf,
+        x_upper: Variables | float = np.inf,
         time_limit: float = np.inf,
         clock: Callable[[], float] = perf_counter,
     ) -> SqpResult:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.intervals import excess
 from uvms_ocp.solvers.nlp.program import RowRanges
 
@@ -36,7 +37,12 @@ class RowBounds:
 
 
 def row_bounds(ranges: RowRanges, x_lower: np.ndarray | float, x_upper: np.ndarray | float, n_x: int) -> RowBounds:
-    """Bounds with no level frozen; x_lower and x_upper (n_x,), or one for all variables [unit of x]."""
+    """Bounds with no level frozen; x_lower and x_upper (n_x,), or one for all variables [unit of x].
+
+    Raises `InvalidInput` for bounds that no x keeps.
+    """
+    if (np.less_equal(x_upper, -np.inf) | np.greater_equal(x_lower, np.inf) | np.greater(x_lower, x_upper)).any():
+        raise InvalidInput("x_lower and x_upper exclude every x; give x_lower <= x_upper, and infinity only outwards")
     lower, upper = np.full(ranges.n_rows, -np.inf), np.full(ranges.n_rows, np.inf)
     m = len(ranges.lower)
     lower[:m], upper[:m] = ranges.lower, ranges.upper

@@ -1,0 +1,16 @@
+"""Annotations that say more than their type, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import numpy as np
+
+from uvms_ocp.arguments.kinds import Range, Shape
+
+Finite = Annotated[float, Range(open=True)]
+Positive = Annotated[float, Range(0.0, open=True)]
+Count = Annotated[int, Range(0)]
+Vector3 = Annotated[np.ndarray, Shape(3)]
+Point = Annotated[Sequence[float], Shape(3), Range(open=True)]
