@@ -1,4 +1,4 @@
-"""Records survive a round trip without pickle; output folders appear whole or not at all."""
+"""Records survive a round trip without pickle."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound, OutputError
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.meta_values import PhaseMeta
-from uvms_ocp.output import staged_folder
 from uvms_ocp.record import Record, Recorder
 from uvms_ocp.run_meta import RunMeta, write_meta
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
@@ -161,52 +160,3 @@ def test_a_run_is_no_plan() -> None:
     assert record().run_meta is META
     with pytest.raises(InvalidInput, match=r"of a run \(é\); give that of a plan"):
         _ = record().plan_meta
-
-
-def test_a_folder_appears_whole(tmp_path: Path) -> None:
-    target = tmp_path / "a" / "b"
-    with staged_folder(target) as staging:
-        (staging / "figures").mkdir()
-        (staging / "figures" / "x.png").write_text("new")
-        assert not (target / "figures").exists()
-    assert [path.name for path in target.iterdir()] == ["figures"]
-
-
-def test_an_error_leaves_nothing_behind(tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError), staged_folder(tmp_path / "a" / "b") as staging:
-        (staging / "half").write_text("x")
-        raise RuntimeError
-    assert not list(tmp_path.iterdir())
-
-
-def test_an_error_keeps_earlier_results(tmp_path: Path) -> None:
-    (tmp_path / "report.json").write_text("old")
-    with pytest.raises(RuntimeError), staged_folder(tmp_path) as staging:
-        (staging / "report.json").write_text("new")
-        raise RuntimeError
-    assert (tmp_path / "report.json").read_text() == "old"
-    assert len(list(tmp_path.iterdir())) == 1
-
-
-def test_files_of_an_earlier_result_go_and_others_stay(tmp_path: Path) -> None:
-    for name in ("figures/old.png", "figures/mine.png", "plots/old.png", "old.npz", "mine.txt"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text("old")
-    earlier = ("report.json", "old.npz", "never.npz", "figures/old.png", "plots/old.png")
-    with staged_folder(tmp_path, earlier=earlier) as staging:
-        (staging / "report.json").write_text("new")
-    files = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*")}
-    assert files == {"report.json", "mine.txt", "figures", "figures/mine.png"}
-
-
-def test_an_error_removes_nothing(tmp_path: Path) -> None:
-    (tmp_path / "old.npz").write_text("old")
-    with pytest.raises(RuntimeError), staged_folder(tmp_path, earlier=("old.npz",)):
-        raise RuntimeError
-    assert [path.name for path in tmp_path.iterdir()] == ["old.npz"]
-
-
-def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="cannot write there"), staged_folder(tmp_path / "file" / "out"):
-        pass

@@ -61,7 +61,13 @@ def test_the_report_has_the_documented_keys(complete: tuple[subprocess.Completed
 
 def test_run_writes_record_report_figures_and_scene(complete: tuple[subprocess.CompletedProcess[str], Path]) -> None:
     _, folder = complete
-    assert {path.name for path in folder.iterdir()} == {"record.npz", "report.json", "figures", "scene.html"}
+    assert {path.name for path in folder.iterdir()} == {
+        "record.npz",
+        "report.json",
+        "figures",
+        "scene.html",
+        ".uvms_ocp",
+    }
     assert len(list((folder / "figures").glob("*.png"))) >= 5
     assert "<html" in (folder / "scene.html").read_text()[:2000].lower()
     record = Record.load(folder / "record.npz")
@@ -116,7 +122,7 @@ def test_a_solver_that_is_not_chosen_is_the_scenarios_own(tmp_path: Path) -> Non
     assert process.returncode == 3, process.stderr
     report = json.loads(process.stdout)
     assert report["solver"] == type(reach().solver).__name__
-    assert (tmp_path / "uvms_runs" / "reach-dynamic-lexls" / "report.json").exists()
+    assert (tmp_path / "uvms_runs" / "reach-dynamic-lexls-duration0.1" / "report.json").exists()
 
 
 def test_options_that_do_not_parse_exit_with_2(tmp_path: Path) -> None:

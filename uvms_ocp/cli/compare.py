@@ -9,6 +9,7 @@ import typer
 
 from uvms_ocp.cli.options import Json
 from uvms_ocp.cli.printing import console_of, print_json, table_of
+from uvms_ocp.output import settle
 from uvms_ocp.record import Record
 from uvms_ocp.report.compare import compare
 
@@ -19,13 +20,19 @@ def compare_runs(
     as_json: Json = False,
 ) -> None:
     """Compare the resources that two runs took, or two plans would take."""
-    records = [Record.load(path / "record.npz" if path.is_dir() else path) for path in (first, second)]
+    records = [_load(path) for path in (first, second)]
     rows = compare(records[0], records[1])
     console = console_of(stderr=as_json)
     shown = [row | {"change": _percent(row["change"])} for row in rows]
     console.print(table_of(f"{first} against {second}", shown, ("figure", "first", "second", "change")))
     if as_json:
         print_json(rows)
+
+
+def _load(path: Path) -> Record:
+    folder, file = (path, path / "record.npz") if path.is_dir() else (path.parent, path)
+    settle(folder)
+    return Record.load(file)
 
 
 def _percent(change: float | None) -> str | None:

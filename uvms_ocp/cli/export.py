@@ -10,8 +10,8 @@ import typer
 
 from uvms_ocp.cli.options import build_scenario, folder
 from uvms_ocp.cli.printing import console_of, print_paths
-from uvms_ocp.control.export import RecordingSolver, write_tick
-from uvms_ocp.output import staged_folder
+from uvms_ocp.control.export import FILES, RecordingSolver, write_tick
+from uvms_ocp.output import claimed
 
 
 def export_tick(
@@ -23,8 +23,8 @@ def export_tick(
     options = {"plant": "kinematic"} | ({} if robot is None else {"robot": robot})
     made = build_scenario(scenario, options)
     recording = RecordingSolver(solver=made.solver)
-    with staged_folder(out) as staging:
+    with claimed(out, FILES) as claim:
         replace(made, solver=recording).run()
-        write_tick(made.controller().problem, recording.ticks, staging)
-        written = sorted(path.name for path in staging.iterdir())
-    print_paths(console_of(), [out / name for name in written])
+        with claim.staged() as staging:
+            write_tick(made.controller().problem, recording.ticks, staging)
+        print_paths(console_of(), claim.written())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from inspect import signature
 from pathlib import Path
 from typing import Annotated, Any
@@ -77,6 +77,19 @@ def build_scenario(name: str, options: Mapping[str, Any], solver: str | None = N
 def solver_name(solver: HierarchySolver) -> str:
     """The name by which the command line knows a solver of that kind."""
     return next(name for name, kind in SOLVERS.items() if kind is type(solver))
+
+
+def default_folder(parts: Sequence[str], options: Mapping[str, Any]) -> Path:
+    """Where the results go unless told otherwise: what was asked for is part of the name, so that nothing else is there."""
+    return Path("uvms_runs", "-".join((*parts, *(_word(name, value) for name, value in options.items()))))
+
+
+def _word(name: str, value: Any) -> str:
+    if isinstance(value, bool):
+        return name if value else f"no_{name}"
+    if isinstance(value, tuple):
+        return name + "_".join(map(str, value))
+    return value if name == "robot" else f"{name}{value}"
 
 
 def require_taken(name: str, build: Callable[..., Any], options: Mapping[str, Any]) -> None:

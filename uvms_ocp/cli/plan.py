@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from uvms_ocp.cli.option_group import defaults_of, spread_options
-from uvms_ocp.cli.options import Json, folder
+from uvms_ocp.cli.options import Json, Out, default_folder
 from uvms_ocp.cli.plan_options import MotionOptions
 from uvms_ocp.cli.plan_output import MadePlan, put_out
 from uvms_ocp.ocp.plan import OcpStatus
@@ -21,8 +22,7 @@ from uvms_ocp.solvers.nlp.nlp_options import PLUGINS
 
 _PERIOD = 0.02  # [s] between rows of plan.csv
 _CURVE, _OCP = defaults_of(PlanRequest), defaults_of(OcpRequest)
-_FOLDER = Path("uvms_runs/plan")
-_Out = Annotated[Path, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")]
+_MOTION = defaults_of(MotionOptions)
 _Axes = Annotated[str, typer.Option(help=f"Planned axes, of {', '.join(AXES)}; level: no roll, no pitch.")]
 
 
@@ -30,7 +30,7 @@ def curve(
     motion: MotionOptions,
     axes: _Axes = _CURVE["axes"],
     seed: Annotated[int, typer.Option(help="Seed of restarts and sampling.")] = _CURVE["seed"],
-    out: _Out = _FOLDER,
+    out: Out = None,
     as_json: Json = False,
 ) -> None:
     """A smooth curve of the shapes alone, proven free of collision.
@@ -39,7 +39,8 @@ def curve(
     acceleration allow; without water and forces.
     """
     request = PlanRequest(**motion.asked(), axes=axes, seed=seed)
-    put_out(lambda: _by_curve(request), out, as_json)
+    changed = _changed(_CURVE | _MOTION, robot=motion.robot, seed=seed)
+    put_out(lambda: _by_curve(request), out or default_folder(("plan", "curve"), changed), as_json)
 
 
 def ocp(
@@ -49,7 +50,7 @@ def ocp(
     current: Annotated[Triple, typer.Option(metavar="X Y Z", help="Current in W [m/s].")] = _OCP["current"],
     time_limit: Annotated[float, typer.Option(metavar="S", help="Time limit of the solver [s].")] = _OCP["time_limit"],
     nlp: Annotated[str, typer.Option(help=f"Solver: {' or '.join(PLUGINS)}.")] = _OCP["plugin"],
-    out: _Out = _FOLDER,
+    out: Out = None,
     as_json: Json = False,
 ) -> None:
     """Optimal control in water, within thrust and torque.
@@ -60,12 +61,17 @@ def ocp(
     request = OcpRequest(
         **motion.asked(), duration=duration, n_steps=steps, current=current, time_limit=time_limit, plugin=nlp
     )
-    put_out(lambda: _by_ocp(request), out, as_json)
+    changed = _changed(_OCP | _MOTION, robot=motion.robot, current=current)
+    put_out(lambda: _by_ocp(request), out or default_folder(("plan", "ocp"), changed), as_json)
 
 
 app = typer.Typer(help="Plan a motion among obstacles.", no_args_is_help=True)
 app.command(name="curve")(spread_options(curve))
 app.command(name="ocp")(spread_options(ocp))
+
+
+def _changed(defaults: Mapping[str, Any], **options: Any) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if value != defaults[name]}
 
 
 def _by_curve(request: PlanRequest) -> MadePlan:

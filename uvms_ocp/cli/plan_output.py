@@ -15,7 +15,7 @@ from uvms_ocp.cli.options import NOT_COMPLETED
 from uvms_ocp.cli.printing import console_of, print_json, print_paths
 from uvms_ocp.exceptions import plain_line
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.output import staged_folder
+from uvms_ocp.output import claimed
 from uvms_ocp.record import Record
 
 _FIGURES = ("vehicle_motion", "joint_motion", "clearance", "efforts")
@@ -55,12 +55,13 @@ class MadePlan:
 def put_out(make: Callable[[], MadePlan], out: Path, as_json: bool) -> None:
     """Make the plan, write it to the folder `out` and print what came of it; exit where it is not good."""
     console = console_of(stderr=as_json)
-    with staged_folder(out, earlier=_FILES) as staging:
+    with claimed(out, _FILES) as claim:
         with console.status("planning"):
             made = make()
-        made.write(staging)
-        written = sorted(path.relative_to(staging) for path in staging.rglob("*") if path.is_file())
-    _print_plan(console, made.report, [out / path for path in written])
+        with claim.staged() as staging:
+            made.write(staging)
+        written = claim.written()
+    _print_plan(console, made.report, written)
     if as_json:
         print_json(made.report)
     if not made.good:

@@ -30,6 +30,7 @@ from uvms_ocp.cli.options import (
     Seed,
     SolverName,
     build_scenario,
+    default_folder,
     given,
     require_taken,
     solver_name,
@@ -37,12 +38,13 @@ from uvms_ocp.cli.options import (
 from uvms_ocp.cli.printing import cell, console_of, print_findings, print_json, print_paths, table_of
 from uvms_ocp.exceptions import InvalidInput, plain_line
 from uvms_ocp.model.state import Command
-from uvms_ocp.output import staged_folder
+from uvms_ocp.output import claimed
 from uvms_ocp.record import Record
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenario import Scenario
 
 _PROGRESS_EVERY = 40  # ticks between two updates of the progress bar
+_STUDY_FILES = ("report.json", "runs.csv")
 
 
 def run(
@@ -76,8 +78,9 @@ def run(
     if n is not None:
         raise InvalidInput(f"{name} is no study: leave out --n")
     scenario = build_scenario(name, options, solver)
-    folder = out or Path("uvms_runs") / f"{name}-{scenario.plant}-{solver_name(scenario.solver)}"
-    with staged_folder(folder) as staging:
+    parts = (name, scenario.plant, solver_name(scenario.solver))
+    others = {key: value for key, value in options.items() if key != "plant"}
+    with claimed(out or default_folder(parts, others), _files()) as claim:
         preflight = scenario.check()
         print_findings(console, preflight)
         if not (preflight.accepted or force):
@@ -86,10 +89,10 @@ def run(
             )
         record = _simulate(scenario, console)
         report = summarize(record) | {"preflight": preflight.to_dict()}
-        with console.status("writing record, report, figures and scene"):
+        with console.status("writing record, report, figures and scene"), claim.staged() as staging:
             _write(scenario, record, report, staging)
-        written = sorted(path.relative_to(staging) for path in staging.rglob("*") if path.is_file())
-    _print_summary(console, report, [folder / path for path in written])
+        written = claim.written()
+    _print_summary(console, report, written)
     if as_json:
         print_json(report)
     if not report["completed"]:
@@ -98,11 +101,13 @@ def run(
 
 def _run_study(name: str, options: dict[str, Any], out: Path | None, console: Console, as_json: bool) -> None:
     require_taken(name, STUDIES[name], options)
-    folder = out or Path("uvms_runs") / name
-    with staged_folder(folder) as staging, console.status(name) as status:
-        result = STUDIES[name](**options).run(progress=lambda done, n: status.update(f"{name}: {done} of {n} runs"))
-        (staging / "report.json").write_text(json.dumps(result.to_dict(), indent=2) + "\n")
-        result.write_csv(staging / "runs.csv")
+    folder = out or default_folder((name,), {key: value for key, value in options.items() if key != "force"})
+    with claimed(folder, _STUDY_FILES) as claim:
+        with console.status(name) as status:
+            result = STUDIES[name](**options).run(progress=lambda done, n: status.update(f"{name}: {done} of {n} runs"))
+        with claim.staged() as staging:
+            (staging / "report.json").write_text(json.dumps(result.to_dict(), indent=2) + "\n")
+            result.write_csv(staging / "runs.csv")
     rows = result.table
     if len(rows) == 1:  # one wide row reads better downwards
         rows = tuple({"figure": name, "value": value} for name, value in rows[0].items())
@@ -138,6 +143,13 @@ def _bar(console: Console) -> Iterator[ProgressBar]:
     )
     with ProgressBar(*columns, console=console) as bar:
         yield bar
+
+
+def _files() -> tuple[str, ...]:
+    """That a run may write."""
+    from uvms_ocp.viz.run_figures import FIGURES
+
+    return ("record.npz", "report.json", "scene.html", *(f"figures/{name}.png" for name in FIGURES))
 
 
 def _write(scenario: Scenario, record: Record, report: dict[str, Any], folder: Path) -> None:

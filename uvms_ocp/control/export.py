@@ -21,6 +21,7 @@ from uvms_ocp.solvers.hierarchy.tick import Tick, TickResult, dense
 
 TEMPLATES = ("tick.c", "example.c", "CMakeLists.txt")
 _FINITE = 1e300  # stands in for a change without limit
+FILES = ("levels.c", "active_set.c", "tick.h", "ticks.h", *TEMPLATES)  # that `write_tick` writes
 _WINDOW = 25  # ticks recorded from the start and from every change of the gates
 
 

@@ -1,0 +1,222 @@
+"""Commands that are cut off, or refused by the disk, at each of their file operations; one JSON value on stdout.
+
+python interrupted.py killed|refused|full FOLDER: the same small set of files, written anew for every operation.
+python interrupted.py commands FOLDER: `run`, `plan` and `export` themselves, once each. What a kill leaves is what is in
+the folder at that moment, as the system keeps it: before every operation the folder is copied, and the copy is recovered.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import os
+import shutil
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from uvms_ocp.exceptions import OutputError
+from uvms_ocp.output import claimed, settle
+
+CHANGING = {"open", "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.link"}
+FOREIGN = {"mine.txt": "mine", "figures/mine.png": "mine"}
+OLD = {"report.json": "old", "record.npz": "old", "plan.csv": "old", "figures/a.png": "old", "gone/b.png": "old"}
+NEW = {"report.json": "new", "record.npz": "new", "figures/a.png": "new", "figures/c.png": "new", "made/d.png": "new"}
+COMMANDS = {
+    "run": ["run", "--plant", "kinematic", "--duration", "0.1", "--force"],
+    "plan": ["plan", "curve", "--robot", "planar5", "--joint", "x0=0.5"],
+    "export": ["export", "tick"],
+}
+State = dict[str, str]
+
+
+class Watch:
+    """Calls `act` with the number and the kind of every operation in `root` that changes files."""
+
+    def __init__(self) -> None:
+        self.root, self.n, self.act = "", 0, lambda n, event: None
+        self.watching = False
+        sys.addaudithook(self._hear)
+        os.fsync = self._sync  # which kills need not wait for
+
+    @contextmanager
+    def on(self, root: Path, act: Callable[[int, str], None]) -> Iterator[None]:
+        self.root, self.n, self.act, self.watching = str(root), 0, act, True
+        try:
+            yield
+        finally:
+            self.watching = False
+
+    def _hear(self, event: str, arguments: tuple[Any, ...]) -> None:
+        if self.watching and event in CHANGING:
+            path = os.fspath(arguments[0]) if isinstance(arguments[0], (str, bytes, os.PathLike)) else ""
+            if not os.path.isabs(path) or str(path).startswith(self.root):  # what is removed from trees is relative
+                self._tell("reading" if event == "open" and not arguments[2] & (os.O_WRONLY | os.O_RDWR) else event)
+
+    def _sync(self, descriptor: int) -> None:
+        if self.watching:
+            self._tell("os.fsync")
+
+    def _tell(self, event: str) -> None:
+        self.n += 1
+        self.act(self.n, event)
+
+
+WATCH = Watch()
+
+
+def write(folder: Path, contents: State) -> None:
+    with claimed(folder, contents) as claim, claim.staged() as staging:
+        fill(staging, contents)
+
+
+def fill(folder: Path, contents: State) -> None:
+    for name, text in contents.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+
+
+def state(folder: Path) -> State:
+    """Every file with its contents, but of the store only that nothing is left over in it."""
+    kept = {".uvms_ocp/lock", ".uvms_ocp/manifest.json"}
+    files = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()}
+    return {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items() if name not in kept}
+
+
+def recovered(folder: Path) -> State:
+    settle(folder)
+    return state(folder)
+
+
+def name_of(found: State, states: dict[str, State]) -> str:
+    return next((name for name, known in states.items() if found == known), f"neither: {sorted(found)}")
+
+
+def prepared(folder: Path, old: State) -> Path:
+    """Files of ours and of others."""
+    write(folder, old)
+    fill(folder, FOREIGN)
+    return folder
+
+
+def small_states(folder: Path) -> tuple[Path, dict[str, State]]:
+    before = prepared(folder / "before", OLD)
+    fresh = shutil.copytree(before, folder / "after")
+    write(fresh, NEW)
+    return before, {"old": state(before), "new": state(fresh)}
+
+
+def in_child(work: Callable[[], None]) -> bool:
+    """Whether it was killed."""
+    if (child := os.fork()) == 0:
+        code = 1
+        try:
+            work()
+            code = 0
+        finally:
+            os._exit(code)
+    status = os.waitpid(child, 0)[1]
+    assert os.WIFSIGNALED(status) or os.WEXITSTATUS(status) == 0
+    return os.WIFSIGNALED(status)
+
+
+def kill_at(k: int) -> Callable[[int, str], None]:
+    return lambda n, event: os.kill(os.getpid(), signal.SIGKILL) if n == k else None
+
+
+def killed_at(folder: Path, k: int, work: Callable[[], None]) -> bool:
+    def watched() -> None:
+        with WATCH.on(folder, kill_at(k)):
+            work()
+
+    return in_child(watched)
+
+
+def killed(folder: Path) -> Any:
+    """A kill at every operation, and at every operation of the recovery from it."""
+    before, states = small_states(folder)
+    found, again, k = [], [], 1
+    while killed_at(work := copy_of(before, folder / "work"), k, lambda: write(work, NEW)):
+        left = copy_of(work, folder / "left")
+        j = 1
+        while k % 9 == 0 and killed_at(second := copy_of(left, folder / "second"), j, lambda: settle(second)):
+            again.append(name_of(recovered(second), states))
+            j += 1
+        found.append(name_of(recovered(work), states))
+        write(work, NEW)
+        assert state(work) == states["new"]
+        k += 1
+    return {"found": found, "again": again}
+
+
+def copy_of(folder: Path, target: Path) -> Path:
+    shutil.rmtree(target, ignore_errors=True)
+    return shutil.copytree(folder, target)
+
+
+def refused_at(k: int, *, stays: bool) -> Callable[[int, str], None]:
+    """The disk is full at operation k; if that stays, everything that takes room fails from then on."""
+
+    def act(n: int, event: str) -> None:
+        if n == k or (stays and n > k and event in ("open", "os.mkdir", "os.link", "os.fsync")):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    return act
+
+
+def refused(folder: Path, *, stays: bool) -> Any:
+    """What is there after the disk refused operation k, before any recovery, and what was said."""
+    before, states = small_states(folder)
+    found, k = [], 1
+    while k == 1 or k - 1 <= WATCH.n:  # until no operation k is left
+        work, said = copy_of(before, folder / "work"), None
+        try:
+            with WATCH.on(work, refused_at(k, stays=stays)):
+                write(work, NEW)
+        except OutputError as error:
+            said = str(error)
+        settled = {name: text for name, text in state(work).items() if not name.startswith(".uvms_ocp/")}
+        found.append((name_of(settled, states), name_of(recovered(work), states), said))
+        k += 1
+    return found
+
+
+def commands(folder: Path) -> Any:
+    return {name: command(folder / name, arguments) for name, arguments in COMMANDS.items()}
+
+
+def command(folder: Path, arguments: list[str]) -> Any:
+    """States recovered from before every operation, and those of a real kill among the moves and of the command after it."""
+    from uvms_ocp.cli import app
+
+    written = {"report.json": "old", "tick.h": "old", "scene.html": "old", "figures/path.png": "old"}
+    target = prepared(folder, written)
+    old, seen, events = state(target), [], []
+
+    def copy_and_recover(n: int, event: str) -> None:
+        WATCH.watching = False
+        events.append(event)
+        seen.append(recovered(copy_of(target, folder.with_suffix(".copy"))))
+        WATCH.watching = True
+
+    place = [str(target)] if arguments[0] == "export" else ["--out", str(target)]
+    with WATCH.on(target, copy_and_recover):
+        app([*arguments, *place], standalone_mode=False)
+    new = state(target)
+    return {"found": [name_of(one, {"old": old, "new": new}) for one in seen], "links": events.count("os.link")}
+
+
+if __name__ == "__main__":
+    where = Path(sys.argv[2]).resolve()
+    what = {
+        "killed": lambda: killed(where),
+        "refused": lambda: refused(where, stays=False),
+        "full": lambda: refused(where, stays=True),
+        "commands": lambda: commands(where),
+    }[sys.argv[1]]
+    answer = what()
+    sys.stdout.write("\n" + json.dumps(answer) + "\n")

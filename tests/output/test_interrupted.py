@@ -1,0 +1,53 @@
+"""Killed, or refused by the disk, at any of its file operations, a command leaves all of the old files or all of the new."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+SCRIPT = Path(__file__).with_name("interrupted.py")
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="kills by signal")
+
+
+def answer(what: str, folder: Path) -> Any:
+    command = [sys.executable, str(SCRIPT), what, str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def is_old_then_new(found: list[str]) -> bool:
+    changes = sum(a != b for a, b in pairwise(found))
+    return set(found) == {"old", "new"} and changes == 1 and found[0] == "old"
+
+
+def test_a_kill_at_any_operation_and_at_any_of_the_recovery_leaves_all_old_files_or_all_new_ones(
+    tmp_path: Path,
+) -> None:
+    states = answer("killed", tmp_path)
+    assert len(states["found"]) > 50
+    assert is_old_then_new(states["found"])
+    assert set(states["again"]) == {"old", "new"}
+
+
+def test_so_does_one_at_any_operation_of_run_plan_and_export(tmp_path: Path) -> None:
+    for name, command in answer("commands", tmp_path).items():
+        assert len(command["found"]) > 40, name
+        assert command["links"] > 0, name  # old files were replaced
+        assert is_old_then_new(command["found"]), name
+
+
+@pytest.mark.parametrize("what", ["refused", "full"])
+def test_an_operation_that_the_disk_refuses_changes_nothing_and_is_one_line(what: str, tmp_path: Path) -> None:
+    """Once, or from then on; without the help of another command."""
+    for k, (found, recovered, said) in enumerate(answer(what, tmp_path), 1):
+        assert found == recovered == ("old" if said else "new"), (k, found, recovered, said)
+        if said:
+            assert "No space left on device); choose another folder" in said
+            assert "\n" not in said
