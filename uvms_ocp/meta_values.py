@@ -104,6 +104,18 @@ class LimitsMeta(MetaValue):
     effort: tuple[float, ...]
     """(n_joints,) [N m or N]"""
 
+    @model_validator(mode="after")
+    def _are_limits(self) -> LimitsMeta:
+        if not len(self.position_lower) == len(self.position_upper) == len(self.effort):
+            raise ValueError("position_lower, position_upper and effort have one number per joint")
+        if len(self.velocity) != len(self.acceleration):
+            raise ValueError("velocity and acceleration have one number per axis")
+        if not all(a <= b for a, b in zip(self.position_lower, self.position_upper, strict=True)):
+            raise ValueError("position_lower is not above position_upper")
+        if not all(x >= 0.0 for x in (*self.velocity, *self.acceleration, *self.effort)):
+            raise ValueError("limits of velocity, acceleration and effort are not negative")
+        return self
+
 
 class AxisLimitsMeta(MetaValue):
     """Limits of the planned axes, by the series that they bound."""

@@ -15,7 +15,11 @@ N_SIZES: Mapping[str, int] = MappingProxyType(
     {"sphere": 1, "capsule": 2, "cylinder": 2, "cone": 2, "box": 3, "ellipsoid": 3, _MESH: 0}
 )
 """How many sizes a shape has."""
+FARTHEST = 1e5
+"""[m] from the origin, and of a size: farther away single precision, which meshes are kept in, loses centimetres."""
+_Metres = Annotated[FiniteFloat, Field(ge=-FARTHEST, le=FARTHEST)]
 Triple = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+Point = tuple[_Metres, _Metres, _Metres]
 
 
 @one_line_errors
@@ -26,14 +30,14 @@ class ObstacleData(BaseModel):
 
     name: Annotated[str, Field(min_length=1)]
     shape: Literal["sphere", "capsule", "cylinder", "cone", "box", "ellipsoid", "mesh"]
-    size: tuple[Annotated[FiniteFloat, Field(gt=0.0)], ...] = ()
+    size: tuple[Annotated[FiniteFloat, Field(gt=0.0, le=FARTHEST)], ...] = ()
     """[m] (radius) of a sphere, (radius, length) of a capsule, cylinder or cone along z, (x, y, z) of a box, half axes of an
     ellipsoid; a capsule's length is that of its straight part."""
-    vertices: tuple[Triple, ...] = ()
+    vertices: tuple[Point, ...] = ()
     """(n, 3) [m] of a mesh, in its own frame."""
     triangles: tuple[tuple[int, int, int], ...] = ()
     """(m, 3) [-] indices of vertices."""
-    position: Triple
+    position: Point
     """(3,) [m] of the middle in W."""
     rpy: Triple = (0.0, 0.0, 0.0)
     """(3,) [rad], R = Rz Ry Rx."""

@@ -13,6 +13,7 @@ from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.run_meta import PlanMeta, RunMeta, read_meta, write_meta
 from uvms_ocp.untrusted.array_file import read_arrays
+from uvms_ocp.validation import shown
 
 _META_KEY = "__meta__"
 _AXES = ("x", "x_rate", "x_acceleration", "x_jerk", "x_snap")
@@ -80,8 +81,7 @@ class Record:
             record = Record(series=arrays, meta=read_meta(text))
             _check_series(record)
         except InvalidInput as error:
-            name = " ".join(str(path).split())
-            raise InvalidInput(f"{name}: not a record written by uvms_ocp: {error}") from error
+            raise InvalidInput(f"{shown(path)}: not a record written by uvms_ocp: {error}") from error
         return record
 
 
@@ -108,7 +108,7 @@ def _check_series(record: Record) -> None:
             f"times t of shape {t.shape}; allowed: one or more [s], finite, each later than the one before"
         )
     for name, array in series.items():
-        if array.ndim == 0 or len(array) != len(t) or array.dtype.kind == "U":
+        if array.ndim not in (1, 2) or len(array) != len(t) or array.dtype.kind == "U":
             raise InvalidInput(
                 f"series {name!r} is {array.dtype} of shape {array.shape}; allowed: numbers for {len(t)} times"
             )
@@ -118,6 +118,9 @@ def _check_series(record: Record) -> None:
             )
     _check_widths(record)
     _check_numbers(record)
+    for event in record.meta.events if isinstance(record.meta, RunMeta) else ():
+        if not t[0] <= event.t <= t[-1]:
+            raise InvalidInput(f"an event at {event.t:g} s; allowed: {t[0]:g} to {t[-1]:g} s, the times of the record")
 
 
 def _first_wrong(t: np.ndarray, array: np.ndarray) -> float:
@@ -131,8 +134,8 @@ def _check_widths(record: Record) -> None:
     if isinstance(meta, PlanMeta):
         wanted |= {name: len(meta.axes) for name in _AXES} | {"clearance": len(meta.clearance_groups)}
     if meta.limits is not None:
-        wanted |= {"v": len(meta.limits.velocity)}
-    for name in record.series.keys() & {*wanted, "q", "v"}:
+        wanted |= {"v": len(meta.limits.velocity), "torque": len(meta.limits.effort)}
+    for name in sorted(record.series.keys() & {*wanted, "q", "v"}):
         shape = record[name].shape
         width = wanted.get(name)
         if len(shape) != 2 or (width is not None and shape[1] != width) or (name in ("q", "v") and shape[1] < joints):

@@ -34,6 +34,8 @@ from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 
 PLANTS = ("dynamic", "kinematic")
+LONGEST, MOST_TICKS = 86_400.0, 20_000_000
+"""[s] and ticks of a run: a record keeps every tick, which takes 2 kB each."""
 
 
 @checked
@@ -77,6 +79,11 @@ class Scenario:
                 raise InvalidInput(f"{name} = {value} s; give a finite time > 0")
         if self.duration < self.dt:
             raise InvalidInput(f"duration = {self.duration} s; give at least one control period of {self.dt:g} s")
+        if self.duration > LONGEST or self.duration / self.dt > MOST_TICKS:
+            text = (
+                f"duration = {self.duration:g} s in ticks of dt = {self.dt:g} s; give a duration in (0, {LONGEST:g}] s"
+            )
+            raise InvalidInput(f"{text} and at most {MOST_TICKS:,} ticks: the record keeps each of them")
         if self.seed < 0:
             raise InvalidInput(f"seed = {self.seed}; give a whole number >= 0")
         if isinstance(self.solver, type):

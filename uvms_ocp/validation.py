@@ -13,15 +13,15 @@ from pydantic import BaseModel, ValidationError
 from uvms_ocp.exceptions import InvalidInput
 
 _M = TypeVar("_M", bound=BaseModel)
-_SHOWN = 3  # mistakes
+_SHOWN, _LONGEST = 3, 200  # mistakes, characters of a key
 
 
 def one_line(error: ValidationError, model: type[BaseModel]) -> str:
     """The mistakes of a file read as ``model``, the first few in full."""
     problems = _by_key(error)
-    shown = [f"{key}: {_problem(problem, model)}" for key, problem in list(problems.items())[:_SHOWN]]
-    left = len(problems) - len(shown)
-    return "; and ".join(shown) + (f"; and {left} more" if left else "")
+    told = [f"{shown(key)}: {_problem(problem, model)}" for key, problem in list(problems.items())[:_SHOWN]]
+    left = len(problems) - len(told)
+    return "; and ".join(told) + (f"; and {left} more" if left else "")
 
 
 def one_line_errors(model: type[_M]) -> type[_M]:
@@ -44,7 +44,7 @@ def _by_key(error: ValidationError) -> dict[str, Any]:
     """One problem per key: of the alternatives that a value does not fit, the one that it got furthest with."""
     found: dict[str, Any] = {}
     for problem in error.errors(include_url=False):
-        key = ".".join(_path(problem["loc"])) or "file"
+        key = ".".join(_keys_of(problem)) or "file"
         if key not in found or len(problem["loc"]) > len(found[key]["loc"]):
             found[key] = problem
     # What is wrong inside a value is told by the deepest key.
@@ -52,16 +52,26 @@ def _by_key(error: ValidationError) -> dict[str, Any]:
     return {key: found[key] for key in found if key not in above}
 
 
-def _path(location: Sequence[int | str]) -> list[str]:
-    # pydantic names the alternative that it tried, in brackets.
-    return [str(part) for part in location if "[" not in str(part)]
+def _keys_of(problem: Any) -> list[str]:
+    """Where it is in the file."""
+    *above, last = problem["loc"] or ("",)
+    # pydantic names the alternative that it tried, in brackets; an unknown key may have some of its own.
+    alternatives = above if problem["type"] == "extra_forbidden" else (*above, last)
+    own = [str(last)] if problem["type"] == "extra_forbidden" else []
+    return [*(str(part) for part in alternatives if "[" not in str(part)), *own]
+
+
+def shown(key: object) -> str:
+    """A key or a path as messages show it: as it is where it fits in a line."""
+    key = str(key)
+    return key if key.isprintable() and len(key) <= _LONGEST else short(key)
 
 
 def _problem(problem: Any, model: type[BaseModel]) -> str:
     if problem["type"] == "missing":
         return "missing; give it a value"
     if problem["type"] == "extra_forbidden":
-        return f"unknown key; {_advice(_path(problem['loc']), model)}"
+        return f"unknown key; {_advice(_keys_of(problem), model)}"
     message = problem["msg"].removeprefix("Value error, ").replace("Input should be", "allowed:")
     return f"given {short(problem['input'])}; {message.partition(', unable to parse')[0]}"
 

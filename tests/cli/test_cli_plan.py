@@ -251,7 +251,7 @@ def test_a_plan_against_anything_else_is_refused_in_one_line(around: Run, tmp_pa
     np.savez(tmp_path / "broken.npz", t=np.zeros(1), __meta__=np.array('{"completed": "yes"}'))
     for name, message in (
         ("run.npz", "the second a run"),
-        ("other.npz", "other.npz: a record of neither a run nor a plan"),
+        ("other.npz", "a record of neither a run nor a plan"),
         ("broken.npz", "broken.npz: "),
         ("", "not a record"),
     ):

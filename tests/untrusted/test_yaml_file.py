@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -103,3 +104,13 @@ def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
     for reader in READERS:
         with pytest.raises(InvalidInput, match="no file but a folder or a device"):
             reader(tmp_path / "a.yaml")
+
+
+@pytest.mark.parametrize("key", ["a[b]", "[", "a.b", "a\nb", "\u202e", "k" * 900, ""])
+def test_an_unknown_key_may_be_called_anything(key: str, tmp_path: Path) -> None:
+    for content in ({key: 1}, {"links": {"base_link": {key: 1}}}):
+        (tmp_path / "a.yaml").write_text(json.dumps(content))
+        with pytest.raises(InvalidInput, match="unknown key; known here: ") as caught:
+            read_description(tmp_path / "a.yaml")
+        assert str(caught.value).isprintable()
+        assert len(str(caught.value)) < 900

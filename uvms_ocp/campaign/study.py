@@ -12,6 +12,7 @@ from typing import Any
 from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 
+_MOST_RUNS = 1_000_000
 Row = Mapping[str, Any]
 """One line of a table: plain values by column name."""
 
@@ -64,6 +65,8 @@ def seeds_from(seed: int, n: int) -> range:
     """`seed`, `seed` + 1, ... of `n` drawn cases. Raises `InvalidInput` for no cases or a negative seed."""
     if n < 1:
         raise InvalidInput(f"n = {n} runs of a study; give 1 or more")
+    if n > _MOST_RUNS:
+        raise InvalidInput(f"n = {n} runs of a study; give at most {_MOST_RUNS:,}: the table keeps a row of each")
     if seed < 0:
         raise InvalidInput(f"seed = {seed}; give 0 or more")
     return range(seed, seed + n)

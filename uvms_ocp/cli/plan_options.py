@@ -88,4 +88,4 @@ def _joint_goal(words: str) -> tuple[str, float]:
     try:
         return name, float(value)
     except ValueError:
-        raise InvalidInput(f"--joint {words}: give NAME=VALUE, such as joint2=0.5") from None
+        raise InvalidInput(f"--joint {words!r}: give NAME=VALUE, such as joint2=0.5") from None

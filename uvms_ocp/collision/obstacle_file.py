@@ -25,6 +25,7 @@ from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.shapes.obstacles import Obstacle, mesh_shape, obstacle
 from uvms_ocp.obstacle_data import N_SIZES, ObstacleData
 from uvms_ocp.untrusted.yaml_file import read_yaml
+from uvms_ocp.validation import shown
 
 _MESH = "mesh"
 _EXAMPLE = "obstacles: [{name: ball, shape: sphere, size: [0.3], position: [1.0, 0.0, 0.0]}]"
@@ -54,14 +55,14 @@ def read_obstacles(path: Path | str) -> tuple[ObstacleData, ...]:
     try:
         content = read_yaml(path)
         if not isinstance(content, dict) or "obstacles" not in content:
-            raise InvalidInput(f"{path}: holds no obstacles; give a mapping such as {_EXAMPLE}")
+            raise InvalidInput(f"{shown(path)}: holds no obstacles; give a mapping such as {_EXAMPLE}")
         return ObstacleFile.model_validate(content).obstacles
     except InvalidInput:
         raise
     except ValidationError as error:
-        raise InvalidInput(f"{path}: {_first(error)}") from error
+        raise InvalidInput(f"{shown(path)}: {_first(error)}") from error
     except (OSError, ValueError) as error:
-        raise InvalidInput(f"{path}: cannot be read as YAML ({' '.join(str(error).split())})") from error
+        raise InvalidInput(f"{shown(path)}: cannot be read as YAML ({' '.join(str(error).split())})") from error
 
 
 @checked

@@ -14,6 +14,9 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
 from uvms_ocp.ocp.terms import At, Term
 
+MOST_STEPS, LONGEST = 2000, 86_400.0
+"""Steps and seconds of a phase."""
+
 
 class Integrator(Enum):
     """How a constant acceleration a moves the configuration over a step h.
@@ -54,10 +57,15 @@ class OcpPhase:
 
     def __post_init__(self) -> None:
         shortest, longest = self.range
+        if self.n_steps > MOST_STEPS:
+            text = f"phase {self.name!r}: n_steps = {self.n_steps}; give at most {MOST_STEPS}"
+            raise InvalidInput(f"{text}: each step takes 0.6 MB and its share of every iteration")
         if self.n_steps < 1:
             raise InvalidInput(f"phase {self.name!r}: n_steps = {self.n_steps}; give at least 1")
         if not (np.isfinite([shortest, longest]).all() and 0 < shortest <= longest):
             raise InvalidInput(f"phase {self.name!r}: duration {self.duration} s; give a time > 0, or a range of such")
+        if longest > LONGEST:
+            raise InvalidInput(f"phase {self.name!r}: duration {self.duration} s; give at most {LONGEST:g} s, a day")
 
     @property
     def free(self) -> bool:

@@ -22,7 +22,7 @@ from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Effort, Posture, Smoothness, TaskTerm
-from uvms_ocp.planning.goals import Goal, Triple
+from uvms_ocp.planning.goals import Goal, Triple, check_way
 from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 
 _PERIOD = 0.02  # [s] between the samples whose clearance is looked at
@@ -97,6 +97,7 @@ def solve_ocp(request: OcpRequest) -> OcpResult:
     Raises `NameNotFound` for an unknown joint, frame or NLP solver, `InvalidInput` for a goal outside limits, a start in
     collision, two obstacles of one name, obstacles of shapes that capsules do not cover, and numbers out of their range.
     """
+    check_way(request.robot, request.start, request.goal)
     planned = coordinates(request.robot, reference=request.start)
     scene = collision_scene(planned, build_obstacles(request.obstacles))
     clearance = capsule_clearance(scene, margin=request.clearance)

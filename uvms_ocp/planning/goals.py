@@ -27,6 +27,7 @@ from uvms_ocp.tasks.task import Task
 Triple: TypeAlias = tuple[float, float, float]
 
 _SAME = 1e-9  # [m or rad] difference between a goal and a start that is none
+_FARTHEST, _MOST_TURN = 1e4, 4 * np.pi  # [m] and [rad]
 
 
 @checked
@@ -43,6 +44,7 @@ class ToolGoal:
     def __post_init__(self) -> None:
         if not np.isfinite([*self.position, *(self.rpy or ())]).all():
             raise InvalidInput(f"the goal of {self.frame!r} is {self.position}, {self.rpy}; give finite numbers.")
+        _check_turn(self.rpy)
 
     @property
     def target(self) -> pin.SE3 | Array:
@@ -81,6 +83,9 @@ class PostureGoal:
     """[rad] Roll, pitch, yaw of the vehicle."""
     joints: Mapping[str, float] = field(default_factory=dict)
     """[m or rad] by name."""
+
+    def __post_init__(self) -> None:
+        _check_turn(self.rpy)
 
     def as_coordinates(self, distances: PairDistances, *, seed: int) -> Array:
         """Planned axes (n_axes,) [m, rad] at the goal.
@@ -130,3 +135,22 @@ class PostureGoal:
 
 
 Goal: TypeAlias = ToolGoal | PostureGoal
+
+
+def check_way(robot: Robot, start: Array, goal: Goal) -> None:
+    """Raise `InvalidInput` for a goal that is very far from the start (n_q,) [m, rad]: plans are sampled densely."""
+    if goal.position is None or not np.isfinite(goal.position).all():
+        return  # said by others, with the axis
+    here = start[:3] if robot.n_vehicle else np.zeros(3)
+    # Within what can be squared.
+    way = float(np.linalg.norm(np.clip(goal.position, -1e99, 1e99) - np.clip(here, -1e99, 1e99)))
+    if way > _FARTHEST:
+        text = f"the goal {tuple(goal.position)} m is {way:.3g} m from the start; give one within {_FARTHEST:g} m"
+        raise InvalidInput(f"{text}: a plan is proven clear every few centimetres, in memory")
+
+
+def _check_turn(rpy: Triple | None) -> None:
+    if rpy is not None and np.isfinite(rpy).all() and np.abs(rpy).max() > _MOST_TURN:
+        raise InvalidInput(
+            f"roll, pitch and yaw of the goal are {rpy} rad; give angles within two turns, {_MOST_TURN:.4g} rad"
+        )

@@ -12,10 +12,10 @@ from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import CollisionScene, collision_scene
 from uvms_ocp.collision.coordinates import VEHICLE_AXES, Coordinates, coordinates
 from uvms_ocp.collision.obstacle_file import build_obstacles
-from uvms_ocp.exceptions import NameNotFound
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.obstacle_data import ObstacleData
-from uvms_ocp.planning.goals import Goal
+from uvms_ocp.planning.goals import Goal, check_way
 from uvms_ocp.planning.path_cost import CostWeights
 from uvms_ocp.planning.sampling import SamplingOptions
 from uvms_ocp.planning.soft_collision import (
@@ -66,6 +66,9 @@ def solve(request: PlanRequest) -> PlanResult:
     Raises `NameNotFound` for unknown axes, joints or frames, `InvalidInput` for a start or goal in collision or outside limits,
     a goal on axes that are not planned, a start that is the goal, and two obstacles of one name.
     """
+    if request.seed < 0:
+        raise InvalidInput(f"seed = {request.seed}; give a whole number >= 0")
+    check_way(request.robot, request.start, request.goal)
     planned = _planned_axes(request)
     scene = collision_scene(planned, build_obstacles(request.obstacles))
     goal = request.goal.as_coordinates(CoalDistances(scene), seed=request.seed)

@@ -95,7 +95,9 @@ def _joint_margin(record: Record, rows: slice) -> float | None:
 
 
 def _share(record: Record, name: str, limits: tuple[float, ...] | None, rows: slice) -> float | None:
-    """The largest value in units of its limit."""
+    """The largest value in units of its limit; what may not move at all has no unit."""
     if name not in record.series or limits is None:
         return None
-    return float((np.abs(record[name][rows]) / np.array(limits)).max(initial=0.0))
+    bounds = np.array(limits)
+    limited = bounds > 0.0
+    return float((np.abs(record[name][rows][:, limited]) / bounds[limited]).max(initial=0.0))

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from uvms_ocp.arguments import checked
 from uvms_ocp.control.force.dynamic import VelocityGains
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
-from uvms_ocp.exceptions import NameNotFound
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model.files.description import TrimBody
 from uvms_ocp.model.loading import load_robot
@@ -108,12 +108,15 @@ def run_options(
 ) -> RunOptions:
     """The options that were given by keyword, `None` for the default; robot and seabed [m] are the scenario's own.
 
-    Raises `NameNotFound` for an option or a robot that there is not, and `InvalidInput` for a current that is none.
+    Raises `NameNotFound` for an option or a robot that there is not, and `InvalidInput` for a current or
+    a seed that is none.
     """
     known = [item.name for item in fields(RunOptions)]
     for name in given:
         if name not in known:
             raise NameNotFound("option of all scenarios", name, known)
+    if (given.get("seed") or 0) < 0:
+        raise InvalidInput(f"seed = {given['seed']}; give a whole number >= 0")
     options = {"robot": robot, "seabed": seabed, **{name: value for name, value in given.items() if value is not None}}
     machine, current = options.pop("robot"), options.pop("current", None)
     return RunOptions(

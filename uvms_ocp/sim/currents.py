@@ -261,7 +261,7 @@ class _Path:
 def _flow(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
     """Velocities (..., 3) [m/s] that water may have."""
     array = _finite(what, values, shape)
-    speed = float(np.linalg.norm(array, axis=-1).max(initial=0.0))
+    speed = float(np.linalg.norm(np.clip(array, -1e9, 1e9), axis=-1).max(initial=0.0))  # whose square is a number
     if speed > _FASTEST:
         raise InvalidInput(f"{what} reaches {speed:g} m/s; give at most {_FASTEST:g} m/s")
     return array

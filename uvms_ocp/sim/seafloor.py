@@ -16,6 +16,7 @@ from uvms_ocp.meta_values import FloorRelief
 from uvms_ocp.model.shapes.obstacles import Obstacle, mesh_shape
 
 _LEVEL = 1e-9  # sine of the angle to the horizon below which a ray counts as level
+_DEEPEST = 1e5  # [m]
 _RELIEF_POINTS = 81  # along each side
 _SLAB = 2.0  # [m] thickness of a flat floor as an obstacle
 
@@ -41,14 +42,15 @@ class Seafloor(Protocol):
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FlatSeafloor(Seafloor):
-    """A horizontal plane. Raises `InvalidInput` for a height that is not finite."""
+    """A horizontal plane. Raises `InvalidInput` for a height that is none, or very far from the origin."""
 
     z: float
     """[m] in W."""
 
     def __post_init__(self) -> None:
-        if not math.isfinite(self.z):
-            raise InvalidInput(f"seafloor at z = {self.z}; give a finite height [m]")
+        if not abs(self.z) <= _DEEPEST:
+            text = f"seafloor at z = {self.z}; give a height from -{_DEEPEST:g} to {_DEEPEST:g} m"
+            raise InvalidInput(f"{text}: farther from the origin millimetres are lost")
 
     @late
     def height(self, x: float, y: float) -> float:

@@ -20,6 +20,7 @@ from uvms_ocp.arguments import Count, Finite, Positive, checked, late
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput, OutputError
 from uvms_ocp.untrusted.array_file import read_arrays
+from uvms_ocp.validation import shown
 
 _EXTREMUM_GRID = np.linspace(0.0, 1.0, 65)
 
@@ -193,7 +194,7 @@ class PiecewisePolynomial:
                 raise InvalidInput(f"it holds {', '.join(sorted(arrays)[:5])}; allowed: breaks and coefficients")
             return PiecewisePolynomial(**arrays)
         except ValueError as error:
-            raise InvalidInput(f"{path}: not a trajectory written by to_numpy ({error}).") from error
+            raise InvalidInput(f"{shown(path)}: not a trajectory written by to_numpy ({error}).") from error
 
 
 @checked
