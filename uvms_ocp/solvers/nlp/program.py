@@ -116,21 +116,12 @@ class RowRanges:
     """(n_constraints,) [unit of the row]"""
 
     @property
-    def n_x(self) -> int:
-        """Variables."""
-        return int(self.values.size1_in(0))
-
-    @property
-    def n_p(self) -> int:
-        """Parameters."""
-        return int(self.values.size1_in(1))
-
-    @property
     def n_rows(self) -> int:
         """Constraints and the rows that freeze all levels but the last."""
         return max((level.frozen.stop for level in self.levels), default=len(self.lower))
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LexicographicProgram:
     """Everything that is built once."""
@@ -141,6 +132,16 @@ class LexicographicProgram:
     """One per level."""
     values: ca.Function
     """``x, p -> y`` of every level, one output each."""
+
+    @property
+    def n_x(self) -> int:
+        """Variables."""
+        return int(self.values.size1_in(0))
+
+    @property
+    def n_p(self) -> int:
+        """Parameters."""
+        return int(self.values.size1_in(1))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
