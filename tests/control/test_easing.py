@@ -23,7 +23,7 @@ from uvms_ocp.solvers.hierarchy.icat import Icat
 from uvms_ocp.solvers.hierarchy.level import row_slices
 from uvms_ocp.tasks.hierarchy import Hierarchy
 
-DT = 0.01
+DT = 0.02
 RISE = 0.07  # [s] from rest to the acceleration limit
 MISSIONS: list[tuple[Callable[..., Scenario], list[HierarchySolver]]] = [
     (case1, [LexicographicActiveSet(), LexicographicQp(), Daqp(certified=False)]),
@@ -33,7 +33,7 @@ MISSIONS: list[tuple[Callable[..., Scenario], list[HierarchySolver]]] = [
 
 
 @pytest.mark.parametrize(("mission", "solvers"), MISSIONS, ids=[mission.__name__ for mission, _ in MISSIONS])
-def test_phase_changes_are_no_rougher_than_with_weights_and_no_step_breaks_the_acceleration_limits(
+def test_phase_changes_are_no_rougher_than_with_weights_break_no_acceleration_limit_and_take_nothing_from_safety(
     mission: Callable[..., Scenario], solvers: list[HierarchySolver]
 ) -> None:
     records = {str(k): mission(solver=s, plant="kinematic", dt=DT).run() for k, s in enumerate([Icat(), *solvers])}
@@ -44,6 +44,7 @@ def test_phase_changes_are_no_rougher_than_with_weights_and_no_step_breaks_the_a
         if row["run"] != "0":
             assert row["jerk"] <= weighted, row
             assert row["step"] <= 1.0 + 1e-4, row  # DAQP's tolerance
+            assert row["lost"] <= 1e-5 or mission is priority_swap, row  # which puts an action above safety
 
 
 @pytest.fixture(scope="module")
