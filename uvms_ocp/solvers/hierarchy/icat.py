@@ -35,7 +35,10 @@ from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Icat:
-    """[Gao2022] eq. (27): a fold over the levels, reading ``rate`` and ``activation`` only."""
+    """[Gao2022] eq. (27): a fold over the levels, reading ``rate`` and ``activation`` only.
+
+    Priorities hold up to the regularisation and while no activation is between 0 and 1; acceleration limits are not kept.
+    """
 
     damping: float = 1e-4
     """[rate^4/velocity^4] Largest regularisation of a small singular value, added to its square."""
