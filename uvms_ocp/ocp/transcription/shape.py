@@ -70,6 +70,9 @@ def _require_same_fields(place: str, built: object, given: object) -> None:
 
 
 def _require_equal(place: str, name: str, built: object, given: object) -> None:
+    if is_dataclass(built) and not _same(built, given):
+        found = ", ".join(_differences(built, given, name))
+        raise InvalidInput(f"{place} differs in {found} from the planner's: build a new Planner")
     if not _same(built, given):
         raise InvalidInput(f"{place} has {name} = {given}, the planner was built for {built}: build a new Planner")
 
