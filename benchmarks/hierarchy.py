@@ -26,6 +26,8 @@ All rows are from one run. Every solver has one call to warm up.
 - Other problems: matrices given, from Python. *case1*: every recorded tick, in sequence (warm). The rest is cold.
 - *not exact*: results that the solver itself does not call exact; daqp: an exit flag below one. iCAT is regularised by
   design.
+- *largest certificate where exact*: by how much any level can be above its least at most [rate], of results called exact. The
+  cascade is certified in Python in every call, which is most of its time.
 - *largest excess*: of a level's residual norm over the best certified to {certified:g}, at the first level that differs
   by more than {excess:g}; below that, rounding cannot tell who is better, because the norm of a level is flat at its
   optimum.

@@ -79,9 +79,8 @@ def test_nearly_dependent_rows_end_with_a_truthful_status(nearly: float, compile
             levels = _dependent_hierarchy(seed, n, sizes, nearly)
             solution = solver.solve(levels)
             assert np.isfinite(solution.v).all()
-            if solution.status.exact:
-                size = max(1.0, solution.level_residuals.max())
-                assert solution.certificate(levels) < 5e-7 * size, (n, seed)
+            size = max(1.0, solution.level_residuals.max())
+            assert not solution.status.exact or solution.certificate(levels) < 5e-7 * size, (n, seed)
 
 
 def test_rows_dependent_to_1e_4_are_solved() -> None:
@@ -298,5 +297,4 @@ def test_a_velocity_that_is_not_certified_is_called_inexact(monkeypatch: pytest.
     monkeypatch.setattr(active_set_tick, "lexicographic_least_squares", lost)
     solution = LexicographicActiveSet(compiled=False, cascade=False).solve(random_hierarchy(1))
     assert solution.status is Status.INEXACT
-    assert not solution.status.exact
     assert np.isfinite(solution.v).all()
