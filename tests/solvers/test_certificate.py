@@ -151,6 +151,13 @@ def test_the_radius_is_how_far_a_better_velocity_is_looked_for() -> None:
         certificate(levels, np.zeros(3))
 
 
+def test_what_is_left_of_a_cancellation_asks_for_no_velocity() -> None:
+    levels = [Level(jacobian=[[1e-17, 0.0]], lower=1.0, upper=1.0), *random_hierarchy(0, 2, (2, 1, 1, 2))]
+    solution = ACTIVE_SET.solve(levels)
+    assert solution.status.exact
+    assert solution.certificate(levels) < 1e-10
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e308])
 def test_what_is_no_velocity_has_no_certificate(value: float) -> None:
     levels = random_hierarchy(0, 5, SIZES)

@@ -28,7 +28,7 @@ of a row, `[velocity]` that of an entry of v.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -74,8 +74,9 @@ def level_excesses(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | No
     rows = stack(levels)
     low, up = gated(rows.jacobian, rows.lower, rows.upper, rows.gate)
     v = _velocity(v, rows.jacobian.shape[1])
+    normal = normal_rows(rows.jacobian, low, up, rows.sizes)
     # Rows that count as nothing for a solver count here.
-    normal = normal_rows(rows.jacobian, low, up, rows.sizes, vanished=0.0)
+    normal = replace(normal, J=rows.jacobian / np.repeat(normal.level, rows.sizes)[:, None])
     w = v / normal.velocity
     region = _default_region(normal, w) if radius is None else _given_region(radius, v, normal.velocity)
     return _excesses(normal, w, region) * normal.level * normal.velocity

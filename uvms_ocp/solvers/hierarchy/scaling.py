@@ -55,17 +55,14 @@ class NormalRows:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is never called exact
-def normal_rows(
-    J: Array, lower: Array, upper: Array, sizes: Sequence[int], vanished: float = TOLERANCES.vanished
-) -> NormalRows:
+def normal_rows(J: Array, lower: Array, upper: Array, sizes: Sequence[int]) -> NormalRows:
     """Of J (M, n) [rate/velocity] and gated bounds lower and upper (M,) [rate]; sizes: rows of each level.
 
-    Rows of at most ``vanished`` [-] of the largest count as nothing. The size of velocities is the largest that a row asks
-    for, or what the box of the first level allows if that is less.
+    The size of velocities is the largest that a row asks for, or what the box of the first level allows if that is less.
     """
     norm = _norms(J)
     largest = norm.max(initial=0.0)
-    real = norm > vanished * largest
+    real = norm > TOLERANCES.vanished * largest
     level = np.array([_power(norm[rows][real[rows]].max(initial=0.0)) for rows in row_slices(sizes)])
     divisor = np.repeat(level, sizes)
     asked = _asked(lower, upper, real) / largest if largest > 0.0 else 0.0
