@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from uvms_ocp.cli.options import default_folder
 from uvms_ocp.model.files.library import robot_folder
 from uvms_ocp.record import Record
 from uvms_ocp.scenarios.reach import reach
@@ -236,3 +237,50 @@ def test_the_help_of_a_command_tells_users_nothing_of_exceptions(tmp_path: Path)
 
 def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
     assert cli("--version", cwd=tmp_path).stdout == f"uvms-ocp {version('uvms-ocp')}\n"
+
+
+def test_a_foreign_file_is_refused_before_the_simulation_and_kept(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "scene.html").write_text("mine")
+    for arguments in (["run", "--out", "out"], ["plan", "curve", "--to", "1", "0", "0", "--out", "out"]):
+        process = cli(*arguments, cwd=tmp_path)
+        assert process.returncode == 2
+        assert process.stdout == ""
+        assert process.stderr.splitlines() == [
+            "error: out/scene.html: not written by an earlier command; move it away or choose another folder"
+        ]
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["scene.html"]
+    assert (tmp_path / "out" / "scene.html").read_text() == "mine"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is full")
+def test_a_full_disk_behind_stdout_is_one_line(tmp_path: Path) -> None:
+    with Path("/dev/full").open("w") as full:
+        process = subprocess.run(
+            [sys.executable, "-m", "uvms_ocp", "list", "--json"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert process.returncode == 2
+    assert process.stderr.splitlines() == ["error: [Errno 28] No space left on device"]
+
+
+def test_default_folders_of_what_differs_differ() -> None:
+    options = [
+        {},
+        {"robot": "planar5"},
+        {"current": (0.3, 0.0, 0.0)},
+        {"current": (0.0, 0.3, 0.0)},
+        {"noise": True},
+        {"noise": False},
+        {"seed": 4},
+        {"noise": True, "seed": 4},
+        {"seabed": -40.05},
+        {"duration": 0.1},
+        {"duration": 0.1000000001},
+    ]
+    names = [default_folder(("case1", "dynamic", "lexls"), given).name for given in options]
+    assert names[7] == "case1-dynamic-lexls-noise-seed4"
+    assert len(set(names)) == len(options)

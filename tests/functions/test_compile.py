@@ -9,14 +9,20 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
+import types
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
 
+from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions import compile as building
+from uvms_ocp.functions.compiler import compile_timeout
+from uvms_ocp.functions.library_cache import cache_folder
 
 SOURCE = "double answer(double x) { return 2 * x; }\n"
 
@@ -90,7 +96,7 @@ def test_a_process_killed_while_compiling_breaks_nothing() -> None:
 def test_a_cache_that_others_can_write_is_refused(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     (tmp_path / "cache").mkdir()
     (tmp_path / "cache").chmod(0o777)
-    building._warn_once.cache_clear()
+    building._SAID.clear()
     with caplog.at_level(logging.WARNING):
         assert _compile_visible() is None
     assert "can be written by others" in caplog.text
@@ -135,8 +141,121 @@ def test_the_missing_compiler_is_announced_on_stderr_once(tmp_path: Path) -> Non
     assert line == "no C compiler found (CC, cc, gcc, clang): everything works, only slower"
 
 
+@pytest.fixture
+def pretend(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], Path]]:
+    """Makes a shell script the compiler."""
+
+    def write(script: str) -> Path:
+        compiler = tmp_path / "cc"
+        compiler.write_text(f'#!/bin/sh\n[ "$1" = --version ] && echo 1 && exit 0\n{script}\n')
+        compiler.chmod(0o755)
+        monkeypatch.setenv("CC", str(compiler))
+        building._compiler.cache_clear()
+        building._SAID.clear()
+        return compiler
+
+    yield write
+    building._HUNG.clear()
+    building._compiler.cache_clear()
+
+
+BAD_COMPILERS = {
+    "writes nothing": ("exit 0", "cannot be loaded"),
+    "writes garbage": ('while [ "$1" != -o ]; do shift; done; echo garbage > "$2"', "cannot be loaded"),
+    "says garbage": ("head -c 1000000 /dev/urandom >&2; exit 1", "failed"),
+    "meets a full disk": ("echo 'No space left on device' >&2; echo x > /dev/full", "failed"),
+    "crashes": ("kill -SEGV $$", "failed"),
+}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="shell scripts")
+@pytest.mark.parametrize("kind", BAD_COMPILERS)
+def test_a_bad_compiler_is_said_in_one_line_and_leaves_no_library(
+    kind: str, pretend: Callable[[str], Path], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    script, message = BAD_COMPILERS[kind]
+    pretend(script)
+    x = ca.SX.sym("x")
+    function = ca.Function("f", [x], [x])
+    with caplog.at_level(logging.WARNING):
+        assert building.compile_function(function) is function
+        assert building.compile_function(function) is function
+    said = [record.getMessage() for record in caplog.records if "slower" in record.getMessage()]
+    assert len(said) == 1
+    assert message in said[0]
+    assert "\n" not in said[0]
+    assert not list((tmp_path / "cache").iterdir())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="shell scripts")
+def test_a_compiler_that_hangs_is_stopped_with_its_children_and_not_called_again(
+    pretend: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setenv("UVMS_OCP_COMPILE_TIMEOUT", "0.3")
+    pretend(f"echo call >> {tmp_path}/calls; sleep 300 & echo $! > {tmp_path}/child; wait")
+    with caplog.at_level(logging.WARNING):
+        assert _compile_visible() is None
+        assert _compile_visible(SOURCE + "/* other */") is None
+    assert caplog.text.count("was stopped after 0.3 s") == 1
+    assert (tmp_path / "calls").read_text() == "call\n"
+    state = Path("/proc") / (tmp_path / "child").read_text().strip() / "stat"
+    assert not state.exists() or state.read_text().split()[2] in "ZX"
+    assert not list((tmp_path / "cache").iterdir())
+
+
+def test_a_time_limit_that_is_none_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    for words in ("soon", "0", "-1", "nan", "inf"):
+        monkeypatch.setenv("UVMS_OCP_COMPILE_TIMEOUT", words)
+        with pytest.raises(InvalidInput, match=f"UVMS_OCP_COMPILE_TIMEOUT = '{words}'; give seconds"):
+            compile_timeout()
+
+
+def test_an_intact_library_that_cannot_be_loaded_is_compiled_anew() -> None:
+    path = _compile_visible()
+    assert path is not None
+    path.write_bytes(b"of another machine")
+    path.with_suffix(".sha256").write_text(building._digest(path.read_bytes()), encoding="ascii")
+    assert _answer(_compile_visible()) == 42.0
+
+
+def test_a_library_without_the_function_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
+    building._SAID.clear()
+    with caplog.at_level(logging.WARNING):
+        assert building.external_function("missing", SOURCE) is None
+        assert building.external_function("missing", SOURCE) is None
+    assert caplog.text.count("does not define missing") == 1
+
+
+def test_without_a_home_or_with_one_that_is_read_only_the_cache_is_among_the_temporary_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    for name in ("UVMS_OCP_CACHE", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    (tmp_path / "file").write_text("")
+    for home in ("", "relative", str(tmp_path / "file")):
+        monkeypatch.setenv("HOME", home)
+        folder, _ = cache_folder()
+        assert folder is not None
+        assert folder.parent == tmp_path
+        assert _answer(_compile_visible()) == 42.0
+    assert not Path("relative").exists()
+
+
+def test_a_cache_on_a_disk_that_runs_no_programs_is_said_and_not_compiled_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    building._SAID.clear()
+    flags = types.SimpleNamespace(f_flag=getattr(os, "ST_NOEXEC", 8))
+    monkeypatch.setattr(os, "statvfs", lambda path: flags)
+    with caplog.at_level(logging.WARNING):
+        assert _compile_visible() is None
+    assert "mounted noexec" in caplog.text
+    assert not list((tmp_path / "cache").iterdir())
+
+
 def test_source_that_does_not_compile_gives_nothing_but_a_warning(caplog: pytest.LogCaptureFixture) -> None:
-    building._warn_once.cache_clear()
+    building._SAID.clear()
     with caplog.at_level(logging.WARNING):
         assert building.compile_library("this is not C") is None
     assert "failed" in caplog.text

@@ -6,7 +6,9 @@ collision.
 
 from __future__ import annotations
 
+import os
 import sys
+from contextlib import suppress
 from typing import Annotated
 
 import typer
@@ -56,8 +58,24 @@ def common(
 def main() -> None:
     """Entry point of the console script."""
     try:
-        app()
-    except UvmsError as error:
+        try:
+            app()
+        finally:
+            sys.stdout.flush()  # here, where a full disk can still be told
+    except BrokenPipeError:  # of a reader that has seen enough
+        _drop_stdout()
+        sys.exit(1)
+    except (UvmsError, OSError) as error:
+        _drop_stdout()
         text = plain_line(f"error: {error}")
         console_of(stderr=True).print(text, style="red", highlight=False, soft_wrap=True)
         sys.exit(BAD_INPUT)
+
+
+def _drop_stdout() -> None:
+    """What cannot be written any more is not tried again at the end."""
+    with suppress(OSError, ValueError):
+        sys.stdout.flush()
+        return
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,6 +1,7 @@
-"""C source to shared library, compiled once and cached; without a C compiler callers fall back to slower code.
+"""C source to shared library, compiled once and cached; where that cannot be done callers fall back to slower code.
 
-Either is said once per process as a warning of the logger ``uvms_ocp.functions.compile``.
+Either is said once per process as a warning of the logger ``uvms_ocp.functions.compile``: no compiler, one that fails, hangs
+or writes garbage, a full disk, a cache that cannot be written or whose libraries cannot be loaded.
 
 A library is found by the hash of its source, flags and compiler; its own hash is stored beside it and checked before
 every use, so that an interrupted compilation, a damaged file or garbage in the cache leads to a new compilation.
@@ -9,12 +10,13 @@ Every process compiles to a file of its own and moves it into place, which the o
 
 from __future__ import annotations
 
+import _ctypes
+import ctypes
 import hashlib
 import logging
 import os
 import platform
 import shutil
-import stat
 import subprocess
 import sys
 import tempfile
@@ -25,28 +27,41 @@ from pathlib import Path
 import casadi as ca
 
 from uvms_ocp.arguments import checked
+from uvms_ocp.functions.compiler import call, compile_timeout
+from uvms_ocp.functions.library_cache import cache_folder
 
 _FLAGS = ("-O3", "-shared", "-fPIC", "-ffp-contract=off")
-_TIMEOUT = 300.0  # [s]
+_VERSION_TIMEOUT = 30.0  # [s]
+_HUNG: set[str] = set()  # compilers, which are not called again
+_SAID: set[str] = set()
 _SLOWER = "everything works, only slower"
 _log = logging.getLogger(__name__)
 
 
 @checked
 def compile_library(source: str, flags: Sequence[str] = ()) -> Path | None:
-    """Path of the library of ``source`` (C, linked with libm), None where it cannot be compiled (logged once).
+    """Path of the library of ``source`` (C, linked with libm), which can be loaded; None where there is none (logged once).
 
-    The path is inside the user's cache, or inside ``UVMS_OCP_CACHE`` if that is set.
+    The path is inside the user's cache, or inside ``UVMS_OCP_CACHE`` if that is set. A compiler is stopped after
+    ``UVMS_OCP_COMPILE_TIMEOUT`` seconds, 300 by default. Raises `InvalidInput` where that is no time.
     """
     compiler = _compiler()
-    directory = _cache_directory()
-    if compiler is None or directory is None:
+    if compiler is None or compiler in _HUNG:
+        return None
+    directory, reason = cache_folder()
+    if directory is None:
+        _warn_once(reason)
         return None
     flags = (*_FLAGS, *flags)
-    library = directory / f"{_key(source, flags, compiler)}.so"
-    if not _is_intact(library) and not _build(compiler, source, flags, library):
+    try:
+        library = directory / f"{_key(source, flags, compiler)}.so"
+        if _is_intact(library) and not _load_error(library):
+            return library
+        return library if _build(compiler, source, flags, library) else None
+    except subprocess.TimeoutExpired as error:
+        _HUNG.add(compiler)
+        _warn_once(f"{compiler} was stopped after {error.timeout:g} s")
         return None
-    return library
 
 
 @checked
@@ -55,8 +70,20 @@ def compile_function(function: ca.Function) -> ca.Function:
     generator = ca.CodeGenerator("function.c")
     generator.add(function)
     # Code without loops gains nothing from more optimisation but the time that takes.
-    path = compile_library(generator.dump(), ["-O1"])
-    return function if path is None else ca.external(function.name(), str(path))
+    compiled = external_function(function.name(), generator.dump(), ["-O1"])
+    return function if compiled is None else compiled
+
+
+def external_function(name: str, source: str, flags: Sequence[str] = ()) -> ca.Function | None:
+    """The CasADi function ``name`` that ``source`` defines, compiled; None where that cannot be (logged once)."""
+    path = compile_library(source, flags)
+    if path is None:
+        return None
+    try:
+        return ca.external(name, str(path))
+    except RuntimeError:  # the library is one, but not of this source
+        _warn_once(f"{path} does not define {name}")
+        return None
 
 
 def _key(source: str, flags: Sequence[str], compiler: str) -> str:
@@ -76,39 +103,21 @@ def _compiler() -> str | None:
 @lru_cache(maxsize=4)
 def _version(compiler: str) -> str:
     try:
-        done = subprocess.run([compiler, "--version"], capture_output=True, text=True, timeout=30, check=False)
-    except (OSError, subprocess.TimeoutExpired):
+        return call([compiler, "--version"], min(_VERSION_TIMEOUT, compile_timeout()))[1]
+    except OSError:
         return ""
-    return done.stdout
 
 
-@lru_cache(maxsize=8)
-def _warn_once(message: str) -> None:
-    _log.warning("%s: %s", message, _SLOWER)
+def _warn_once(what: str, detail: str = "") -> None:
+    if what not in _SAID:
+        _SAID.add(what)
+        _log.warning("%s: %s", f"{what} ({detail})" if detail else what, _SLOWER)
 
 
 @lru_cache(maxsize=1)
 def _announce(directory: Path) -> None:
     # A warning, as Python shows it by default: a silent half minute looks like a hang.
     _log.warning("compiling C code for the first time, about half a minute; kept in %s", directory)
-
-
-def _cache_directory() -> Path | None:
-    """Writable by this user only: a library that others can replace must not be loaded."""
-    given = os.environ.get("UVMS_OCP_CACHE")
-    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    directory = Path(given) if given else base / "uvms_ocp"
-    try:
-        directory.mkdir(mode=0o700, parents=True, exist_ok=True)
-        status = directory.stat()
-    except OSError as error:
-        _warn_once(f"cache {directory} cannot be used ({error.strerror})")
-        return None
-    foreign = sys.platform != "win32" and status.st_uid != os.getuid()
-    if foreign or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        _warn_once(f"cache {directory} can be written by others")
-        return None
-    return directory
 
 
 def _digest(data: bytes) -> str:
@@ -122,12 +131,25 @@ def _is_intact(library: Path) -> bool:
         return False
 
 
+def _load_error(library: Path) -> str:
+    """Why it cannot be loaded, empty where it can; it is let go again, as the file may be replaced before it is used."""
+    try:
+        handle = ctypes.CDLL(str(library))._handle
+    except OSError as error:
+        return " ".join(str(error).split())
+    if sys.platform == "win32":
+        _ctypes.FreeLibrary(handle)
+    else:
+        _ctypes.dlclose(handle)
+    return ""
+
+
 def _build(compiler: str, source: str, flags: Sequence[str], library: Path) -> bool:
     try:
         with tempfile.TemporaryDirectory(prefix="build-", dir=library.parent) as folder:
             return _build_in(Path(folder), compiler, source, flags, library)
-    except (OSError, subprocess.TimeoutExpired) as error:
-        _warn_once(f"compilation failed ({error})")
+    except OSError as error:
+        _warn_once("compilation failed", error.strerror or str(error))
         return False
 
 
@@ -135,10 +157,12 @@ def _build_in(folder: Path, compiler: str, source: str, flags: Sequence[str], li
     code, built, digest = folder / "source.c", folder / "library.so", folder / "digest"
     _announce(library.parent)
     code.write_text(source, encoding="utf-8")
-    command = [compiler, *flags, "-o", str(built), str(code), "-lm"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT, check=False)
-    if done.returncode != 0:
-        _warn_once(f"{compiler} failed: {done.stderr.strip().splitlines()[-1:]}")
+    failed, said = call([compiler, *flags, "-o", str(built), str(code), "-lm"], compile_timeout())
+    if failed:
+        _warn_once(f"{compiler} failed", ascii(" ".join(said.split())[-200:]))
+        return False
+    if problem := _load_error(built):
+        _warn_once(f"what {compiler} made cannot be loaded", problem)
         return False
     digest.write_text(_digest(built.read_bytes()), encoding="ascii")
     # Between the two moves the pair does not match, which only costs another process a compilation.

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions.compile import compile_function, compile_library
+from uvms_ocp.functions.compile import compile_function, external_function
 from uvms_ocp.solvers.hierarchy.active_set.core_source import core_source
 from uvms_ocp.solvers.hierarchy.active_set.fallbacks import ActiveSetFunctions, ActiveSetTick
 from uvms_ocp.solvers.hierarchy.level import Level
@@ -103,5 +103,4 @@ def _core(n: int, sizes: tuple[int, ...]) -> ca.Function | None:
     """(J, lower, upper, gate, active set) -> v, active set, report, residual; see entry.c."""
     if sum(sizes) == 0:
         return None
-    path = compile_library(core_source(n, sizes))
-    return None if path is None else ca.external("lexls", str(path))
+    return external_function("lexls", core_source(n, sizes))
