@@ -190,7 +190,7 @@ def commands(folder: Path) -> Any:
 
 
 def command(folder: Path, arguments: list[str]) -> Any:
-    """States recovered from before every operation, and those of a real kill among the moves and of the command after it."""
+    """The states recovered from before every operation, and how many earlier files were replaced."""
     from uvms_ocp.cli import app
 
     written = {"report.json": "old", "tick.h": "old", "scene.html": "old", "figures/path.png": "old"}
