@@ -21,6 +21,8 @@ from typing import Any
 
 from uvms_ocp.exceptions import OutputError
 from uvms_ocp.output import claimed, settle
+from uvms_ocp.output.journal import Replacement
+from uvms_ocp.output.manifest import Manifest, is_same
 
 CHANGING = {"open", "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.link"}
 FOREIGN = {"mine.txt": "mine", "figures/mine.png": "mine"}
@@ -190,24 +192,47 @@ def commands(folder: Path) -> Any:
 
 
 def command(folder: Path, arguments: list[str]) -> Any:
-    """The states recovered from before every operation, and how many earlier files were replaced."""
+    """The states recovered from before every operation, and what is left by a kill between the moves of another call.
+
+    The other call writes other times of computation, so its files are known by the manifest alone.
+    """
     from uvms_ocp.cli import app
 
     written = {"report.json": "old", "tick.h": "old", "scene.html": "old", "figures/path.png": "old"}
     target = prepared(folder, written)
-    old, seen, events = state(target), [], []
+    old, seen = state(target), []
 
     def copy_and_recover(n: int, event: str) -> None:
         WATCH.watching = False
-        events.append(event)
         seen.append(recovered(copy_of(target, folder.with_suffix(".copy"))))
         WATCH.watching = True
 
     place = [str(target)] if arguments[0] == "export" else ["--out", str(target)]
     with WATCH.on(target, copy_and_recover):
         app([*arguments, *place], standalone_mode=False)
-    new = state(target)
-    return {"found": [name_of(one, {"old": old, "new": new}) for one in seen], "links": events.count("os.link")}
+    new, moves = state(target), []
+
+    def kill(n: int, event: str) -> None:
+        moves.extend([n] if event == "os.link" else [])
+        if len(moves) == 3:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    def again() -> None:
+        with WATCH.on(target, kill):
+            app([*arguments, *place], standalone_mode=False)
+
+    return {
+        "found": [name_of(one, {"old": old, "new": new}) for one in seen],
+        "killed": in_child(again),
+        "is_mixed": (target / ".uvms_ocp" / "journal.json").exists(),
+        "left": sorted(recovered(target)),
+        "as_in_manifest": all(is_same(target / name, known) for name, known in manifest_in(target).files.items()),
+        "files": sorted([*manifest_in(target).files, *FOREIGN]),
+    }
+
+
+def manifest_in(folder: Path) -> Manifest:
+    return Replacement(target=folder).manifest()
 
 
 if __name__ == "__main__":

@@ -39,8 +39,11 @@ def test_a_kill_at_any_operation_and_at_any_of_the_recovery_leaves_all_old_files
 def test_so_does_one_at_any_operation_of_run_plan_and_export(tmp_path: Path) -> None:
     for name, command in answer("commands", tmp_path).items():
         assert len(command["found"]) > 40, name
-        assert command["links"] > 0, name  # old files were replaced
         assert is_old_then_new(command["found"]), name
+        assert command["killed"], name
+        assert command["is_mixed"], name
+        assert command["left"] == command["files"], name
+        assert command["as_in_manifest"], name
 
 
 @pytest.mark.parametrize("what", ["refused", "full"])
