@@ -69,8 +69,7 @@ def test_every_phase_reports_what_it_cost(run: Run) -> None:
         assert phase["energy_j"] == pytest.approx(phase["thruster_energy_j"] + phase["joint_energy_j"])
         assert phase["energy_j"] > 0
         assert 0 < phase["peak_thrust_n"] <= 150.0
-        assert phase["path_length_m"] >= 0
-        assert phase["saturation_time_s"] >= 0
+        assert phase["saturation_time_s"] <= phase["duration_s"]
     total = run.record["thruster_energy"][-1].sum() + run.record["joint_energy"][-1]
     assert sum(phase["energy_j"] for phase in run.report["phases"]) == pytest.approx(total, rel=1e-6)
 
