@@ -54,11 +54,10 @@ def _by_key(error: ValidationError) -> dict[str, Any]:
 
 def _keys_of(problem: Any) -> list[str]:
     """Where it is in the file."""
-    *above, last = problem["loc"] or ("",)
-    # pydantic names the alternative that it tried, in brackets; an unknown key may have some of its own.
-    alternatives = above if problem["type"] == "extra_forbidden" else (*above, last)
-    own = [str(last)] if problem["type"] == "extra_forbidden" else []
-    return [*(str(part) for part in alternatives if "[" not in str(part)), *own]
+    location = [str(part) for part in problem["loc"]]
+    # pydantic names the alternative that it tried, in brackets; an unknown key, which comes last, may have some of its own.
+    own = location[-1:] if problem["type"] == "extra_forbidden" else []
+    return [*(part for part in location[: len(location) - len(own)] if "[" not in part), *own]
 
 
 def shown(key: object) -> str:
