@@ -75,7 +75,10 @@ class ToolGoal:
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PostureGoal:
-    """A posture of the vehicle and joints; what is left out stays as at the start."""
+    """A posture of the vehicle and joints; what is left out stays as at the start.
+
+    Raises `InvalidInput` for angles beyond two turns.
+    """
 
     position: Triple | None = None
     """[m] of the vehicle."""

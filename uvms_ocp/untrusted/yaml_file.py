@@ -32,7 +32,7 @@ class BoundedLoader(yaml.SafeLoader):
         """How many values a node with an anchor stands for."""
 
     def compose_node(self, parent: Node | None, index: Any) -> Node | None:
-        """One value with all that is in it."""
+        """One value with all that is in it. Raises `ComposerError` beyond the bounds."""
         alias, event, before = self.check_event(AliasEvent), self.peek_event(), self._values
         self._require(self._depth < DEEPEST, f"deeper than {DEEPEST} levels", event)
         self._depth += 1
