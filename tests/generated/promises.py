@@ -21,6 +21,7 @@ LEAST: dict[str, int] = {
     "trajectories": 250,
     "levels": 400,
     "options": 300,
+    "urdf files": 350,
 }
 """Bad inputs of each family."""
 
