@@ -19,8 +19,8 @@ class UvmsError(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         # By default an exception is made anew by its constructor, which takes other arguments than the message.
-        _, given, *state = super().__reduce__()
-        return (_again, (type(self), given, self.args), *state)
+        default = super().__reduce__()
+        return (_again, (type(self), default[1], self.args), *default[2:])
 
 
 def _again(cls: type[UvmsError], given: tuple[Any, ...], args: tuple[Any, ...]) -> UvmsError:

@@ -13,8 +13,8 @@ from pathlib import Path
 import uvms_ocp
 
 ROOT = Path(uvms_ocp.__file__).parent
-NUMBERS = re.compile(r"\b(float|ndarray|NDArray|ArrayLike|Array|Finite|Positive|Vector3|Point)\b")
-ARRAYS = re.compile(r"\b(ndarray|NDArray|ArrayLike|Array|Vector3|Point)\b")
+NUMBERS = re.compile(r"\b(float|ndarray|NDArray|ArrayLike|Array)\b")
+ARRAYS = re.compile(r"\b(ndarray|NDArray|ArrayLike|Array)\b")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -163,7 +163,13 @@ def _parameters(function: Callable[..., Any]) -> tuple[str, str, dict[str, Any]]
     declared, passed, defaults, starred = [], [], {}, False
     for name, parameter in inspect.signature(function).parameters.items():
         by_name = parameter.kind is parameter.KEYWORD_ONLY
-        mark = {parameter.VAR_POSITIONAL: "*", parameter.VAR_KEYWORD: "**"}.get(parameter.kind, "")
+        mark = (
+            "*"
+            if parameter.kind is parameter.VAR_POSITIONAL
+            else "**"
+            if parameter.kind is parameter.VAR_KEYWORD
+            else ""
+        )
         if by_name and not starred:
             declared.append("*")
         starred = starred or by_name or mark == "*"

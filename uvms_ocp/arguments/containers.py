@@ -197,7 +197,7 @@ class Function(Kind):
         return "a function" + ("" if self.n_arguments is None else f" of {self.n_arguments} arguments")
 
     def holds(self, value: object) -> bool:
-        if not callable(value) or isinstance(value, type):
+        if not callable(value):
             return False
         try:
             inspect.signature(value).bind(*[None] * (self.n_arguments or 0))

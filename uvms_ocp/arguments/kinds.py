@@ -156,9 +156,9 @@ class Shape:
         self._any_before = ... in sizes
         self._sizes = tuple(size for size in sizes if not isinstance(size, types.EllipsisType))
 
-    def holds(self, value: object) -> bool:
+    def holds(self, value: Any) -> bool:
         """Whether an array has such a shape."""
-        shape, n = np.shape(value), len(self._sizes)  # type: ignore[arg-type]
+        shape, n = np.shape(value), len(self._sizes)
         if len(shape) < n or (len(shape) > n and not self._any_before):
             return False
         last = shape[len(shape) - n :]
@@ -169,9 +169,9 @@ class Shape:
         sizes = [_length(size, arguments) if isinstance(size, str) else size for size in self._sizes]
         return Shape(*([...] if self._any_before else []), *sizes)
 
-    def named(self, value: object) -> dict[str, int]:
+    def named(self, value: Any) -> dict[str, int]:
         """The lengths that an array of such a shape gives to names."""
-        last = np.shape(value)[np.ndim(value) - len(self._sizes) :]  # type: ignore[arg-type]
+        last = np.shape(value)[np.ndim(value) - len(self._sizes) :]
         return {f"length of {size}": n for size, n in zip(self._sizes, last, strict=True) if isinstance(size, str)}
 
     def __str__(self) -> str:

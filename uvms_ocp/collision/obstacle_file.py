@@ -69,7 +69,8 @@ def read_obstacles(path: Path | str) -> tuple[ObstacleData, ...]:
 def obstacle_from_words(shape: str, words: str, name: str) -> ObstacleData:
     """An obstacle from its position and sizes, numbers with commas or blanks between: ``"X,Y,Z,R"`` for a sphere.
 
-    Raises ``InvalidInput`` for words that are not numbers, too many or too few, or a size that is not positive.
+    Raises ``NameNotFound`` for an unknown shape, and ``InvalidInput``
+    for words that are not numbers, too many or too few, or a size that is not positive.
     """
     if shape not in N_SIZES:
         raise NameNotFound("shape", shape, N_SIZES)

@@ -39,7 +39,10 @@ class Below:
 
     @late
     def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
-        """Whether it is true of the quantities [in their units], given whether it was `held` to be true before."""
+        """Whether it is true of the quantities [in their units], given whether it was `held` to be true before.
+
+        Raises `NameNotFound` where they lack its own.
+        """
         limit = self.limit if self.release is None or not held else self.release
         return _measured(self.quantity, quantities) < limit
 
@@ -72,7 +75,10 @@ class Above:
 
     @late
     def holds(self, quantities: Mapping[str, float], held: bool = False) -> bool:
-        """Whether it is true of the quantities [in their units], given whether it was `held` to be true before."""
+        """Whether it is true of the quantities [in their units], given whether it was `held` to be true before.
+
+        Raises `NameNotFound` where they lack its own.
+        """
         limit = self.limit if self.release is None or not held else self.release
         return _measured(self.quantity, quantities) > limit
 

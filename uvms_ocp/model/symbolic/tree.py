@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Annotated
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import Shape, checked
+from uvms_ocp.arguments import Point, checked
 from uvms_ocp.exceptions import FrameNotFound, InvalidInput
 from uvms_ocp.model import spatial
 from uvms_ocp.model.symbolic.bodies import Pose, Twist, TwistToWrench, Wrench, inertial_wrench
@@ -141,7 +140,7 @@ class SymbolicModel:
         v: ca.SX,
         a: ca.SX,
         inertias: Inertias | None = None,
-        gravity: Annotated[Sequence[float], Shape(3)] | None = None,
+        gravity: Point | None = None,
     ) -> ca.SX:
         """Generalized force (n_v,) [N, N m] of the recursive Newton-Euler algorithm.
 
@@ -162,15 +161,11 @@ class SymbolicModel:
     def _check_poses(self, local_poses: Sequence[Pose]) -> None:
         if len(local_poses) != self.model.njoints:
             raise InvalidInput(
-                f"local_poses has {len(local_poses)} poses; give {self.model.njoints}, as from local_poses(q)"
+                f"local_poses has {len(local_poses)} poses; give the {self.model.njoints} of local_poses(q)"
             )
 
     def body_motions(
-        self,
-        local_poses: Sequence[Pose],
-        v: ca.SX,
-        a: ca.SX,
-        gravity: Annotated[Sequence[float], Shape(3)] | None = None,
+        self, local_poses: Sequence[Pose], v: ca.SX, a: ca.SX, gravity: Point | None = None
     ) -> BodyMotions:
         """Velocities and accelerations of all joint bodies: the outward pass.
 

@@ -32,6 +32,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from uvms_ocp.arguments import checked, late
+from uvms_ocp.arguments.frozen import read_only
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.spatial import Array, column, cross, diagonal
 from uvms_ocp.model.water.dissipation import fed_velocity, overload
@@ -102,7 +103,7 @@ class Water:
         for name, value in (("velocity", self.velocity), ("acceleration", self.acceleration)):
             if np.shape(value)[-1:] != (3,) or not np.isfinite(value).all():
                 raise InvalidInput(f"water: {name} = {value}; give finite numbers, (3,) or (n_links, 3)")
-            object.__setattr__(self, name, np.asarray(value, dtype=float))
+            object.__setattr__(self, name, read_only(value, np.float64))
 
 
 STILL_WATER = Water()

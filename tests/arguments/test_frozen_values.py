@@ -1,0 +1,113 @@
+"""Frozen values share nothing that can be written to with who made them; they and all errors survive pickling."""
+
+from __future__ import annotations
+
+import copy
+import errno
+import pickle
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from typing import Any
+
+import numpy as np
+import pytest
+from valid_calls import q, run_record, scenario, transition
+
+from uvms_ocp import Phase, Record, Water, exceptions
+from uvms_ocp.campaign.study import Study
+from uvms_ocp.exceptions import InvalidInput, NameNotFound, OutputError, UvmsError
+from uvms_ocp.scenario import Scenario
+
+ERRORS = [
+    UvmsError("a", 2),
+    InvalidInput("wrong"),
+    NameNotFound("robot", "nautilus", ["girona"]),
+    exceptions.FrameNotFound("tol", ["tool"]),
+    exceptions.RobotDataError("robot.urdf", "broken"),
+    OutputError("no room"),
+    OutputError(errno.ENOSPC, "full", "record.npz"),
+    exceptions.NotInstalled("a solver", "daqp"),
+]
+COPIES: list[Callable[[Any], Any]] = [lambda value: pickle.loads(pickle.dumps(value)), copy.copy, copy.deepcopy]
+
+
+def test_the_list_of_errors_is_complete() -> None:
+    known = {cls for cls in vars(exceptions).values() if isinstance(cls, type) and issubclass(cls, UvmsError)}
+    assert {type(error) for error in ERRORS} == known
+
+
+@pytest.mark.parametrize("again", COPIES, ids=["pickle", "copy", "deepcopy"])
+@pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
+def test_errors_survive(error: UvmsError, again: Callable[[Any], Any]) -> None:
+    found = again(error)
+    assert type(found) is type(error)
+    assert (str(found), found.args, vars(found)) == (str(error), error.args, vars(error))
+    if isinstance(error, OSError):
+        assert (found.errno, found.filename) == (error.errno, error.filename)
+
+
+@pytest.mark.parametrize("error", [InvalidInput("two\nlines"), OutputError(errno.EACCES, "denied", "a\nb")])
+def test_errors_are_one_line(error: UvmsError) -> None:
+    assert "\n" not in str(error)
+
+
+def mistyped(name: str) -> dict[str, Any]:
+    raise NameNotFound("robot", name, ["girona"])
+
+
+def test_a_mistyped_name_is_told_by_a_pool_of_processes() -> None:
+    with ProcessPoolExecutor(max_workers=1) as pool, pytest.raises(NameNotFound, match="unknown robot 'giorna'"):
+        pool.submit(mistyped, "giorna").result()
+
+
+def test_a_study_in_processes_tells_the_mistake_of_a_case() -> None:
+    study = Study(name="a", title="b", cases=("giorna", "nautilus"), run_case=mistyped, summarize=list)
+    with pytest.raises(NameNotFound, match="'giorna'"):
+        study.run(jobs=2)
+
+
+def test_values_do_not_change_with_what_they_were_made_of() -> None:
+    start, u, gates, t = q(), np.zeros(3), {"HA": 1.0}, np.arange(3.0)
+    options = {
+        name: getattr(scenario(), name) for name in ("name", "robot", "mission", "environment", "plant", "solver")
+    }
+    made = Scenario(start=start, **options)
+    water = Water(velocity=u, acceleration=u)
+    phase = Phase(name="A", gates=gates, transitions=(transition(),))
+    record = Record(series={"t": t}, meta=run_record().meta)
+    start[0], u[0], gates["HA"], t[0] = 1e3, 5.0, 7.0, 9.0
+    assert made.start[0] != 1e3
+    assert not water.velocity.any()
+    assert not water.acceleration.any()
+    assert phase.gates == {"HA": 1.0}
+    assert record["t"][0] == 0.0
+
+
+def test_values_cannot_be_written_to() -> None:
+    phase = Phase(name="A", gates={"HA": 1.0}, transitions=(transition(),))
+    arrays = [scenario().start, Water(velocity=np.zeros(3)).velocity, run_record()["t"], Water().velocity]
+    for array in arrays:
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+    for write in (lambda: phase.gates.update(HA=7.0), lambda: phase.gates.__setitem__("HA", 7.0)):  # type: ignore[attr-defined]
+        with pytest.raises(TypeError, match="frozen"):
+            write()
+    with pytest.raises(TypeError, match="frozen"):
+        run_record().series["t"] = np.zeros(1)  # type: ignore[index]
+
+
+@pytest.mark.parametrize("gate", [7.0, -0.1, float("nan")])
+def test_gates_outside_of_0_to_1_are_refused(gate: float) -> None:
+    with pytest.raises(InvalidInput, match="from 0 to 1"):
+        Phase(name="A", gates={"HA": gate}, transitions=(transition(),))
+
+
+@pytest.mark.parametrize("again", COPIES[::2], ids=["pickle", "deepcopy"])
+def test_frozen_values_survive(again: Callable[[Any], Any]) -> None:
+    phase = Phase(name="A", gates={"HA": 0.5}, transitions=(transition(),))
+    record = run_record()
+    assert again(phase).gates == phase.gates
+    assert again(phase).transitions == phase.transitions
+    np.testing.assert_array_equal(again(record)["q"], record["q"])
+    np.testing.assert_array_equal(again(Water(velocity=np.ones(3))).velocity, np.ones(3))
+    assert again(scenario().environment).seafloor == scenario().environment.seafloor
