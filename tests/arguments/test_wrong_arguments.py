@@ -28,14 +28,15 @@ WORDS = {
     "order": ("task",),
     "density": ("water_density",),
     "dt": ("control period",),
+    "factor": ("break",),
     "floor_z": ("z",),
     "heights": ("height",),
     "joints": ("joint",),
     "position": ("goal",),
 }
 """What messages call a parameter."""
-N_TRIED = 9  # of the wrong values, for each parameter
-WRONG_TYPES = (object(), 1j, object)
+N_TRIED = 7  # of the wrong values, for each parameter
+WRONG_TYPES = (object(), 1j, ...)
 WRONG: tuple[Any, ...] = (
     *WRONG_TYPES,
     None,

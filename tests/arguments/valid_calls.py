@@ -311,6 +311,11 @@ def planner() -> ocp.Planner:
     return ocp.Planner(problem())
 
 
+@cache
+def dynamic_plant() -> sim.DynamicPlant:
+    return sim.DynamicPlant(robot(), q(), dynamics=dynamics(), environment=scenario().environment)
+
+
 def nmpc_x() -> int:
     return int(Transcription(problem()).n_x)
 
@@ -425,7 +430,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "OcpResult": ocp_result,
     "Plan": plan,
     "Trajectory": lambda: plan().trajectory,
-    "Planner": lambda: ocp.Planner(problem()),
+    "Planner": planner,
     "Transcription": lambda: Transcription(problem()),
     "LexicographicProgram": small_program,
     "LexicographicNlp": lambda: nlp.LexicographicNlp(small_program()),
@@ -477,7 +482,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "Altimeter": lambda: sim.Altimeter(robot(), sim.FlatSeafloor(z=-60.0)),
     "SensorSuite": suite,
     "KinematicPlant": lambda: sim.KinematicPlant(robot(), q()),
-    "DynamicPlant": lambda: sim.DynamicPlant(robot(), q(), dynamics=dynamics(), environment=scenario().environment),
+    "DynamicPlant": dynamic_plant,
     "PassThrough": lambda: control.PassThrough(robot()),
     "Estimator": lambda: control.Estimator(robot()),
     "Nmpc": nmpc,
@@ -692,5 +697,10 @@ def _study() -> Any:
 REFUSES = {"Task.residual", "BufferedFunction.__call__"}
 """Calls that are never right: the base class of tasks refuses, and a list of arguments has no names."""
 
-EXPENSIVE = {"write_figures", "write_plan_figures", "write_scene", "show", "solve_ocp", "solve", "plan_soft_collision"}
-"""Calls that take a second or more when they are right, and so are tried with wrong types only."""
+EXPENSIVE = {
+    *("write_figures", "write_plan_figures", "write_scene", "show", "solve_ocp", "solve", "plan_soft_collision"),
+    *("Nmpc", "Planner", "Planner.plan", "Planner.solve", "RealTimeSqp", "RealTimeSqp.solve", "Transcription", "plan"),
+    *("DynamicPlant", "robot_dynamics", "Dynamics", "case2", "sampled_waypoints", "check_mission", "figure_joints"),
+    *("figure_tick_time", "compile_library", "compile_function", "SymbolicModel.jacobian_function"),
+}
+"""Calls that take half a second or more when they are right, and so are tried with wrong types only."""
