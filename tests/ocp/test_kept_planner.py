@@ -20,22 +20,12 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
+from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
 from uvms_ocp.ocp.capsule_clearance import CapsuleClearance, PlacedCapsule
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpPhase, OcpProblem, single_phase
-from uvms_ocp.ocp.terms import (
-    AtRest,
-    Ball,
-    BallClearance,
-    Duration,
-    Effort,
-    Energy,
-    Posture,
-    Smoothness,
-    TaskTerm,
-    Term,
-)
+from uvms_ocp.ocp.terms import AtRest, Duration, Effort, Energy, Posture, Smoothness, TaskTerm, Term
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 from uvms_ocp.tasks.activation import Bell

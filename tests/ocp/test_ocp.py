@@ -15,12 +15,13 @@ from reaches import CHEAP, PATIENCE, patient, reach, tool_goal
 from uvms_ocp.control.receding.plan_tracking import mismatch
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import (
     OcpLevel,
 )
-from uvms_ocp.ocp.terms import AtRest, Ball, BallClearance, TaskTerm
+from uvms_ocp.ocp.terms import AtRest, TaskTerm
 from uvms_ocp.ocp.trajectory import through
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.sim.environment import Environment

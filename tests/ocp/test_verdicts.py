@@ -14,23 +14,12 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
+from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
 from uvms_ocp.ocp.first_step import impossible_start
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import Actuation, OcpLevel, single_phase
-from uvms_ocp.ocp.terms import (
-    AtRest,
-    Ball,
-    BallClearance,
-    Duration,
-    Effort,
-    Energy,
-    Posture,
-    Smoothness,
-    StageSymbols,
-    TaskTerm,
-    Term,
-)
+from uvms_ocp.ocp.terms import AtRest, Duration, Effort, Energy, Posture, Smoothness, StageSymbols, TaskTerm, Term
 from uvms_ocp.ocp.trajectory import hold
 from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 from uvms_ocp.tasks.task import Residual, zero_residual

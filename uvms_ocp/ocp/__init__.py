@@ -1,5 +1,7 @@
 """A problem with ordered levels over a horizon in, a plan with states, forces and a verdict out."""
 
+from uvms_ocp.ocp.ball_clearance import Ball as Ball
+from uvms_ocp.ocp.ball_clearance import BallClearance as BallClearance
 from uvms_ocp.ocp.plan import OcpStatus as OcpStatus
 from uvms_ocp.ocp.plan import Plan as Plan
 from uvms_ocp.ocp.planner import Planner as Planner
@@ -16,8 +18,6 @@ from uvms_ocp.ocp.request import OcpResult as OcpResult
 from uvms_ocp.ocp.request import solve_ocp as solve_ocp
 from uvms_ocp.ocp.terms import At as At
 from uvms_ocp.ocp.terms import AtRest as AtRest
-from uvms_ocp.ocp.terms import Ball as Ball
-from uvms_ocp.ocp.terms import BallClearance as BallClearance
 from uvms_ocp.ocp.terms import Duration as Duration
 from uvms_ocp.ocp.terms import Effort as Effort
 from uvms_ocp.ocp.terms import Energy as Energy
