@@ -28,7 +28,7 @@ from uvms_ocp.scenarios.case1 import case1
         ({"seabed": float("nan")}, InvalidInput, "seafloor at z = nan"),
         ({"dt": 0.0}, InvalidInput, "dt = 0.0 s"),
         ({"current": (0.1, 0.2)}, InvalidInput, r"velocity of the current = \[0.1, 0.2\]; give finite numbers"),
-        ({"target": (np.nan, 0, 0)}, InvalidInput, "give three finite numbers"),
+        ({"target": (np.nan, 0, 0)}, InvalidInput, "target has NaN"),
     ],
 )
 def test_mistakes_in_a_scenario_are_named(options: dict[str, object], error: type[UvmsError], message: str) -> None:
