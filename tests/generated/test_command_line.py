@@ -72,7 +72,7 @@ BOUNDED = [
     ((*RUN, "--duration", "1e308"), "duration = 1e+308 s in ticks of dt = 0.005 s; give a duration in (0, 86400] s"),
     ((*RUN, "--duration", "86401"), "at most 20,000,000 ticks: the record keeps each of them"),
     ((*RUN, "--duration", "inf"), "duration = inf s; give a finite time > 0"),
-    ((*RUN, "--seabed", "-1e300"), "give a height from -100000 to 100000 m"),
+    ((*RUN, "--seabed", "-1e300"), "give a finite height [m] from -100000 to 100000"),
     ((*RUN, "--current", "1e300", "0", "0"), "m/s; give at most"),
     (("run", "random_missions", "--n", "1000000000000"), "give at most 1,000,000: the table keeps a row of each"),
     (

@@ -18,6 +18,22 @@ from uvms_ocp.report.compare import compare
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 
 RECORDS = Path(__file__).parents[1] / "records"
+KEPT = (
+    "t",
+    "q",
+    "v",
+    "x",
+    "x_rate",
+    "phase",
+    "gates",
+    "quantities",
+    "status",
+    "thrust",
+    "torque",
+    "thruster_energy",
+    "clearance",
+)
+"""Series that are tried; the others are treated alike."""
 
 
 def parts(name: str) -> dict[str, Any]:
@@ -26,7 +42,7 @@ def parts(name: str) -> dict[str, Any]:
     meta = json.loads(record.meta.model_dump_json())
     meta["surroundings"]["floor"] = None
     meta["surroundings"]["obstacles"] = meta["surroundings"]["obstacles"][:1]
-    return {"meta": meta, "series": {name: record[name] for name in record.series}}
+    return {"meta": meta, "series": {name: record[name] for name in KEPT if name in record.series}}
 
 
 def written(meta: Any, series: dict[str, np.ndarray]) -> bytes:

@@ -49,7 +49,7 @@ class FlatSeafloor(Seafloor):
 
     def __post_init__(self) -> None:
         if not abs(self.z) <= _DEEPEST:
-            text = f"seafloor at z = {self.z}; give a height from -{_DEEPEST:g} to {_DEEPEST:g} m"
+            text = f"seafloor at z = {self.z}; give a finite height [m] from -{_DEEPEST:g} to {_DEEPEST:g}"
             raise InvalidInput(f"{text}: farther from the origin millimetres are lost")
 
     @late
