@@ -32,7 +32,9 @@ _PLAIN: dict[Any, Kind] = {bool: Boolean(), Path: FilePath(), None: Instance(typ
 
 def kinds_of(function: Callable[..., Any], owner: type | None = None) -> dict[str, Kind]:
     """By the name of each parameter, what it may be; `owner` is the class of which `function` is the constructor."""
-    hints = _hints(owner if owner is not None and "__dataclass_fields__" in vars(owner) else function)
+    # The annotations of fields that are inherited are read where they stand, not where the constructor was made.
+    generated = function.__code__.co_filename == "<string>"
+    hints = _hints(owner if owner is not None and generated else function)
     kinds = {name: kind_of(hint) for name, hint in hints.items() if name != "return"}
     own = inspect.signature(function).parameters
     if owner is not None and not set(own) - {"self"} <= set(kinds):

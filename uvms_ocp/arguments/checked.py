@@ -11,7 +11,7 @@ import numpy as np
 
 from uvms_ocp.arguments.annotations import kinds_of
 from uvms_ocp.arguments.kinds import Kind, Wrong
-from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.exceptions import InvalidInput, UvmsError
 
 _T = TypeVar("_T", bound=Callable[..., Any])
 _LATE = "_arguments_late"
@@ -142,8 +142,10 @@ def _after(function: Any, owner: type | None) -> Any:
         arguments.check(args, kwargs)
 
     # Written out with the parameters of the function, it costs a tenth of what *args and **kwargs do.
+    # A constructor says best itself what is wrong; what a method passes on names the arguments of another call.
+    passed_on = UvmsError if function.__name__ == "__init__" else ()
     declared, passed, defaults = _parameters(function)
-    space = {"_function": function, "_explain": explain, **defaults}
+    space = {"_function": function, "_explain": explain, "_passed_on": passed_on, **defaults}
     exec(_AFTER.format(declared=declared, passed=passed), space)
     return wraps(function)(space["_call"])
 
@@ -152,6 +154,8 @@ _AFTER = """
 def _call({declared}):
     try:
         return _function({passed})
+    except _passed_on:
+        raise
     except Exception:
         _explain({passed})
         raise

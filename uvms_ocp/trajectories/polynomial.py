@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import Count, Finite, Positive, checked, late
+from uvms_ocp.arguments import Count, Finite, checked, late
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput, OutputError
 from uvms_ocp.untrusted.array_file import read_arrays
@@ -128,7 +128,7 @@ class PiecewisePolynomial:
         scaled = _differentiated(self.coefficients, derivative)
         return np.max(_unit_peaks(scaled) / self.durations[:, None] ** derivative, axis=0)
 
-    def scaled(self, factor: Positive) -> PiecewisePolynomial:
+    def scaled(self, factor: float) -> PiecewisePolynomial:
         """The same path, ``factor`` [-] times slower, with the same start time. Raises `InvalidInput` unless it is positive."""
         if not factor > 0.0:
             raise InvalidInput(f"time factor is {factor}; it must be positive.")
