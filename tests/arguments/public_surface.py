@@ -18,7 +18,7 @@ from uvms_ocp.model import dynamics, sensing, state
 ROOT = Path(uvms_ocp.__file__).parent
 OTHERS = (state, sensing, watchdog, dynamics)
 """Modules whose classes users make although no room exports them."""
-APART = ("arguments", "cli", "robots")
+APART = ("arguments", "cli", "output", "robots")
 
 
 @dataclass(frozen=True)

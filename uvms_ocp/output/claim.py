@@ -7,6 +7,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import OutputError, UvmsError
 from uvms_ocp.output.durable import discard, remove_empty
 from uvms_ocp.output.foreign import require_ours
@@ -61,6 +62,7 @@ def claimed(target: Path, names: Collection[str]) -> Iterator[Claim]:
         yield Claim(replacement=replacement)
 
 
+@checked
 def settle(folder: Path) -> None:
     """Before `folder` is read: complete or undo what a command that was cut off left there.
 

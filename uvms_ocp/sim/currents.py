@@ -41,6 +41,7 @@ class Current(Protocol):
         """
 
 
+@late
 def water_at(current: Current, p_W: Annotated[np.ndarray, Shape("n", 3)], t: float) -> Water:
     """The water at points p_W (n, 3) [m] and time t [s]: u and its own acceleration ``Du/Dt = du/dt + (u . grad) u``.
 

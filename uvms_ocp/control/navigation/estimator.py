@@ -17,6 +17,7 @@ from uvms_ocp.model.state import Command, Measurement, Readings
 _VEHICLE_CHANNELS = ("position", "attitude", "linear_velocity", "angular_velocity")
 _JOINT_CHANNELS = ("joint_positions",)
 _OPTIONAL_CHANNELS = ("depth", "joint_velocities")  # improve an estimate that does not need them
+_LATEST = 1e9  # [s] of any clock; thirty years
 
 
 @checked
@@ -86,8 +87,10 @@ class Estimator:
     def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
         """The estimate at time t [s]; `command` has been acting since the last call.
 
-        Raises `InvalidInput` for a time before that of the last call.
+        Raises `InvalidInput` for a time before that of the last call, or beyond 1e9 s.
         """
+        if not abs(t) <= _LATEST:
+            raise InvalidInput(f"estimator called at t = {t} s; give a time of at most {_LATEST:g} s")
         dt = 0.0 if self._t is None else t - self._t
         if dt < 0:
             raise InvalidInput(f"estimator called at t = {t} s after t = {self._t} s; give increasing times")
