@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -142,13 +141,11 @@ def test_evaluating_a_measurement_leaves_the_commands_as_they_are(
         np.testing.assert_array_equal(commands[0].v, commands[1].v)
 
 
-@dataclass(frozen=True)
-class Asking:
-    """A velocity layer that asks for v0 + a t on every axis."""
+class Asking(KinematicController):
+    """A velocity layer that asks for v0 + a t on every axis, whatever the mission."""
 
-    v0: np.ndarray
-    a: np.ndarray
-    dt: float = 0.02
+    def __init__(self, *, v0: np.ndarray, a: np.ndarray, dt: float = 0.02) -> None:
+        self.v0, self.a, self.dt = v0, a, dt
 
     def observe(self, measurement: Measurement, t: float) -> SimpleNamespace:
         return SimpleNamespace(measurement=measurement, t=t)

@@ -116,7 +116,7 @@ def test_an_end_point_in_collision_or_out_of_limits_is_refused(
         plan_soft_collision(on_goal, ends[:, :5], limits=limits_of(robot))
     with pytest.raises(InvalidInput, match="way points 0 and 1 are equal"):
         plan_soft_collision(on_goal, ends[[0, 0]], limits=limits_of(robot))
-    with pytest.raises(InvalidInput, match="pose of obstacle 'x' has NaN"):
+    with pytest.raises(InvalidInput, match="obstacle: position has NaN"):
         obstacle("x", coal.Sphere(1.0), [0.0, np.nan, 0.0])
 
 

@@ -20,6 +20,7 @@ from uvms_ocp.tasks.altitude import LandingAltitude, MinimumAltitude
 from uvms_ocp.tasks.attitude import Alignment, HorizontalAttitude
 from uvms_ocp.tasks.joints import JointLimits, JointTracking
 from uvms_ocp.tasks.pose import ToolPose, VehiclePose
+from uvms_ocp.tasks.reference import PoseReference
 from uvms_ocp.tasks.task import Task
 from uvms_ocp.tasks.velocity import NullVelocity
 
@@ -61,7 +62,7 @@ def case1(
     posture: np.ndarray | None = None,
     way_point: pin.SE3 | None = None,
     target: Point = (12.2025, 37.3748, -39.886),
-    tool_goal: pin.SE3 | None = None,
+    tool_goal: pin.SE3 | PoseReference | None = None,
     tasks: Mapping[str, Mapping[str, Any]] | None = None,
     order: Sequence[str] | None = None,
     thresholds: Thresholds | None = None,
@@ -70,9 +71,9 @@ def case1(
     """Way point, alignment, landing, tool frame ([Gao2022] Case 1, Tables 3 and 4).
 
     start, way_point: X_WB. posture (n_joints,) [rad]: joints at the start, the stowed posture by default. target (3,) [m]
-    in W: where AT points. tool_goal: X_WT, at the target with the tool pointing down by default. tasks: field overrides
-    by task name, such as ``{"PC": {"gain_linear": 0.3}}``. order: task names, highest priority first, instead of the
-    order of the classes. options: those of `RunOptions`.
+    in W: where AT points. tool_goal: X_WT or a motion of it, at the target with the tool pointing down by default. tasks:
+    field overrides by task name, such as ``{"PC": {"gain_linear": 0.3}}``. order: task names, highest priority first,
+    instead of the order of the classes. options: those of `RunOptions`.
 
     Raises `UvmsError` where a name is unknown or a number is impossible.
     """
@@ -102,7 +103,7 @@ def case1_unreachable(**options: Any) -> Scenario:
     )
 
 
-def case1_tasks(robot: Robot, way_point: pin.SE3, target: np.ndarray, tool_goal: pin.SE3) -> list[Task]:
+def case1_tasks(robot: Robot, way_point: pin.SE3, target: np.ndarray, tool_goal: pin.SE3 | PoseReference) -> list[Task]:
     """[Gao2022] Table 3, for the goals X_WB, target (3,) [m] in W and X_WT."""
     wrist = robot.joint_names[-_N_POSTURE_JOINTS:]
     return [
