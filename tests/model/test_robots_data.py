@@ -208,7 +208,7 @@ def test_another_water_density_changes_buoyancy_only_where_data_say_so() -> None
     assert np.array_equal(sea.hydrodynamics[0].added_mass, robot.hydrodynamics[0].added_mass)
     ratio = sea.hydrodynamics[1].added_mass[0, 0] / robot.hydrodynamics[1].added_mass[0, 0]
     assert ratio == pytest.approx(1025.0 / 998.0)
-    with pytest.raises(InvalidInput, match=r"water_density: given 1; .*greater than or equal to 900"):
+    with pytest.raises(InvalidInput, match=r"water_density: given 1.0; .*greater than or equal to 900"):
         robot.with_water_density(1)
 
 
