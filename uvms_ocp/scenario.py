@@ -28,14 +28,14 @@ from uvms_ocp.report.meta import Ending, run_meta
 from uvms_ocp.run_meta import RunMeta
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.loop import Controller, Progress, StateEstimator, simulate
+from uvms_ocp.sim.loop import MOST_TICKS, Controller, Progress, StateEstimator, simulate
 from uvms_ocp.sim.plant import KinematicPlant, Plant
 from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 
 PLANTS = ("dynamic", "kinematic")
-LONGEST, MOST_TICKS = 86_400.0, 20_000_000
-"""[s] and ticks of a run: a record keeps every tick, which takes 2 kB each."""
+LONGEST = 86_400.0
+"""[s] of a run."""
 
 
 @checked

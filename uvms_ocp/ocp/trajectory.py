@@ -104,12 +104,7 @@ def through(
     return Trajectory(t=t, q=q, v=v, a=a, **inputs, of_wrench=not has_thrusters(problem))
 
 
-def _between(
-    model: pin.Model,
-    times: np.ndarray,
-    configurations: np.ndarray,
-    t: float,
-) -> np.ndarray:
+def _between(model: pin.Model, times: np.ndarray, configurations: np.ndarray, t: float) -> np.ndarray:
     k = int(np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2))
     share = float(np.clip((t - times[k]) / (times[k + 1] - times[k]), 0.0, 1.0))
     return np.asarray(pin.interpolate(model, configurations[k], configurations[k + 1], share))

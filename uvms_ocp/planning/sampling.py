@@ -45,10 +45,7 @@ Place = Annotated[ArrayLike, Shape("distances.scene.coordinates.n_axes"), Range(
 
 @checked
 def sampled_waypoints(
-    distances: PairDistances,
-    start: Place,
-    goal: Place,
-    options: SamplingOptions | None = None,
+    distances: PairDistances, start: Place, goal: Place, options: SamplingOptions | None = None
 ) -> Array | None:
     """Way points (n, n_axes) [m, rad] whose straight legs are free of collision, or None where none were found in time.
 

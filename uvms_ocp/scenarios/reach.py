@@ -76,7 +76,7 @@ def facing(origin: pin.SE3, target: np.ndarray, start: Kinematics) -> pin.SE3:
     return pin.SE3(R_WB, target - R_WB @ p_BT)
 
 
-def _reach_phases(tolerance: Positive) -> tuple[Phase, ...]:
+def _reach_phases(tolerance: float) -> tuple[Phase, ...]:
     there = Below(quantity="TP.position_error", limit=tolerance)
     return (
         approach_phase(),

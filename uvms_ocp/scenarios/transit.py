@@ -22,13 +22,7 @@ _ABOVE_FLOOR = 0.8  # [m] height of the way point: low enough for the minimum al
 
 
 @checked
-def transit(
-    *,
-    relief: str = "small",
-    min_altitude: Positive = 1.0,
-    length: float = 30.0,
-    **options: Any,
-) -> Scenario:
+def transit(*, relief: str = "small", min_altitude: Positive = 1.0, length: float = 30.0, **options: Any) -> Scenario:
     """A transit of length [m] towards a way point near the floor, held up by the minimum altitude alone.
 
     relief: a name in `uvms_ocp.sim.height_field.RELIEFS`. min_altitude [m]: h_min. The floor is drawn from `seed`. The

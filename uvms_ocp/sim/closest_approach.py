@@ -51,9 +51,7 @@ def closest_approach(
     return ClosestApproach(distance=float(distances[row, pair]), row=int(row), pair=model.pair_names[pair])
 
 
-def _floor_below(
-    environment: Environment, q: Annotated[np.ndarray, Shape("n", "robot.n_q")], spacing: float
-) -> Obstacle:
+def _floor_below(environment: Environment, q: np.ndarray, spacing: float) -> Obstacle:
     """The part of the floor around the track of the vehicle."""
     low, high = q[:, :2].min(axis=0) - _AROUND, q[:, :2].max(axis=0) + _AROUND
     centre, extent = 0.5 * (low + high), float((high - low).max())

@@ -16,25 +16,27 @@ from uvms_ocp.model.water.hydrodynamics import Water
 _FASTEST = 10.0  # [m/s] no sea is faster, Saltstraumen included: more is a slip of units
 _BLOCK = 256  # nodes of a gust that are drawn at a time
 
+Points = Annotated[np.ndarray, Shape("n", 3)]
+
 
 class Current(Protocol):
     """A field of water velocity u. It is asked for u and both its derivatives; `water_at` joins them."""
 
     __slots__ = ()
 
-    def velocity(self, p_W: Annotated[np.ndarray, Shape("n", 3)], t: float) -> np.ndarray:
+    def velocity(self, p_W: Points, t: float) -> np.ndarray:
         """Velocity (n, 3) [m/s] in W at points p_W (n, 3) [m] and time t [s].
 
         Raises `InvalidInput` for a time that the field does not cover.
         """
 
-    def rate(self, p_W: Annotated[np.ndarray, Shape("n", 3)], t: float) -> np.ndarray:
+    def rate(self, p_W: Points, t: float) -> np.ndarray:
         """``du/dt`` (n, 3) [m/s2] in W at fixed points p_W (n, 3) [m] and time t [s].
 
         Raises `InvalidInput` where `velocity` does.
         """
 
-    def gradient(self, p_W: Annotated[np.ndarray, Shape("n", 3)], t: float) -> np.ndarray:
+    def gradient(self, p_W: Points, t: float) -> np.ndarray:
         """``du_i/dx_j`` (n, 3, 3) [1/s] in W at points p_W (n, 3) [m] and time t [s].
 
         Raises `InvalidInput` where `velocity` does.
@@ -42,7 +44,7 @@ class Current(Protocol):
 
 
 @late
-def water_at(current: Current, p_W: Annotated[np.ndarray, Shape("n", 3)], t: float) -> Water:
+def water_at(current: Current, p_W: Points, t: float) -> Water:
     """The water at points p_W (n, 3) [m] and time t [s]: u and its own acceleration ``Du/Dt = du/dt + (u . grad) u``.
 
     That is how u changes for a particle of the water, not for a robot that moves through it: nothing where the water
@@ -59,13 +61,13 @@ def water_at(current: Current, p_W: Annotated[np.ndarray, Shape("n", 3)], t: flo
 class StillWater(Current):
     """No current."""
 
-    def velocity(self, p_W: Annotated[np.ndarray, Shape("n", 3)], t: float) -> np.ndarray:
+    def velocity(self, p_W: Points, t: float) -> np.ndarray:
         return np.zeros((len(p_W), 3))
 
-    def rate(self, p_W: Annotated[np.ndarray, Shape("n", 3)], t: float) -> np.ndarray:
+    def rate(self, p_W: Points, t: float) -> np.ndarray:
         return np.zeros((len(p_W), 3))
 
-    def gradient(self, p_W: Annotated[np.ndarray, Shape("n", 3)], t: float) -> np.ndarray:
+    def gradient(self, p_W: Points, t: float) -> np.ndarray:
         return np.zeros((len(p_W), 3, 3))
 
 
@@ -83,13 +85,13 @@ class UniformCurrent(Current):
     def __init__(self, velocity: ArrayLike) -> None:
         object.__setattr__(self, "value", _flow("velocity of the current", velocity, (3,)))
 
-    def velocity(self, p_W: Annotated[np.ndarray, Shape("n", 3)], t: float) -> np.ndarray:
+    def velocity(self, p_W: Points, t: float) -> np.ndarray:
         return np.tile(self.value, (len(p_W), 1))
 
-    def rate(self, p_W: Annotated[np.ndarray, Shape("n", 3)], t: float) -> np.ndarray:
+    def rate(self, p_W: Points, t: float) -> np.ndarray:
         return np.zeros((len(p_W), 3))
 
-    def gradient(self, p_W: Annotated[np.ndarray, Shape("n", 3)], t: float) -> np.ndarray:
+    def gradient(self, p_W: Points, t: float) -> np.ndarray:
         return np.zeros((len(p_W), 3, 3))
 
 
@@ -127,13 +129,13 @@ class ShearedCurrent(Current):
         velocity = _flow("velocity of the current", velocity, (3,))
         return ShearedCurrent(z=floor_z + thickness * share, velocities=np.outer(share ** (1 / 7), velocity))
 
-    def velocity(self, p_W: Annotated[np.ndarray, Shape("n", 3)], t: float) -> np.ndarray:
+    def velocity(self, p_W: Points, t: float) -> np.ndarray:
         return np.stack([np.interp(p_W[:, 2], self.z, column) for column in self.velocities.T], axis=1)
 
-    def rate(self, p_W: Annotated[np.ndarray, Shape("n", 3)], t: float) -> np.ndarray:
+    def rate(self, p_W: Points, t: float) -> np.ndarray:
         return np.zeros((len(p_W), 3))
 
-    def gradient(self, p_W: Annotated[np.ndarray, Shape("n", 3)], t: float) -> np.ndarray:
+    def gradient(self, p_W: Points, t: float) -> np.ndarray:
         beyond = np.zeros((1, 3))
         slopes = np.diff(self.velocities, axis=0) / np.diff(self.z)[:, None]
         layer = np.searchsorted(self.z, p_W[:, 2], side="right")  # at one of the heights: the layer above
@@ -165,14 +167,14 @@ class OnsetCurrent(Current):
         object.__setattr__(self, "start", float(start))
         object.__setattr__(self, "rise", float(rise))
 
-    def velocity(self, p_W: Annotated[np.ndarray, Shape("n", 3)], t: float) -> np.ndarray:
+    def velocity(self, p_W: Points, t: float) -> np.ndarray:
         return np.tile(self.value * (0.5 - 0.5 * math.cos(math.pi * self._share(t))), (len(p_W), 1))
 
-    def rate(self, p_W: Annotated[np.ndarray, Shape("n", 3)], t: float) -> np.ndarray:
+    def rate(self, p_W: Points, t: float) -> np.ndarray:
         slope = 0.5 * math.pi / self.rise * math.sin(math.pi * self._share(t))
         return np.tile(self.value * slope, (len(p_W), 1))
 
-    def gradient(self, p_W: Annotated[np.ndarray, Shape("n", 3)], t: float) -> np.ndarray:
+    def gradient(self, p_W: Points, t: float) -> np.ndarray:
         return np.zeros((len(p_W), 3, 3))
 
     def _share(self, t: float) -> float:
@@ -215,17 +217,17 @@ class GustyCurrent(Current):
         decay = math.exp(-self.step / self.correlation_time)
         object.__setattr__(self, "_path", _Path(np.broadcast_to(sigma, (3,)), decay, self.seed))
 
-    def velocity(self, p_W: Annotated[np.ndarray, Shape("n", 3)], t: float) -> np.ndarray:
+    def velocity(self, p_W: Points, t: float) -> np.ndarray:
         s, nodes = self._around(t)
         weights = np.array([-s + 2 * s**2 - s**3, 2 - 5 * s**2 + 3 * s**3, s + 4 * s**2 - 3 * s**3, s**3 - s**2]) / 2
         return self.base.velocity(p_W, t) + weights @ nodes
 
-    def rate(self, p_W: Annotated[np.ndarray, Shape("n", 3)], t: float) -> np.ndarray:
+    def rate(self, p_W: Points, t: float) -> np.ndarray:
         s, nodes = self._around(t)
         weights = np.array([-1 + 4 * s - 3 * s**2, -10 * s + 9 * s**2, 1 + 8 * s - 9 * s**2, 3 * s**2 - 2 * s]) / 2
         return self.base.rate(p_W, t) + weights @ nodes / self.step
 
-    def gradient(self, p_W: Annotated[np.ndarray, Shape("n", 3)], t: float) -> np.ndarray:
+    def gradient(self, p_W: Points, t: float) -> np.ndarray:
         return self.base.gradient(p_W, t)
 
     def _around(self, t: float) -> tuple[float, np.ndarray]:

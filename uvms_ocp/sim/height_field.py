@@ -167,12 +167,7 @@ class HeightField(Seafloor):
         return (start, end) if start <= end else None
 
     def _first_bracket(
-        self,
-        bumps: np.ndarray,
-        origin: np.ndarray,
-        direction: np.ndarray,
-        start: float,
-        end: float,
+        self, bumps: np.ndarray, origin: np.ndarray, direction: np.ndarray, start: float, end: float
     ) -> tuple[float, float] | None:
         """Two neighbouring samples, above and below the floor."""
         if not bumps.size:
@@ -186,12 +181,7 @@ class HeightField(Seafloor):
         return (float(distances[max(hit - 1, 0)]), float(distances[hit])) if below[hit] else None
 
     def _refined(
-        self,
-        bumps: np.ndarray,
-        origin: np.ndarray,
-        direction: np.ndarray,
-        above: float,
-        below: float,
+        self, bumps: np.ndarray, origin: np.ndarray, direction: np.ndarray, above: float, below: float
     ) -> float:
         (x, y, z), (dx, dy, dz) = origin.tolist(), direction.tolist()
 
@@ -210,13 +200,7 @@ def _elevation(bumps: np.ndarray, x: float | np.ndarray, y: float | np.ndarray) 
     return (rest * rest * rest) @ bumps[2]
 
 
-def _near_ray(
-    bumps: np.ndarray,
-    origin: np.ndarray,
-    direction: np.ndarray,
-    start: float,
-    end: float,
-) -> np.ndarray:
+def _near_ray(bumps: np.ndarray, origin: np.ndarray, direction: np.ndarray, start: float, end: float) -> np.ndarray:
     """Mask (n,) of the bumps above which the ray passes between two distances."""
     dx, dy = bumps[0] - origin[0], bumps[1] - origin[1]
     sideways = max(direction[0] ** 2 + direction[1] ** 2, _LEVEL**2)

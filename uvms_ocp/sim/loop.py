@@ -25,7 +25,8 @@ Controller = Callable[[Measurement, float], Command]
 Progress = Callable[[float, Command], None]
 """Told the time [s] and the command of a tick."""
 
-_MOST_TICKS = 1e7  # each is about a kilobyte of record
+MOST_TICKS = 20_000_000
+"""Of a run: its record keeps every tick, which takes 2 kB each."""
 
 
 @checked
@@ -44,8 +45,8 @@ def simulate(
     dt [s] is the control period. `progress` is called after every tick with the time and the command. Raises
     `InvalidInput` for more ticks than any memory holds.
     """
-    if not duration / dt < _MOST_TICKS:
-        raise InvalidInput(f"duration = {duration:g} s at dt = {dt:g} s; give at most {_MOST_TICKS:g} ticks")
+    if not duration / dt <= MOST_TICKS:
+        raise InvalidInput(f"duration = {duration:g} s at dt = {dt:g} s; give at most {MOST_TICKS:,} ticks")
     recorder = Recorder()
     command: Command | None = None
     for k in range(round(duration / dt) + 1):

@@ -159,11 +159,7 @@ class PiecewisePolynomial:
         return ("t", *columns), np.column_stack([times, values.reshape(times.size, -1)])
 
     def to_csv(
-        self,
-        path: Path | str,
-        period: float,
-        derivatives: Count = 4,
-        names: Sequence[str] | None = None,
+        self, path: Path | str, period: float, derivatives: Count = 4, names: Sequence[str] | None = None
     ) -> None:
         """Write ``table``, with a row every ``period`` [s], as comma-separated text.
 

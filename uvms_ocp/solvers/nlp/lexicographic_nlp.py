@@ -14,16 +14,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Annotated
 
 import numpy as np
 
-from uvms_ocp.arguments import Shape, checked
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.nlp.level_solver import Deadline, LevelSolver, NlpPoint, Outcome
 from uvms_ocp.solvers.nlp.nlp_options import NlpOptions as NlpOptions
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
-from uvms_ocp.solvers.nlp.program import LevelRows, LexicographicProgram, RowRanges
+from uvms_ocp.solvers.nlp.program import LevelRows, LexicographicProgram, Parameters, RowRanges, Variables
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds, row_bounds
 
 
@@ -57,10 +56,6 @@ class LexicographicResult:
     def level_residuals(self) -> np.ndarray:
         """(levels,) [-] Euclidean norm of each level's residual."""
         return np.array([np.linalg.norm(residual) for residual in self.residuals])
-
-
-Variables = Annotated[np.ndarray, Shape("self.program.n_x")]
-Parameters = Annotated[np.ndarray, Shape("self.program.n_p")]
 
 
 @checked

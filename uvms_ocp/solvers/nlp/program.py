@@ -13,18 +13,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Annotated, TypeAlias
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Shape, checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.intervals import distance
 
 _SLACK = 1e-6  # of inequality rows that are frozen exactly: they still need an inside
 
 Expression: TypeAlias = ca.SX | ca.MX
+Variables = Annotated[np.ndarray, Shape("self.program.n_x")]
+"""Of whoever holds a program."""
+Parameters = Annotated[np.ndarray, Shape("self.program.n_p")]
 
 
 @checked

@@ -12,15 +12,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Annotated
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.arguments import Shape, checked, late
+from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
-from uvms_ocp.solvers.nlp.program import LevelNlp, LexicographicProgram
+from uvms_ocp.solvers.nlp.program import LevelNlp, LexicographicProgram, Parameters, Variables
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds, row_bounds
 
 QP_PLUGINS = ("hpipm", "proxqp", "piqp")
@@ -70,10 +69,6 @@ class SqpResult:
     """Made, the one that failed included."""
     solve_time: float
     """[s] by the clock that was given."""
-
-
-Variables = Annotated[np.ndarray, Shape("self.program.n_x")]
-Parameters = Annotated[np.ndarray, Shape("self.program.n_p")]
 
 
 @checked
