@@ -32,12 +32,6 @@ class Record:
     """By name, read-only, (n, ...) each; ``t`` (n,) [s] is always there."""
     meta: RunMeta | PlanMeta
 
-    def __post_init__(self) -> None:
-        if not isinstance(self.meta, (RunMeta, PlanMeta)):
-            raise InvalidInput(f"meta = {type(self.meta).__name__}; give a RunMeta or a PlanMeta")
-        for array in self.series.values():
-            array.flags.writeable = False
-
     def __len__(self) -> int:
         return len(self.series["t"])
 

@@ -9,8 +9,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments.frozen import read_only
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.model.limits import Joint, Limits, from_joint_values, read_only
+from uvms_ocp.model.limits import Joint, Limits, from_joint_values
 
 _LIMIT_TOLERANCE = 1e-9
 _UNIT_TOLERANCE = 1e-6

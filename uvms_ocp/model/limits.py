@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
 
 from uvms_ocp.arguments import checked
+from uvms_ocp.arguments.frozen import read_only
 from uvms_ocp.model.files.description import RobotDescription
 
 _UNLIMITED = 1e12  # Pinocchio writes the largest float where a URDF has no limit
@@ -143,13 +143,6 @@ def _zero_or_middle(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
 def from_joint_values(model: pin.Model, values: np.ndarray) -> np.ndarray:
     """Return q (n_q,) [m, rad], displaced from neutral by ``values`` (n_v,) [m, rad], whatever the types of the joints."""
     return np.asarray(pin.integrate(model, pin.neutral(model), values))
-
-
-def read_only(values: ArrayLike) -> np.ndarray:
-    """Return a copy of ``values``, (...) [any], as floats that cannot be written to."""
-    array = np.array(values, dtype=float)
-    array.setflags(write=False)
-    return array
 
 
 def bounded_joints(joints: Sequence[Joint], limits: Limits) -> list[tuple[Joint, float, float]]:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uvms_ocp.arguments import Count, Finite, checked, late
+from uvms_ocp.arguments.frozen import read_only
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput, OutputError
 from uvms_ocp.untrusted.array_file import read_arrays
@@ -39,7 +40,7 @@ class PiecewisePolynomial:
     """(degree + 1, n_pieces, n_axes) [axis] of ascending powers of the unit-interval time of each piece."""
 
     def __post_init__(self) -> None:
-        breaks, coefficients = frozen(self.breaks), frozen(self.coefficients)
+        breaks, coefficients = read_only(self.breaks, np.float64), read_only(self.coefficients, np.float64)
         _check_breaks(breaks)
         _check_coefficients(coefficients, breaks.size - 1)
         object.__setattr__(self, "breaks", breaks)
@@ -209,15 +210,6 @@ def concatenate(curves: Sequence[PiecewisePolynomial]) -> PiecewisePolynomial:
     breaks = curves[0].start + np.concatenate([[0.0], np.cumsum(durations)])
     padded = [_padded(curve.coefficients, degree) for curve in curves]
     return PiecewisePolynomial(breaks=breaks, coefficients=np.concatenate(padded, axis=1))
-
-
-def frozen(values: ArrayLike) -> Array:
-    """A read-only array of the values (...) [any]: the one given where nobody can write to it, else a copy."""
-    given = np.asarray(values, dtype=float)
-    if given is not values or given.flags.writeable or given.base is not None:
-        given = np.array(values, dtype=float)
-        given.flags.writeable = False
-    return given
 
 
 def _check_breaks(breaks: Array) -> None:

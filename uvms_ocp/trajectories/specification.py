@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uvms_ocp.arguments import checked
+from uvms_ocp.arguments.frozen import read_only
 from uvms_ocp.arrays import Array, Mask
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.trajectories.polynomial import frozen
 
 
 @checked
@@ -138,7 +138,7 @@ def checked_waypoints(waypoints: ArrayLike, *, dwell: bool = False) -> Array:
 
 def checked_times(times: ArrayLike, n: int) -> Array:
     """times (n,) [s], read-only. Raises `InvalidInput` for another shape, and where they are not finite or do not increase."""
-    knots = frozen(times)
+    knots = read_only(times, np.float64)
     if knots.shape != (n,):
         raise InvalidInput(f"times have shape {knots.shape}; {n} way points need ({n},) [s].")
     if not np.isfinite(knots).all():
