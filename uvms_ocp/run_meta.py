@@ -10,6 +10,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field, ValidationError
 
+from uvms_ocp.arguments.kinds import short
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.meta_values import (
     AlarmMeta,
@@ -26,7 +27,7 @@ from uvms_ocp.meta_values import (
     TaskMeta,
     ThresholdMeta,
 )
-from uvms_ocp.validation import one_line, short
+from uvms_ocp.validation import one_line
 
 VERSION: Final = "0.2"
 """Of the format; 0.1 had neither a version nor a kind, and is still read."""

@@ -10,6 +10,7 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
+from uvms_ocp.arguments.kinds import short
 from uvms_ocp.exceptions import InvalidInput
 
 _M = TypeVar("_M", bound=BaseModel)
@@ -99,9 +100,3 @@ def _models(annotation: Any) -> Iterator[type[BaseModel]]:
         yield annotation
     for argument in get_args(annotation):
         yield from _models(argument)
-
-
-def short(value: object) -> str:
-    """A value as messages show it: one line of 60 characters at most."""
-    text = " ".join(repr(value).split())
-    return text if len(text) <= 60 else text[:57] + "..."

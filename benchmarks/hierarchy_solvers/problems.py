@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 from uvms_ocp.control.velocity.levels import LevelsProblem
 from uvms_ocp.scenarios.case1 import case1
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
-from uvms_ocp.solvers.hierarchy.level import Level, gated_bounds, row_slices
+from uvms_ocp.solvers.hierarchy.gated_rows import gated
+from uvms_ocp.solvers.hierarchy.level import Level, row_slices
 from uvms_ocp.solvers.hierarchy.tick import Tick, TickResult
 
 Inputs: TypeAlias = tuple[np.ndarray, ...]
@@ -86,7 +87,7 @@ def levels_of(problem: LevelsProblem, inputs: Inputs) -> list[Level]:
 
 
 def _gated(level: Level) -> Level:
-    lower, upper = gated_bounds(level)
+    lower, upper = gated(level.jacobian, level.lower, level.upper, level.gate)
     rate, activation = level.rate, level.activation * level.gate
     return Level(
         jacobian=level.jacobian, lower=lower, upper=upper, rate=np.clip(rate, lower, upper), activation=activation

@@ -596,10 +596,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "HeightField": lambda: {"centres": np.zeros((1, 2)), "heights": np.ones(1), "radii": np.ones(1)},
     "HeightField.random": lambda: {"extent": 5.0},
     "HeightField.heights_at": lambda: {"points": np.zeros((2, 2))},
-    **dict.fromkeys(
-        ("Icat.velocity", "Icat.checked"),
-        lambda: {"J": np.eye(2), "rate": np.ones(2), "activation": np.ones(2), "sizes": (2,)},
-    ),
+    "Icat.velocity": lambda: {"J": np.eye(2), "rate": np.ones(2), "activation": np.ones(2), "sizes": (2,)},
     "Level": lambda: {"jacobian": np.eye(2)},
     "LevelsProblem": lambda: fields_of(controller().problem),
     "LexicographicNlp.rows_at": lambda: {"x": np.zeros(2), "p": np.zeros(0)},

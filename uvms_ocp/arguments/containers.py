@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.arguments.frozen import frozen_mapping
-from uvms_ocp.arguments.kinds import Kind, Number, Numbers, Shape, Whole, Wrong, shown
+from uvms_ocp.arguments.kinds import Kind, Number, Numbers, Shape, Whole, Wrong, short
 
 _TEXT = (str, bytes)
 
@@ -182,7 +182,7 @@ class Table(Kind):
             if not self.key.holds(key):
                 yield self.key.wrong(f"a key of {place}", key)
             if not self.item.holds(item):
-                yield self.item.wrong(f"{place}[{shown(key)}]", item)
+                yield self.item.wrong(f"{place}[{short(key)}]", item)
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,8 @@ class Wrong:
         return f"{self.place} {self.found}; give {self.allowed}"
 
 
-def shown(value: object) -> str:
-    """A value on one line, shortened."""
+def short(value: object) -> str:
+    """A value as messages show it: on one line, of 60 characters at most."""
     try:
         text = " ".join(repr(value).split())
     except Exception:
@@ -54,7 +54,7 @@ class Kind:
 
     def wrong(self, place: str, value: object) -> Wrong:
         """What is wrong with a value that does not fit, as deep inside as can be said."""
-        return Wrong(place, f"= {shown(value)}", self.allowed)
+        return Wrong(place, f"= {short(value)}", self.allowed)
 
     def shape_of(self, value: object) -> Shape | None:
         """The shape that a value should have."""

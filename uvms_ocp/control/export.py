@@ -40,7 +40,7 @@ class TickStatus(IntEnum):
             "every level is at its optimum: what the solver in Python finds",
             "the lowest levels were given up, those above are at their optimum; Python may find more by its cascade",
             "no level could be solved: the velocity of the tick before, one tick nearer to rest",
-            "NaN, an infinite Jacobian or lower > upper in the levels: the velocity of the tick before, one tick nearer to rest",
+            "NaN, a Jacobian of 1e15 or more, or lower > upper: the velocity of the tick before, one tick nearer to rest",
         )[self]
 
 

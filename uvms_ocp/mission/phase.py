@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.arguments import checked, late
+from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.mission.conditions import Transition
 
@@ -41,7 +41,6 @@ class Phase:
             raise InvalidInput(f"phase {self.name!r}: activations {bad}; give values from 0 to 1")
 
 
-@late
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class MissionState:
     """Where a mission is."""
@@ -67,7 +66,6 @@ class MissionState:
         return self.completed or bool(self.aborted)
 
 
-@late
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Event:
     """Why a phase ended."""

@@ -11,12 +11,9 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from uvms_ocp.arguments import late
-
 Value = TypeVar("Value")
 
 
-@late
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class State:
     """True or estimated state of the robot."""
@@ -27,7 +24,6 @@ class State:
     """(n_v,) [m/s, rad/s] generalized velocity, vehicle part in B."""
 
 
-@late
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Reading(Generic[Value]):
     """The last value that a sensor delivered."""
@@ -37,7 +33,6 @@ class Reading(Generic[Value]):
     """[s] when it was taken, which is earlier than when it arrived if the sensor has a delay."""
 
 
-@late
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Readings:
     """The last reading of every channel at one tick; `None` before the first and where there is no such sensor."""
@@ -60,7 +55,6 @@ class Readings:
     """[m] along -z of the altimeter frame; nan without an echo."""
 
 
-@late
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Measurement:
     """The navigation solution at one tick; the only thing a controller sees."""
@@ -77,7 +71,6 @@ class Measurement:
     """[s] of the joint positions alone."""
 
 
-@late
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Command:
     """What a controller asks of the plant at one tick."""

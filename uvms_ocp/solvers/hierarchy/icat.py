@@ -85,19 +85,7 @@ class Icat:
 
     def _of_levels(self, levels: Sequence[Level]) -> tuple[Array, Status]:
         rows = stack(levels)
-        return self.checked(rows.jacobian, rows.rate, rows.activation, rows.sizes)
-
-    @np.errstate(over="ignore", invalid="ignore")
-    def checked(self, J: Array, rate: Array, activation: Array, sizes: Sequence[int]) -> tuple[Array, Status]:
-        """As `velocity`, of any numbers: v is 0 where they are not valid or what comes of them is not finite.
-
-        J (M, n) [rate/velocity], rate (M,) [rate] and activation (M,) [-].
-        """
-        # Comparisons with NaN are false.
-        valid = (np.abs(J) < TOLERANCES.largest).all() and np.isfinite(rate).all() and np.isfinite(activation).all()
-        v = self.velocity(J, rate, activation, sizes) if valid else np.full(J.shape[1], np.inf)
-        sound = bool((np.abs(v) < TOLERANCES.endless).all())
-        return (v, Status.REGULARISED) if sound else (np.zeros(len(v)), Status.INVALID_INPUT)
+        return _guarded(self, rows.jacobian, rows.rate, rows.activation, rows.sizes)
 
     def _step(self, rho: Array, Q: Array, J: Array, rate: Array, a: Array) -> tuple[Array, Array]:
         X = J @ Q
@@ -121,6 +109,16 @@ class Icat:
         return np.asarray((U * (s / (s * s + self.damping * bell))) @ U.T)
 
 
+@np.errstate(over="ignore", invalid="ignore")
+def _guarded(solver: Icat, J: Array, rate: Array, activation: Array, sizes: Sequence[int]) -> tuple[Array, Status]:
+    """As `Icat.velocity`, of any numbers: v is 0 where they are not valid or what comes of them is not finite."""
+    # Comparisons with NaN are false.
+    valid = (np.abs(J) < TOLERANCES.largest).all() and np.isfinite(rate).all() and np.isfinite(activation).all()
+    v = solver.velocity(J, rate, activation, sizes) if valid else np.full(J.shape[1], np.inf)
+    sound = bool((np.abs(v) < TOLERANCES.endless).all())
+    return (v, Status.REGULARISED) if sound else (np.zeros(len(v)), Status.INVALID_INPUT)
+
+
 class _IcatTick:
     __slots__ = ("_function", "_n", "_sizes", "_solver")
 
@@ -131,6 +129,6 @@ class _IcatTick:
         start = perf_counter()
         J, lower, upper, rate, activation, gate, *extras = self._function(*inputs)
         J = J.reshape(-1, self._n)
-        v, status = self._solver.checked(J, rate, activation, self._sizes)
+        v, status = _guarded(self._solver, J, rate, activation, self._sizes)
         missed = residual(J, v, lower, upper, gate) if status.usable else np.zeros(len(lower))
         return TickResult(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)

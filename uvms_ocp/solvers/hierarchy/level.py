@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 from uvms_ocp.arguments import late
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.solvers.hierarchy.gated_rows import gated
 
 
 @late
@@ -125,11 +124,6 @@ def stack(levels: Sequence[Level]) -> Stack:
         gate=np.concatenate([level.gate for level in levels]),
         sizes=tuple(level.n_rows for level in levels),
     )
-
-
-def gated_bounds(level: Level) -> tuple[Array, Array]:
-    """(m,) [rate] bounds of a level as its gates leave them."""
-    return gated(level.jacobian, level.lower, level.upper, level.gate)
 
 
 def row_slices(sizes: Sequence[int]) -> Iterator[slice]:

@@ -12,7 +12,6 @@ from typing import Protocol
 import casadi as ca
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import late
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.hierarchy.solution import Status
@@ -20,7 +19,6 @@ from uvms_ocp.solvers.hierarchy.solution import Status
 LEVEL_OUTPUTS = ("J", "lower", "upper", "rate", "activation", "gate")
 
 
-@late
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class TickResult:
     """Outcome of one tick; the arrays belong to the caller."""
