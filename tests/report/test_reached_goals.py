@@ -80,6 +80,17 @@ def test_a_mission_whose_true_error_is_over_its_limit_has_ended_too_early(noisy:
     assert "but truly 51 against a limit of 50, and the sensors allow 0.0044" in report["cause"]["text"]
 
 
+def test_only_what_ended_a_phase_is_judged(noisy: tuple[Scenario, Record]) -> None:
+    """Not other limits of the same quantity, which another transition waits for, nor names that end alike."""
+    _, record = noisy
+    meta, rows = record.run_meta, goal_table(record)
+    known = next(item for item in meta.thresholds if item.quantity == "T.position_error")
+    others = (known.model_copy(update={"limit": 1e-9}), known.model_copy(update={"quantity": "position_error"}))
+    more = replace(record, meta=meta.model_copy(update={"thresholds": (*meta.thresholds, *others)}))
+    assert goal_table(more) == rows
+    assert not ended_too_early(more)
+
+
 def test_the_report_has_estimate_truth_and_what_the_sensors_allow_side_by_side(noisy: tuple[Scenario, Record]) -> None:
     report = summarize(noisy[1])
     assert report["tool_position_error_m"] != report["estimated_tool_position_error_m"]

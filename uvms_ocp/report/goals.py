@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from uvms_ocp.meta_values import EventMeta
+from uvms_ocp.meta_values import EventMeta, ThresholdMeta
 from uvms_ocp.mission.conditions import ABORT
 from uvms_ocp.record import Record
 from uvms_ocp.report.series import quantities_at
@@ -35,8 +35,14 @@ def _rows(record: Record, event: EventMeta) -> list[dict[str, Any]]:
             "met": _met(true.get(item.quantity), item.limit),
         }
         for item in record.meta.thresholds
-        if item.phase == event.source and item.sign == "<" and f"{item.quantity} = " in event.reason
+        if item.phase == event.source and item.sign == "<" and _was_waited_for(item, event.reason)
     ]
+
+
+def _was_waited_for(item: ThresholdMeta, reason: str) -> bool:
+    """A reason has the conditions that came true, ``quantity = value < limit``, with commas between."""
+    clauses = (clause.partition(" = ") for clause in reason.split(", "))
+    return any(name == item.quantity and f" < {item.limit:g} " in f"{rest} " for name, _, rest in clauses)
 
 
 def _met(true: float | None, limit: float) -> bool | None:
