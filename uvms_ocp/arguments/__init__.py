@@ -1,7 +1,7 @@
 """Annotations of public signatures in, wrong arguments named at the call that takes them.
 
 `checked` looks at every argument before the call; `late` is for what runs at every tick: it looks only after a call has
-failed, so that a right one costs nothing. Both read the annotations, once, when they are first needed.
+failed, so that a right one costs next to nothing. Both read the annotations, once, when they are first needed.
 """
 
 from uvms_ocp.arguments.checked import checked as checked

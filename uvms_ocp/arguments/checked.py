@@ -29,8 +29,8 @@ def checked(thing: _T) -> _T:
 def late(thing: _T) -> _T:
     """A function or class whose arguments are looked at only once a call has failed, for what runs at every tick.
 
-    A right call costs nothing. Where no argument is wrong the failure is passed on as it is. On a method of a `checked`
-    class it makes this method late.
+    A right call costs a fraction of a microsecond more: leave values that refuse nothing as they are. Where no argument is
+    wrong the failure is passed on as it is. On a method of a `checked` class it makes this method late.
     """
     if isinstance(thing, type):
         return _class(thing, late_all=True)

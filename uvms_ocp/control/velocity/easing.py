@@ -15,8 +15,10 @@ from uvms_ocp.tasks.task import Rows, TickSymbols
 
 _RISE = 0.07  # [s] from rest to the acceleration limit: short enough for what gates ask for (0.2 s, half of it at work)
 _FALL = 0.1  # [s] from the acceleration limit to a reference; longer, so that the axes can follow
-_ENDLESS = 1e6  # stands in for accelerations without limit: its product with 0 is 0
 _NOTHING = 1e-12  # keeps the division by a change of zero finite
+
+ENDLESS = 1e6
+"""Stands in for what has no limit: its product with 0 is 0."""
 
 
 def easing_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Rows:
@@ -53,6 +55,6 @@ def falling_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
 
     wanted (m,) [any/s]; acceleration (m,) [any/s2]; dt [s].
     """
-    jerk = ca.fmax(ca.fmin(acceleration, _ENDLESS), 1 / _ENDLESS) / _FALL
+    jerk = ca.fmax(ca.fmin(acceleration, ENDLESS), 1 / ENDLESS) / _FALL
     # `stopping_speed` at that jerk of what is wanted, over what is wanted: without a difference of nearly equal numbers.
     return 2 / (1 + ca.sqrt(1 + 2 * ca.fabs(wanted) / (jerk * dt**2)))

@@ -7,12 +7,10 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.control.velocity.easing import eased_share, falling_share
+from uvms_ocp.control.velocity.easing import ENDLESS, eased_share, falling_share
 from uvms_ocp.solvers.hierarchy.gated_rows import gated
 from uvms_ocp.tasks.limits import row_acceleration
 from uvms_ocp.tasks.task import Rows, TickSymbols
-
-_ENDLESS = 1e6  # stands in for what has no limit: its product with 0 is 0
 
 
 def reachable_rows(
@@ -36,7 +34,7 @@ def reachable_rows(
     else:
         lower = present - _way(present - rows.lower, acceleration, dt, eased)
         upper = present + _way(rows.upper - present, acceleration, dt, eased)
-    step = np.minimum(np.minimum(limits.acceleration * dt, 2 * limits.velocity), _ENDLESS)
+    step = np.minimum(np.minimum(limits.acceleration * dt, 2 * limits.velocity), ENDLESS)
     gates, reach = ca.repmat(gate, rows.n_rows, 1), ca.fabs(rows.jacobian) @ ca.DM(step)
     lower, upper = gated(rows.jacobian, lower, upper, gates, reach)
     return replace(rows, lower=lower, upper=upper)
@@ -44,7 +42,7 @@ def reachable_rows(
 
 def _way(room: ca.SX, acceleration: ca.SX, dt: float, eased: bool) -> ca.SX:
     """How far (m,) rates may go in this tick towards bounds that leave them this room (m,); negative: have to come back."""
-    near = ca.fmin(room, _ENDLESS)
-    ahead = ca.if_else(room < _ENDLESS, near * falling_share(near, acceleration, dt), ca.inf)
+    near = ca.fmin(room, ENDLESS)
+    ahead = ca.if_else(room < ENDLESS, near * falling_share(near, acceleration, dt), ca.inf)
     back = near * eased_share(near, acceleration, dt) if eased else ca.fmax(near, -acceleration * dt)
     return ca.if_else(room > 0, ahead, back)
