@@ -130,6 +130,28 @@ def test_a_wrong_velocity_of_seven_joints_is_seen() -> None:
     assert _in_c(levels, wrong) > 0.1
 
 
+CONTRADICTING: list[tuple[Level, list[float]]] = [
+    (Level(jacobian=[[1.0], [1.0]], lower=[1.0, -1.0], upper=[1.0, -1.0]), [0.9]),
+    (Level(jacobian=[[1.0], [1.0]], lower=[-2.0, 1.0], upper=[-1.0, 2.0]), [0.5]),
+    (
+        Level(jacobian=[[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], lower=[-1.0, -1.0, 10.0], upper=[1.0, 1.0, 10.0]),
+        [1.0, 1.0],
+    ),
+]
+
+
+@pytest.mark.parametrize(("level", "v"), CONTRADICTING)
+def test_a_first_level_that_contradicts_its_own_box_is_no_optimum_because_the_box_ends_there(
+    level: Level, v: list[float]
+) -> None:
+    solution = ACTIVE_SET.solve([level])
+    short = _missed(level, np.array(v)) - _missed(level, solution.v)
+    assert certificate([level], v) >= short > 0.1
+    assert solution.status.exact
+    for normal in NORMAL:
+        assert normal([level], solution.v) <= TOLERANCES.certified < 0.1 < normal([level], np.array(v))
+
+
 @pytest.mark.parametrize("normal", NORMAL)
 def test_an_optimum_has_a_small_certificate(normal: Callable[[list[Level], np.ndarray], float]) -> None:
     for seed in range(30):

@@ -68,8 +68,9 @@ def level_excesses(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | No
     That least is over all y with ``|y - v| <= radius``, () or (n,) [velocity], entry by entry, that leave every row of the
     levels above at the residual it has at v or nearer to its bounds. Without a radius y is anywhere in the box that rows of
     the first level with one entry and two bounds span, the velocity limits; entries without such a row get about twice the
-    velocity that the rows ask for. inf where v is not finite or too large to tell. Raises
-    `InvalidInput` for a v or radius of the wrong shape, or a radius that is not positive.
+    velocity that the rows ask for. So do all entries for the first level itself, whose rows may contradict the box that they
+    span; the levels below are held in it. inf where v is not finite or too large to tell. Raises `InvalidInput` for a v or
+    radius of the wrong shape, or a radius that is not positive.
     """
     rows = stack(levels)
     low, up = gated(rows.jacobian, rows.lower, rows.upper, rows.gate)
@@ -78,8 +79,13 @@ def level_excesses(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | No
     # Rows that count as nothing for a solver count here.
     normal = replace(normal, J=rows.jacobian / np.repeat(normal.level, rows.sizes)[:, None])
     w = v / normal.velocity
-    region = _default_region(normal, w) if radius is None else _given_region(radius, v, normal.velocity)
-    return _excesses(normal, w, region) * normal.level * normal.velocity
+    if radius is None:
+        region = _default_region(normal, w)
+        excesses = _excesses(normal, w, region, first=_beyond_box(region))
+    else:
+        region = _given_region(radius, v, normal.velocity)
+        excesses = _excesses(normal, w, region, first=region)
+    return excesses * normal.level * normal.velocity
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -90,7 +96,7 @@ def normal_certificate(rows: NormalRows, w: Array) -> float:
     """
     region, reach = _default_region(rows, w), TOLERANCES.reach
     region = _Region(down=np.minimum(region.down, reach), up=np.minimum(region.up, reach))
-    excesses = _excesses(rows, w, region)
+    excesses = _excesses(rows, w, region, first=_beyond_box(region))
     slack = distance(rows.J @ w, rows.lower, rows.upper)
     sizes = np.array([_length(slack[own]) for own in row_slices(rows.sizes)])
     return float((excesses / np.maximum(sizes, rows.unit)).max(initial=0.0)) if np.isfinite(excesses).all() else np.inf
@@ -114,6 +120,11 @@ def _default_region(rows: NormalRows, w: Array) -> _Region:
     return _Region(down=np.where(boxed, down, reach), up=np.where(boxed, up, reach))
 
 
+def _beyond_box(region: _Region) -> _Region:
+    reach = TOLERANCES.reach
+    return _Region(down=np.maximum(region.down, reach), up=np.maximum(region.up, reach))
+
+
 def _given_region(radius: ArrayLike, v: Array, velocity: float) -> _Region:
     given = np.asarray(radius, dtype=np.float64)
     if given.shape not in ((), v.shape) or not ((given > 0.0) & (given < np.inf)).all():
@@ -122,12 +133,13 @@ def _given_region(radius: ArrayLike, v: Array, velocity: float) -> _Region:
     return _Region(down=reach, up=reach)
 
 
-def _excesses(rows: NormalRows, w: Array, region: _Region) -> Array:
-    """(levels,) [-]"""
+def _excesses(rows: NormalRows, w: Array, region: _Region, *, first: _Region) -> Array:
+    """(levels,) [-]; first: the region of the first level."""
     if not np.isfinite(w).all():
         return np.full(len(rows.sizes), np.inf)
     found = _found(rows, w, region)
-    excesses = np.array([_level_excess(found, own) for own in row_slices(rows.sizes)])
+    slices = row_slices(rows.sizes)
+    excesses = np.array([_level_excess(found, own, region if own.start else first) for own in slices])
     return np.where(np.isfinite(excesses), excesses, np.inf)
 
 
@@ -147,7 +159,6 @@ class _Found:
     """(M,) [-] what rounding leaves open of a row."""
     unit: float
     """[-] `NormalRows.unit`."""
-    region: _Region
 
 
 def _found(rows: NormalRows, w: Array, region: _Region) -> _Found:
@@ -160,15 +171,14 @@ def _found(rows: NormalRows, w: Array, region: _Region) -> _Found:
         down=np.where(y - rows.lower > noise, y - rows.lower, 0.0),
         noise=noise,
         unit=rows.unit,
-        region=region,
     )
 
 
-def _level_excess(found: _Found, own: slice) -> float:
+def _level_excess(found: _Found, own: slice, region: _Region) -> float:
     size = _length(found.slack[own])
     if size == 0.0 or not np.isfinite(size):
         return size
-    p, region = found.slack[own] / size, found.region
+    p = found.slack[own] / size
     gradient, held, gap, noise = p @ found.J[own], *_held(found, own.start)
     x = _multipliers(held, gap, gradient, np.maximum(region.down, region.up))
     r, rounding = gradient + x @ held, float(x @ noise)

@@ -53,7 +53,12 @@ class Status(AdvisedStatus):
 
     @property
     def exact(self) -> bool:
-        """True if every level is at its lexicographic optimum: `certificate.normal_certificate` has proven it to 1e-7."""
+        """True if every level is at its lexicographic optimum: `certificate.normal_certificate` has proven it to 1e-7.
+
+        That is of rows as doubles know them: what rounding leaves open of nearly dependent ones is in the proof from 1e-3 on
+        (`Tolerances.resolved`), and rows below 1e-13 of the largest one of all levels count as nothing (`Tolerances.vanished`).
+        `Solution.certificate` counts those too.
+        """
         return self in (Status.SOLVED, Status.COLD_STARTED, Status.CASCADED)
 
     @property

@@ -178,14 +178,23 @@ static double level_excess(Proof *p, const Work *k, int level, int begin) {
 }
 
 /* y may be in the box, where there is one, but no farther from v than REACH. */
-static void begin_proof(Proof *p, const Work *k) {
-  double length = size_of(k->v, N), far = 0;
+static void keep_in_box(Proof *p, const Work *k) {
   for (int c = 0; c < N; ++c) {
     int boxed = k->box[0][c] > -INFINITY && k->box[1][c] < INFINITY;
     p->down[c] = boxed ? smaller(larger(k->v[c] - k->box[0][c], 0), REACH) : REACH;
     p->up[c] = boxed ? smaller(larger(k->box[1][c] - k->v[c], 0), REACH) : REACH;
-    far += larger(p->down[c], p->up[c]) * larger(p->down[c], p->up[c]);
   }
+}
+
+/* The box is made of rows of the first level, which may contradict each other: its own optimum may be outside. */
+static void let_out_of_box(Proof *p) {
+  for (int c = 0; c < N; ++c) p->down[c] = p->up[c] = REACH;
+}
+
+static void begin_proof(Proof *p, const Work *k) {
+  double length = size_of(k->v, N), far = 0;
+  keep_in_box(p, k);
+  for (int c = 0; c < N; ++c) far += larger(p->down[c], p->up[c]) * larger(p->down[c], p->up[c]);
   for (int row = 0; row < M; ++row) {
     p->y[row] = row_at(k->a[row], k->v);
     p->slack[row] = p->y[row] - smaller(larger(p->y[row], k->lower[row]), k->upper[row]);
@@ -199,6 +208,8 @@ static double certificate(const Work *k) {
   double worst = 0;
   begin_proof(&p, k);
   for (int level = 0, begin = 0; level < L; begin += SIZES[level++]) {
+    if (begin == 0) let_out_of_box(&p);
+    else keep_in_box(&p, k);
     double excess = level_excess(&p, k, level, begin);
     if (!(excess <= worst)) worst = excess < INFINITY ? excess : INFINITY;
   }
