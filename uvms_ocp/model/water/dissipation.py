@@ -27,6 +27,7 @@ import numpy as np
 
 _STEPS = 200  # of the search for weights, which gains a digit in 5 to 20 steps
 _ROUNDING = 1e-9
+_LEAST = 1e-27  # of the largest entry, for drag of an axis: the third root of it, 1e-9, is what couplings may then be
 _SIGNS = np.array(list(product((1.0, -1.0), repeat=6)))
 _PAIRS = np.array(
     [a + t * b for a, b in permutations(np.eye(6), 2) for t in np.outer((1, -1), np.geomspace(1e-3, 1, 25)).flat]
@@ -45,7 +46,7 @@ def overload(quadratic_drag: np.ndarray) -> tuple[float, np.ndarray]:
     couplings = np.abs(quadratic_drag) * (1.0 - np.eye(6))
     if not couplings.any():
         return 0.0, np.zeros(6)
-    root = _units(quadratic_drag)
+    root = _units(quadratic_drag, _LEAST)
     B = couplings / np.outer(root, root**2)
     d = np.ones(6)
     for _ in range(_STEPS):
@@ -61,14 +62,13 @@ def fed_velocity(linear_drag: np.ndarray, quadratic_drag: np.ndarray, d: np.ndar
     """A velocity nu (6,) [m/s, rad/s] and the power [W] that drag feeds there, if one is found.
 
     linear_drag (6, 6) [N/(m/s), N m/(rad/s)]; quadratic_drag (6, 6) [N/(m/s)^2, N m/(rad/s)^2]; d (6,) [m/s, rad/s]:
-    magnitudes of the entries to try with all signs, before those of two axes each.
+    magnitudes of the entries to try with all signs, beside those of two axes each.
     """
-    for candidates in (_SIGNS * d, _PAIRS / _units(quadratic_drag)):
-        gains = -((candidates @ quadratic_drag) * np.abs(candidates) * candidates).sum(axis=1)
-        nu = candidates[np.argmax(gains)]
-        if gains.max() > 0.0:
-            return _rounded(nu / np.abs(nu).max(), linear_drag, quadratic_drag)
-    return None
+    candidates = np.vstack([_SIGNS * d, _PAIRS / _units(quadratic_drag, _ROUNDING)])
+    candidates /= np.abs(candidates).max(axis=1, keepdims=True)
+    gains = -((candidates @ quadratic_drag) * np.abs(candidates) * candidates).sum(axis=1)
+    best = int(np.argmax(gains))
+    return _rounded(candidates[best], linear_drag, quadratic_drag) if gains[best] > 0.0 else None
 
 
 def _rounded(nu: np.ndarray, linear: np.ndarray, quadratic: np.ndarray) -> tuple[np.ndarray, float] | None:
@@ -80,6 +80,6 @@ def _rounded(nu: np.ndarray, linear: np.ndarray, quadratic: np.ndarray) -> tuple
     return (nu, power) if power > 0.0 else None
 
 
-def _units(quadratic_drag: np.ndarray) -> np.ndarray:
+def _units(quadratic_drag: np.ndarray, least: float) -> np.ndarray:
     """Factors (6,) that bring velocities to units in which the diagonal is 1, as far as it is there."""
-    return np.asarray(np.cbrt(np.maximum(np.diag(quadratic_drag), _ROUNDING * np.abs(quadratic_drag).max())))
+    return np.asarray(np.cbrt(np.maximum(np.diag(quadratic_drag), least * np.abs(quadratic_drag).max())))
