@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import casadi as ca
 import numpy as np
 import pytest
 
 from uvms_ocp.control.velocity.levels import build_levels
+from uvms_ocp.control.velocity.reachable_rows import reachable_rows
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.scenarios.case1 import case1
 from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.limits import row_acceleration
+from uvms_ocp.tasks.task import Rows, TickSymbols
 from uvms_ocp.tasks.velocity import NullVelocity
 
 DT = 0.005
@@ -68,6 +72,29 @@ def test_a_gate_between_0_and_1_leaves_a_row_a_band_of_what_the_limits_let_one_t
         assert found["gate"][13:19].all()
         assert found["lower"][13] == pytest.approx(settled - width * reach)
         assert found["upper"][13] == pytest.approx(settled + width * reach)
+
+
+@pytest.mark.parametrize("eased", [False, True])
+@pytest.mark.parametrize("dt", [0.005, 0.05])
+def test_bounds_that_are_near_each_other_do_not_cross_on_the_way_back(robot: Robot, dt: float, eased: bool) -> None:
+    bounds = _bounds_of_surge(robot, dt, eased)
+    for width in (0.0, 1e-6, 1e-3, 0.1):
+        for present in np.linspace(-0.3, 0.3, 61):
+            lower, upper = bounds(0.0, width, present)
+            assert lower <= upper
+            assert abs(np.clip(present, lower, upper) - present) <= robot.limits.acceleration[0] * dt * (1 + 1e-12)
+
+
+def _bounds_of_surge(robot: Robot, dt: float, eased: bool) -> Callable[[float, float, float], list[float]]:
+    """(lower, upper, present) [m/s] -> the bounds [m/s] that can be followed, of a row that is surge alone."""
+    lower, upper, present = ca.SX.sym("lower"), ca.SX.sym("upper"), ca.SX.sym("present")
+    previous = ca.vertcat(present, ca.SX.zeros(robot.n_v - 1))
+    empty = ca.SX.sym("nothing", 0)
+    symbols = TickSymbols(robot=robot, kinematics=None, q=empty, velocity=empty, altimeter_range=empty, dt=dt)  # type: ignore[arg-type]
+    row = Rows(jacobian=ca.SX.eye(robot.n_v)[0, :], rate=ca.SX(0), lower=lower, upper=upper, activation=ca.SX(0))
+    rows = reachable_rows(row, equality=False, eased=eased, symbols=symbols, previous=previous, gate=ca.SX(1))
+    function = ca.Function("bounds", [lower, upper, present], [rows.lower, rows.upper])
+    return lambda *values: [float(bound) for bound in function(*values)]
 
 
 def test_a_settled_row_is_exact(robot: Robot) -> None:

@@ -34,6 +34,9 @@ def reachable_rows(
     else:
         lower = present - _way(present - rows.lower, acceleration, dt, eased)
         upper = present + _way(rows.upper - present, acceleration, dt, eased)
+        # The way back from one bound may be longer than what is left, eased, of the way to the other one.
+        far = ca.fmin(lower, upper), ca.fmax(lower, upper)
+        lower, upper = ca.if_else(present > rows.upper, far[0], lower), ca.if_else(present < rows.lower, far[1], upper)
     step = np.minimum(np.minimum(limits.acceleration * dt, 2 * limits.velocity), ENDLESS)
     gates, reach = ca.repmat(gate, rows.n_rows, 1), ca.fabs(rows.jacobian) @ ca.DM(step)
     lower, upper = gated(rows.jacobian, lower, upper, gates, reach)
