@@ -13,7 +13,7 @@ from uvms_ocp.control.navigation.estimator import Estimator
 from uvms_ocp.mission.conditions import Below
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.sensing import SensorSpec, SensorSpecs
-from uvms_ocp.model.state import State
+from uvms_ocp.model.state import Reading, Readings, State
 from uvms_ocp.preflight.accuracy import quantity_spreads
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.scenarios.case1 import case1
@@ -38,6 +38,20 @@ def test_the_estimate_of_a_robot_at_rest_spreads_as_promised() -> None:
     # The filter expects more motion than there is at rest, so that it knows a little more than it says.
     assert share.max() < 1.5
     assert share.min() > 0.25
+
+
+def test_between_readings_the_spread_grows_with_what_may_have_happened_since() -> None:
+    """Of a position fix a second: nothing else tells where the vehicle is."""
+    robot = load_robot("girona_maris7")
+    estimator, spreads = Estimator(robot, SPECS), []
+    for k in range(3000):
+        fix, dt = k // 100, 0.01
+        readings = Readings(position=Reading(value=np.zeros(3), t=float(fix)))
+        estimator(readings, k * dt)
+        spreads.append(estimator.spread[0])
+    last = np.array(spreads[-100:])
+    assert (np.diff(last) > 0.0).all()
+    assert last[-1] > 5.0 * last[0]
 
 
 @pytest.mark.parametrize("name", ["girona_maris7", "planar5"])

@@ -74,7 +74,7 @@ class VehicleFilter:
     @property
     def spread(self) -> np.ndarray:
         """Standard deviation (6,) [m, rad] of the position in W and the attitude in B."""
-        return np.sqrt(np.concatenate([self._motion.P[:, 0, 0], self._turn.P[:, 0, 0]]))
+        return np.concatenate([self._motion.spread(), self._turn.spread()])
 
     def velocity(self) -> np.ndarray:
         """Twist (6,) [m/s, rad/s] of B in B."""
@@ -158,7 +158,7 @@ class JointFilter:
     @property
     def spread(self) -> np.ndarray:
         """Standard deviation (n_joints,) [rad or m] of the positions."""
-        return np.sqrt(self._track.P[:, 0, 0])
+        return self._track.spread()
 
     @property
     def velocity(self) -> np.ndarray:

@@ -48,6 +48,12 @@ class Track:
         self.x[axes] += gain * innovation[:, None]
         self.P[axes] = P - gain[:, :, None] * (then @ P)[:, None, :]
 
+    def spread(self) -> np.ndarray:
+        """Standard deviation (n,) [its unit] of the values now."""
+        if self._elapsed:
+            self._predict_covariance()
+        return np.sqrt(self.P[:, 0, 0])
+
     def take(self) -> np.ndarray:
         """Return the values (n,) and set them to zero: for values that live on a manifold elsewhere."""
         values = self.x[:, 0].copy()
