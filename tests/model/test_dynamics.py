@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 import slow_dynamics as slow
 from kinematic_trees import MODELS, random_configuration
-from wet_machines import FLOATING, MACHINES
+from wet_machines import drift
 
 from uvms_ocp.exceptions import FrameNotFound, InvalidInput
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
@@ -50,23 +50,6 @@ def states(dynamics: Dynamics) -> list[MachineState]:
         )
         for _ in range(N_STATES)
     ]
-
-
-@pytest.fixture(params=MACHINES, scope="module")
-def dynamics(request: pytest.FixtureRequest) -> Dynamics:
-    return MACHINES[request.param]()
-
-
-@pytest.fixture(params=FLOATING, scope="module")
-def floating(request: pytest.FixtureRequest) -> Dynamics:
-    return FLOATING[request.param]()
-
-
-def drift(dynamics: Dynamics, q: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Velocity (n_v,) of a floating machine that a uniform current u (3,) carries along."""
-    model = dynamics.symbolic.model
-    R_WB = model.jointPlacements[1].rotation @ pin.Quaternion(q[3:7]).matrix()
-    return np.r_[R_WB.T @ u, np.zeros(model.nv - 3)]
 
 
 def close(actual: np.ndarray, wanted: np.ndarray, relative: float) -> None:

@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 import slow_dynamics as slow
 from kinematic_trees import random_configuration
-from wet_machines import FLOATING, MACHINES
+from wet_machines import drift
 
 from uvms_ocp.model.dynamics import Dynamics
 from uvms_ocp.model.files.library import list_robots, list_variants
@@ -55,23 +55,6 @@ def motions(dynamics: Dynamics) -> Iterator[Motion]:
     rng, model = np.random.default_rng(4), dynamics.symbolic.model
     for _ in range(5):
         yield Motion(q=random_configuration(model), v=rng.normal(size=model.nv), a=rng.normal(size=model.nv))
-
-
-@pytest.fixture(params=MACHINES, scope="module")
-def dynamics(request: pytest.FixtureRequest) -> Dynamics:
-    return MACHINES[request.param]()
-
-
-@pytest.fixture(params=FLOATING, scope="module")
-def floating(request: pytest.FixtureRequest) -> Dynamics:
-    return FLOATING[request.param]()
-
-
-def drift(dynamics: Dynamics, q: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Velocity (n_v,) of a floating machine that moves with c (3,)."""
-    model = dynamics.symbolic.model
-    R_WB = model.jointPlacements[1].rotation @ pin.Quaternion(q[3:7]).matrix()
-    return np.r_[R_WB.T @ c, np.zeros(model.nv - 3)]
 
 
 def boosted(dynamics: Dynamics, s: Motion, c: np.ndarray) -> Motion:

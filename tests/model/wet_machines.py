@@ -66,3 +66,10 @@ FIXED: dict[str, Callable[[], Dynamics]] = {
 }
 
 MACHINES = {**FLOATING, **FIXED}
+
+
+def drift(dynamics: Dynamics, q: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Velocity (n_v,) of a floating machine that a uniform current u (3,) carries along."""
+    model = dynamics.symbolic.model
+    R_WB = model.jointPlacements[1].rotation @ pin.Quaternion(q[3:7]).matrix()
+    return np.r_[R_WB.T @ u, np.zeros(model.nv - 3)]
