@@ -39,6 +39,18 @@ def test_every_figure_of_a_complete_record_is_written_as_png(record: Record, tmp
     assert all(path.read_bytes().startswith(_PNG) for path in paths)
 
 
+def test_labels_of_ticks_can_be_read(record: Record) -> None:
+    drawn = [figure for draw in FIGURES.values() if (figure := draw(record)) is not None]
+    for figure in drawn:
+        figure.set_dpi(30)
+        figure.canvas.draw()
+    labels = {
+        label.get_text() for figure in drawn for axis in figure.axes for label in axis.get_yticklabels(which="both")
+    }
+    assert "10⁻²" in labels
+    assert not [label for label in labels if set(label) & set("$\\{}^")]
+
+
 def test_figures_whose_quantities_are_missing_are_left_out(record: Record) -> None:
     poor = replace(record, meta=record.meta.model_copy(update={"quantities": ()}))
     assert figure_errors(poor) is None

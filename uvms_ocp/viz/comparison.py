@@ -21,6 +21,7 @@ from uvms_ocp.viz.style import (
     WIDTH,
     RecordFigure,
     heading_legend,
+    logarithmic,
     shown,
     stacked,
     styled,
@@ -102,7 +103,8 @@ def figure_transitions(runs: Mapping[str, Mapping[str, np.ndarray]]) -> Figure:
         ("step of v / (a_max dt)", "jerk [m/s³, rad/s³]", "lost above [m/s, rad/s]"),
         strict=True,
     ):
-        axis.set(yscale="log", ylabel=label)
+        logarithmic(axis)
+        axis.set_ylabel(label)
         axis.set_ylim(bottom=_LEAST[name])
     axes[0].axhline(1.0, color=BLACK, lw=0.6, ls="--")
     heading_legend(

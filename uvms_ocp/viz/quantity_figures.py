@@ -20,6 +20,7 @@ from uvms_ocp.viz.style import (
     ORANGE,
     VERMILLION,
     heading_legend,
+    logarithmic,
     shade_phases,
     stacked,
     styled,
@@ -92,7 +93,7 @@ def _task_on(record: Record, task: str) -> np.ndarray:
 def _logarithmic_panel(axis: Axes, record: Record, name: str, color: str) -> None:
     """Logarithmic, because convergence is exponential; an exact start does not stretch the axis."""
     active = _panel(axis, record, name, color)
-    axis.set_yscale("log", nonpositive="mask")
+    logarithmic(axis)
     if len(active):
         lowest = min([*thresholds(record, name), float(np.percentile(active, 5)), float(active[-1])])
         axis.set_ylim(bottom=max(lowest, _LOG_FLOOR) / 2)

@@ -15,6 +15,7 @@ from matplotlib.backend_bases import RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import LogFormatterSciNotation
 
 from uvms_ocp.exceptions import OutputError, plain_line
 from uvms_ocp.viz.series import PhaseSpan
@@ -42,6 +43,8 @@ FADED = "#AEB4B9"
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (4, 1.5, 1, 1.5)))
 _LETTER = 0.055  # [in] mean width of a letter in a phase's label
 _BANDS = ("#E8F1FA", "#FDF0E1", "#E6F4EC", "#F6EAF2", "#EFEFEF")
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 _STYLE: dict[str, Any] = {
     "font.family": "sans-serif",
@@ -72,6 +75,17 @@ _STYLE: dict[str, Any] = {
     "savefig.facecolor": "white",
     "figure.facecolor": "white",
 }
+
+
+class _PlainPowers(LogFormatterSciNotation):
+    """Labels of a logarithmic axis in letters, 10⁻³ or 4·10⁻³, as formulas are off."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        if not super().__call__(x, pos):
+            return ""
+        factor, _, exponent = f"{x:.0e}".partition("e")
+        power = "10" + str(int(exponent)).translate(_RAISED)
+        return power if factor == "1" else f"{factor}·{power}"
 
 
 class RecordFigure(Figure):
@@ -162,6 +176,13 @@ def _name_phases(axis: Axes, spans: Sequence[PhaseSpan], width: float) -> None:
             fontsize=7.5,
             color="#333333",
         )
+
+
+def logarithmic(axis: Axes) -> None:
+    """Upwards; what is not positive is left out."""
+    axis.set_yscale("log", nonpositive="mask")
+    axis.yaxis.set_major_formatter(_PlainPowers())
+    axis.yaxis.set_minor_formatter(_PlainPowers(labelOnlyBase=False))
 
 
 def threshold(axis: Axes, value: float, text: str) -> None:

@@ -19,6 +19,7 @@ from uvms_ocp.viz.style import (
     WIDTH,
     RecordFigure,
     heading_legend,
+    logarithmic,
     shade_phases,
     styled,
     threshold,
@@ -35,7 +36,8 @@ def figure_tick_time(record: Record) -> Figure | None:
     figure = RecordFigure(figsize=(WIDTH, 2.6))
     figure.suptitle("Computation time of one control tick", fontsize=10, fontweight="bold", x=0.01, ha="left")
     over_time, spread = figure.subplots(1, 2, sharey=True, width_ratios=(3, 1))
-    over_time.semilogy(record["t"], tick, ".", ms=1.4, color=BLUE, rasterized=True)
+    logarithmic(over_time)
+    over_time.plot(record["t"], tick, ".", ms=1.4, color=BLUE, rasterized=True)
     over_time.set(xlabel="time [s]", ylabel="tick [µs]")
     spread.hist(tick, bins=np.geomspace(tick.min(), tick.max() * 1.01, 50), orientation="horizontal", color=BLUE)
     spread.set_xlabel("ticks")
