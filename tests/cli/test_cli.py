@@ -99,6 +99,8 @@ def test_a_mission_out_of_time_exits_with_3_and_says_why(tmp_path: Path) -> None
         (["run", "--out", ""], "names no folder"),
         (["plan", "curve", "--to", "3", "0", "0", "--out", ""], "names no folder"),
         (["export", "tick", " "], "names no folder"),
+        (["run", "--out", "a\nb"], r"'a\nb' has control characters; give a folder without"),
+        (["check", "table2"], "table2 is a study of many missions; give one scenario: case1"),
         (["run", "table2", "--seabed", "-39"], "table2 has no option --seabed"),
         (["run", "table2", "--noise"], "table2 has no option --noise"),
         (["run", "case2", "--n", "3"], "case2 is no study"),
@@ -119,11 +121,12 @@ def test_mistakes_get_one_line_and_exit_code_2(arguments: list[str], message: st
 
 
 def test_a_solver_that_is_not_chosen_is_the_scenarios_own(tmp_path: Path) -> None:
-    process = cli("run", "reach", "--duration", "0.1", "--force", "--json", cwd=tmp_path)
+    options = ("--seed", "4", "--noise", "--duration", "0.1")
+    process = cli("run", "reach", *options, "--force", "--json", cwd=tmp_path)
     assert process.returncode == 3, process.stderr
     report = json.loads(process.stdout)
     assert report["solver"] == type(reach().solver).__name__
-    assert (tmp_path / "uvms_runs" / "reach-dynamic-lexls-duration0.1" / "report.json").exists()
+    assert (tmp_path / "uvms_runs" / "reach-dynamic-lexls-noise-seed4-duration0.1" / "report.json").exists()
 
 
 def test_options_that_do_not_parse_exit_with_2(tmp_path: Path) -> None:
@@ -265,6 +268,13 @@ def test_a_full_disk_behind_stdout_is_one_line(tmp_path: Path) -> None:
         )
     assert process.returncode == 2
     assert process.stderr.splitlines() == ["error: [Errno 28] No space left on device"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="closes a stream as a POSIX shell does")
+def test_a_closed_stdout_is_no_error(tmp_path: Path) -> None:
+    words = ["sh", "-c", 'exec "$0" -m uvms_ocp list >&-', sys.executable]
+    process = subprocess.run(words, cwd=tmp_path, stderr=subprocess.PIPE, text=True, check=False)
+    assert (process.returncode, process.stderr) == (0, "")
 
 
 def test_default_folders_of_what_differs_differ() -> None:

@@ -116,7 +116,7 @@ class FilePath(Kind):
     """A path, or the text of one."""
 
     text: bool = False
-    allowed = "a path"
+    allowed = "a path without control characters"
 
     def holds(self, value: object) -> bool:
         known = isinstance(value, Path) or (self.text and isinstance(value, str))

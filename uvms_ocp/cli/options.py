@@ -29,9 +29,15 @@ BAD_INPUT, NOT_COMPLETED = 2, 3  # exit codes
 
 
 def folder(words: str | Path) -> Path:
-    """The folder of that name; raises `OutputError` for no name, which would mean the working directory."""
+    """The folder of that name.
+
+    Raises `OutputError` for no name, which would mean the working directory, and for line breaks and the like, which would
+    be refused only when results are written.
+    """
     if not str(words).strip():
         raise OutputError(f"{words!r} names no folder for the results; give one, or . for the working directory")
+    if any(letter < " " for letter in str(words)):
+        raise OutputError(f"{words!r} has control characters; give a folder without")
     return Path(words)
 
 
@@ -63,8 +69,10 @@ def given(**options: Any) -> dict[str, Any]:
 def build_scenario(name: str, options: Mapping[str, Any], solver: str | None = None) -> Scenario:
     """The scenario with the options of the command line.
 
-    Raises `NameNotFound` for an unknown scenario or solver, and `UvmsError` where an option is wrong.
+    Raises `NameNotFound` for an unknown scenario or solver, and `UvmsError` for a study or where an option is wrong.
     """
+    if name in STUDIES:
+        raise InvalidInput(f"{name} is a study of many missions; give one scenario: {', '.join(SCENARIOS)}")
     if name not in SCENARIOS:
         raise NameNotFound("scenario", name, (*SCENARIOS, *STUDIES))
     if solver is None:

@@ -61,17 +61,18 @@ def put_out(make: Callable[[], MadePlan], out: Path, as_json: bool) -> None:
         with claim.staged() as staging:
             made.write(staging)
         written = claim.written()
-    _print_plan(console, made.report, written)
+    _print_plan(console, made, written)
     if as_json:
         print_json(made.report)
     if not made.good:
         raise typer.Exit(NOT_COMPLETED)
 
 
-def _print_plan(console: Console, report: dict[str, Any], paths: list[Path]) -> None:
+def _print_plan(console: Console, made: MadePlan, paths: list[Path]) -> None:
+    report = made.report
     status = report["status"] + (f" ({report['reason']})" if "reason" in report else "")
     console.print(plain_line(f"plan: {status}; advice: {report['advice']}"))
-    if "duration_s" in report:
+    if made.record is not None:
         least = report["min_clearance_m"]
         near = "" if least is None else f", {least:.3g} m between {report['min_clearance_between']} "
         near += "" if least is None else f"at {report['min_clearance_at_s']:.2f} s"

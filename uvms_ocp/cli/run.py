@@ -70,7 +70,7 @@ def run(
     Raises `InvalidInput` for what pre-flight refuses, unless forced, and for --n with a scenario.
     """
     console = console_of(stderr=as_json)
-    options = given(robot=robot, plant=plant, current=current, seabed=seabed, seed=seed, noise=noise, duration=duration)
+    options = given(robot=robot, plant=plant, current=current, seabed=seabed, noise=noise, seed=seed, duration=duration)
     if name in STUDIES:
         chosen = given(n=n, force=force or None, solver=solver)
         _run_study(name, options | chosen, out, console, as_json)
