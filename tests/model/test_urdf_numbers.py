@@ -50,6 +50,21 @@ def written(folder: Path, **texts: str) -> Path:
     return path
 
 
+@pytest.mark.parametrize(
+    "parent", ["link", "link/inertial", "link/collision", "link/visual", "link/visual/geometry", "joint"]
+)
+def test_what_stands_twice_where_parsers_take_the_first_is_refused(parent: str, tmp_path: Path) -> None:
+    whole = ElementTree.fromstring(BODY.format(**SOUND))
+    for tag in {child.tag for child in whole.find(parent)} - {"collision", "visual"}:
+        root = copy.deepcopy(whole)
+        element = root.find(parent)
+        element.append(copy.deepcopy(element.find(tag)))
+        path = tmp_path / f"{tag}.urdf"
+        path.write_text(ElementTree.tostring(root, encoding="unicode"), encoding="utf-8")
+        with pytest.raises(RobotDataError, match=rf"'[aj]'.*: given <{tag}> 2 times; allowed: once"):
+            load_robot(urdf=path)
+
+
 @pytest.mark.parametrize("text", [*READ, *NOT_READ])
 def test_a_number_is_read_where_urdfdom_reads_it_and_as_the_same(text: str) -> None:
     root = ElementTree.fromstring(BODY.format(**SOUND))

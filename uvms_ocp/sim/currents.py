@@ -264,7 +264,8 @@ class _Path:
 def _flow(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
     """Velocities (..., 3) [m/s] that water may have."""
     array = _finite(what, values, shape)
-    speed = float(np.linalg.norm(np.clip(array, -1e9, 1e9), axis=-1).max(initial=0.0))  # whose square is a number
+    scale = max(1.0, float(np.abs(array).max(initial=0.0)))  # so that squares are numbers
+    speed = scale * float(np.linalg.norm(array / scale, axis=-1).max(initial=0.0))
     if speed > _FASTEST:
         raise InvalidInput(f"{what} reaches {speed:g} m/s; give at most {_FASTEST:g} m/s")
     return array

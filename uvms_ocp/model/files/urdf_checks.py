@@ -19,6 +19,15 @@ Element = ElementTree.Element
 
 _JOINT_TYPES = ("revolute", "continuous", "prismatic", "planar", "floating", "fixed")
 _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_ONCE = {
+    "link": {"inertial"},
+    "inertial": {"origin", "mass", "inertia"},
+    "visual": {"origin", "geometry", "material"},
+    "collision": {"origin", "geometry"},
+    "geometry": set(SHAPES),
+    "joint": {"origin", "parent", "child", "axis", "limit", "dynamics", "mimic", "safety_controller", "calibration"},
+}
+"""What an element may hold once. Of two, parsers take the first without a word."""
 _SOFT_LIMIT = ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity")
 
 
@@ -29,10 +38,21 @@ def check_urdf(path: Path, root: Element, *, let_mimic: bool = False) -> None:
     """
     if not root.get("name"):
         raise RobotDataError(path, "the <robot> has no name")
+    _check_repeats(path, root)
     _check_materials(path, root)
     _check_links(path, root)
     _check_joints(path, root, let_mimic)
     _check_tree(path, root)
+
+
+def _check_repeats(path: Path, root: Element) -> None:
+    for part in (*root.findall("link"), *root.findall("joint")):
+        for element in part.iter():
+            once = [child.tag for child in element if child.tag in _ONCE.get(element.tag, ())]
+            repeated = next((tag for tag in once if once.count(tag) > 1), None)
+            if repeated:
+                where = f"{part.tag} {part.get('name')!r}" + ("" if element is part else f" {element.tag}")
+                raise RobotDataError(path, f"{where}: given <{repeated}> {once.count(repeated)} times; allowed: once")
 
 
 def _check_materials(path: Path, root: Element) -> None:
