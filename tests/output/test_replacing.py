@@ -174,6 +174,12 @@ def test_a_damaged_manifest_or_journal_is_one_line(kind: str, name: str, tmp_pat
     assert contents(tmp_path) == before
 
 
+def test_a_manifest_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    (tmp_path / ".uvms_ocp" / "manifest.json").mkdir(parents=True)
+    with pytest.raises(OutputError, match=r"manifest.json: cannot read it \(.*\); make it"), claimed(tmp_path, NAMES):
+        pytest.fail("the work began")
+
+
 def test_a_foreign_file_in_the_way_of_a_recovery_is_refused_and_kept(tmp_path: Path) -> None:
     program = (
         "import os, pathlib, sys; from uvms_ocp.output import claimed\n"

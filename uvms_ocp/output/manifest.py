@@ -11,7 +11,7 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
-from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.exceptions import InvalidInput, OutputError
 from uvms_ocp.validation import one_line
 
 STORE = ".uvms_ocp"  # in every folder that we write to
@@ -51,11 +51,16 @@ class Manifest(BaseModel):
 
 
 def read_as(kind: type[Model], path: Path) -> Model | None:
-    """A file of `STORE`; None where there is none. Raises `InvalidInput` for one that we did not write so."""
+    """A file of `STORE`; None where there is none. Raises `InvalidInput` for one that we did not write so, `OutputError`
+    for one that cannot be read."""
     try:
         return kind.model_validate_json(path.read_bytes())
     except (FileNotFoundError, NotADirectoryError):
         return None
+    except OSError as error:
+        raise OutputError(
+            f"{path}: cannot read it ({error.strerror}); make it readable, or choose another folder"
+        ) from error
     except ValidationError as error:
         raise InvalidInput(
             f"{path}: damaged ({one_line(error, kind)}); move its folder {STORE} and the results beside it away"
