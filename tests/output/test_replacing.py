@@ -176,7 +176,10 @@ def test_a_damaged_manifest_or_journal_is_one_line(kind: str, name: str, tmp_pat
 
 def test_a_manifest_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     (tmp_path / ".uvms_ocp" / "manifest.json").mkdir(parents=True)
-    with pytest.raises(OutputError, match=r"manifest.json: cannot read it \(.*\); make it"), claimed(tmp_path, NAMES):
+    with (
+        pytest.raises(OutputError, match=r"manifest.json: cannot read it \(.*\); choose another"),
+        claimed(tmp_path, NAMES),
+    ):
         pytest.fail("the work began")
 
 

@@ -69,7 +69,7 @@ def given(**options: Any) -> dict[str, Any]:
 def build_scenario(name: str, options: Mapping[str, Any], solver: str | None = None) -> Scenario:
     """The scenario with the options of the command line.
 
-    Raises `NameNotFound` for an unknown scenario or solver, and `UvmsError` for a study or where an option is wrong.
+    Raises `NameNotFound` for an unknown scenario or solver, `InvalidInput` for a study, and `UvmsError` where an option is wrong.
     """
     if name in STUDIES:
         raise InvalidInput(f"{name} is a study of many missions; give one scenario: {', '.join(SCENARIOS)}")

@@ -58,9 +58,7 @@ def read_as(kind: type[Model], path: Path) -> Model | None:
     except (FileNotFoundError, NotADirectoryError):
         return None
     except OSError as error:
-        raise OutputError(
-            f"{path}: cannot read it ({error.strerror}); make it readable, or choose another folder"
-        ) from error
+        raise OutputError(f"{path}: cannot read it ({error.strerror}); choose another folder") from error
     except ValidationError as error:
         raise InvalidInput(
             f"{path}: damaged ({one_line(error, kind)}); move its folder {STORE} and the results beside it away"
