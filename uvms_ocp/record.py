@@ -184,11 +184,14 @@ class Recorder:
 
     def freeze(self, meta: RunMeta | PlanMeta) -> Record:
         """The rows so far as a `Record`."""
-        return Record(series=self.series(), meta=meta)
+        return Record(series=self._rows(), meta=meta)  # which copies them
 
     def series(self) -> dict[str, np.ndarray]:
         """The rows so far by name, (n, ...) each: copies."""
-        return {name: array[: self._n].copy() for name, array in self._arrays.items()}
+        return {name: array.copy() for name, array in self._rows().items()}
+
+    def _rows(self) -> dict[str, np.ndarray]:
+        return {name: array[: self._n] for name, array in self._arrays.items()}
 
     def _allocate(self, value: Any) -> np.ndarray:
         sample = np.asarray(value)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.untrusted import array_file
 from uvms_ocp.untrusted.array_file import read_arrays
 
 
@@ -73,12 +74,26 @@ def test_a_header_that_lies_is_refused_before_memory_is_taken(lie: str, tmp_path
     assert "\n" not in str(caught.value)
 
 
-def test_a_small_file_of_many_zeros_is_not_unpacked(tmp_path: Path) -> None:
+def test_a_small_file_of_many_zeros_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = archive(tmp_path / "a.npz", a__npy=npy(np.zeros(1 << 20)))
     assert path.stat().st_size < 1 << 14
     assert len(read_arrays(path)["a"]) == 1 << 20
-    with pytest.raises(InvalidInput, match=r"0\.00839 GB of arrays; at most 1e-06 GB are read"):
-        read_arrays(path, largest=1000)
+    monkeypatch.setattr(array_file, "SMALL", 1 << 20)
+    with pytest.raises(InvalidInput, match=r"0\.00839 GB of arrays in 0\.008\d\d MB; at most 400 times a file"):
+        read_arrays(path)
+
+
+@pytest.mark.parametrize(("more", "refused"), [(0, False), (1, True)])
+def test_what_a_file_may_unpack_to_grows_with_it(more: int, refused: bool, tmp_path: Path) -> None:
+    """By its own word: nothing of it is there, and none of it is read where it says too much."""
+    path = archive(tmp_path / "a.npz", a__npy=npy(ONE), b__npy=np.random.default_rng(0).bytes(1 << 18))
+    said = array_file.DENSEST * path.stat().st_size - (1 << 18) + more
+    assert said > array_file.SMALL
+    content = path.read_bytes()
+    place = content.rindex(b"PK\x01\x02", 0, content.rindex(b"PK\x01\x02")) + 24  # the size in the list of members
+    path.write_bytes(content[:place] + said.to_bytes(4, "little") + content[place + 4 :])
+    with pytest.raises(InvalidInput, match=r"at most 400 times a file are read" if refused else r"'a' declares"):
+        read_arrays(path)
 
 
 def test_a_directory_that_hides_the_size_is_found_out(tmp_path: Path) -> None:

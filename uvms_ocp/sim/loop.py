@@ -25,8 +25,8 @@ Controller = Callable[[Measurement, float], Command]
 Progress = Callable[[float, Command], None]
 """Told the time [s] and the command of a tick."""
 
-MOST_TICKS = 20_000_000
-"""Of a run: its record keeps every tick, which takes 2 kB each."""
+MOST_TICKS = 4_000_000
+"""Of a run: its record keeps every tick, about 2.4 kB each, in memory until it is written."""
 
 
 @checked
@@ -43,10 +43,9 @@ def simulate(
     """Run until the command says finished or `duration` [s] is over; one row per tick, before its step.
 
     dt [s] is the control period. `progress` is called after every tick with the time and the command. Raises
-    `InvalidInput` for more ticks than any memory holds.
+    `InvalidInput` for more ticks than ordinary memory holds.
     """
-    if not duration / dt <= MOST_TICKS:
-        raise InvalidInput(f"duration = {duration:g} s at dt = {dt:g} s; give at most {MOST_TICKS:,} ticks")
+    require_few_ticks(duration, dt)
     recorder = Recorder()
     command: Command | None = None
     for k in range(round(duration / dt) + 1):
@@ -60,6 +59,15 @@ def simulate(
             break
         plant.step(command, dt)
     return recorder
+
+
+def require_few_ticks(duration: float, dt: float) -> None:
+    """Raise `InvalidInput` where the record of `duration` [s] in ticks of dt [s] does not fit into ordinary memory."""
+    if not duration / dt <= MOST_TICKS:
+        most = f"give at most {MOST_TICKS:,} ticks, {MOST_TICKS * dt:g} s"
+        raise InvalidInput(
+            f"duration = {duration:g} s in ticks of dt = {dt:g} s; {most}: the record keeps each in memory, 10 GB of them"
+        )
 
 
 def _row(t: float, plant: Plant, measurement: Measurement, command: Command) -> Mapping[str, Any]:

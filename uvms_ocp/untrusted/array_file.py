@@ -18,8 +18,15 @@ import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput
 
-LARGEST = 2 << 30
-"""[B] of all arrays of a file together: ten hours of a run at 20 Hz, one at 200 Hz."""
+DENSEST = 400
+"""[B/B] of all arrays of a file over the file, where they are more than `SMALL`.
+
+A longer run makes a larger file, so that no length of it is refused; what a few bytes unpack to is. Motion packs 2 to 4
+times. A robot that stands still packs 144 times and not much more: every tick has its time and two readings of a clock,
+8 B after packing, beside 2 kB that hardly take any. Zeros alone pack 1,032 times, by other methods of the archive 10,000.
+"""
+SMALL = 64 << 20
+"""[B] of arrays that fit into any memory, however few bytes they come from."""
 _MOST = 256  # arrays
 _SUFFIX = ".npy"
 _KINDS = "fiubU"  # numbers and text: no objects, which would be unpickled
@@ -44,11 +51,11 @@ class Declared:
         return math.prod(self.shape) * self.dtype.itemsize
 
 
-def read_arrays(path: Path | str, *, largest: int = LARGEST) -> Mapping[str, np.ndarray]:
-    """Every array of the file by its name, read-only. largest [B]: of all together.
+def read_arrays(path: Path | str) -> Mapping[str, np.ndarray]:
+    """Every array of the file by its name, read-only.
 
-    Raises `InvalidInput` in one line for what is no such file, is damaged, declares more than it holds or more than
-    `largest`, or holds objects.
+    Raises `InvalidInput` in one line for what is no such file, is damaged, declares more than it holds or, for its size,
+    more than is ever written, or holds objects.
     """
     source = Path(path)
     if source.exists() and not source.is_file():  # to open a pipe would wait for its writer
@@ -56,7 +63,7 @@ def read_arrays(path: Path | str, *, largest: int = LARGEST) -> Mapping[str, np.
     try:
         with warnings.catch_warnings(), source.open("rb") as file, ZipFile(file) as archive:
             warnings.simplefilter("error")  # numpy's, of headers that it has to guess at
-            return MappingProxyType(_arrays(archive, largest))
+            return MappingProxyType(_arrays(archive, source.stat().st_size))
     except InvalidInput:
         raise
     except _DAMAGE as error:
@@ -67,12 +74,12 @@ def _said(error: BaseException) -> str:
     return (getattr(error, "strerror", None) or str(error) or type(error).__name__)[:200]
 
 
-def _arrays(archive: ZipFile, largest: int) -> dict[str, np.ndarray]:
-    members = _members(archive, largest)
+def _arrays(archive: ZipFile, size: int) -> dict[str, np.ndarray]:
+    members = _members(archive, size)
     return {name: _array(archive, member, name) for name, member in members.items()}
 
 
-def _members(archive: ZipFile, largest: int) -> dict[str, ZipInfo]:
+def _members(archive: ZipFile, size: int) -> dict[str, ZipInfo]:
     listed = archive.infolist()
     if len(listed) > _MOST:
         raise InvalidInput(f"{len(listed)} arrays; at most {_MOST} are read")
@@ -80,8 +87,10 @@ def _members(archive: ZipFile, largest: int) -> dict[str, ZipInfo]:
         if not member.filename.endswith(_SUFFIX):
             raise InvalidInput(f"{member.filename[:60]!r} in it is no array")
     total = sum(member.file_size for member in listed)
-    if total > largest:
-        raise InvalidInput(f"{total / 1e9:.3g} GB of arrays; at most {largest / 1e9:.3g} GB are read")
+    if total > max(SMALL, DENSEST * size):
+        raise InvalidInput(
+            f"{total / 1e9:.3g} GB of arrays in {size / 1e6:.3g} MB; at most {DENSEST} times a file are read"
+        )
     members = {member.filename.removesuffix(_SUFFIX): member for member in listed}
     if len(members) < len(listed):
         raise InvalidInput("two arrays of one name")
