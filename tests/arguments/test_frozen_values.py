@@ -14,8 +14,10 @@ import pytest
 from valid_calls import q, run_record, scenario, transition
 
 from uvms_ocp import Phase, Record, Water, exceptions
+from uvms_ocp.arguments import changed, trusted
 from uvms_ocp.campaign.study import Study
 from uvms_ocp.exceptions import InvalidInput, NameNotFound, OutputError, UvmsError
+from uvms_ocp.model.state import Command, Measurement, Reading, State
 from uvms_ocp.scenario import Scenario
 
 ERRORS = [
@@ -111,3 +113,21 @@ def test_frozen_values_survive(again: Callable[[Any], Any]) -> None:
     np.testing.assert_array_equal(again(record)["q"], record["q"])
     np.testing.assert_array_equal(again(Water(velocity=np.ones(3))).velocity, np.ones(3))
     assert again(scenario().environment).seafloor == scenario().environment.seafloor
+
+
+def test_values_of_a_tick_are_copies_to_users_and_as_they_are_to_the_loop() -> None:
+    q, v = np.zeros(5), np.zeros(5)
+    copied, taken = State(q=q, v=v), trusted(State)(q=q, v=v)
+    q[0] = 1.0
+    assert copied.q[0] == 0.0
+    assert taken.q is q
+    assert type(taken) is State
+    assert trusted(Reading)(value=q, t=0.0).value is q
+    assert trusted(Measurement)(q=q, v=v, altimeter_range=1.0).age == 0.0
+    assert trusted(Command)(v=v).telemetry is not trusted(Command)(v=v).telemetry
+
+
+def test_what_is_changed_keeps_its_other_fields() -> None:
+    command = Command(v=np.ones(5), hold=True)
+    stopped = changed(command, stop=True)
+    assert (stopped.stop, stopped.hold, stopped.v is command.v, command.stop) == (True, True, True, False)

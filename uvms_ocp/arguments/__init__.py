@@ -4,8 +4,10 @@
 failed, so that a right one costs next to nothing. Both read the annotations, once, when they are first needed.
 """
 
+from uvms_ocp.arguments.checked import changed as changed
 from uvms_ocp.arguments.checked import checked as checked
 from uvms_ocp.arguments.checked import late as late
+from uvms_ocp.arguments.checked import trusted as trusted
 from uvms_ocp.arguments.kinds import Range as Range
 from uvms_ocp.arguments.kinds import Shape as Shape
 from uvms_ocp.arguments.names import Count as Count

@@ -7,7 +7,7 @@ import types
 import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Union
+from typing import Annotated, Any, Literal, TypeVar, Union
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -53,6 +53,8 @@ def kind_of(annotation: Any) -> Kind:
         return _annotated(*typing.get_args(annotation))
     if origin in (Union, types.UnionType):
         return _either(typing.get_args(annotation))
+    if isinstance(annotation, TypeVar) and annotation.__constraints__:
+        return _either(annotation.__constraints__)
     if origin is Literal:
         return Choice(typing.get_args(annotation))
     if origin is not None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable
+from dataclasses import fields
 from functools import wraps
-from typing import Any, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from uvms_ocp.arguments.kinds import Kind, Wrong
 from uvms_ocp.exceptions import InvalidInput, UvmsError
 
 _T = TypeVar("_T", bound=Callable[..., Any])
+_P = ParamSpec("_P")
+_V = TypeVar("_V")
 _LATE = "_arguments_late"
 
 
@@ -36,6 +39,31 @@ def late(thing: _T) -> _T:
         return _class(thing, late_all=True)
     setattr(thing, _LATE, True)
     return thing if _is_method(thing) else _after(thing, None)
+
+
+def trusted(cls: Callable[_P, _V]) -> Callable[_P, _V]:
+    """The constructor of a `checked` class without the check, for who makes a value at every tick of what is known to fit.
+
+    Nothing is copied: the arrays belong to the value from then on.
+    """
+    unchecked = _unchecked(cls)
+    declared, passed, defaults = _parameters(unchecked)
+    space = {"_new": object.__new__, "_cls": cls, "_unchecked": unchecked, **defaults}
+    fields_declared, fields_passed = declared.removeprefix("self, "), passed.removeprefix("self, ")
+    exec(_MADE.format(declared=fields_declared, passed=fields_passed), space)
+    return space["_made"]
+
+
+def changed(value: _V, /, **changes: Any) -> _V:
+    """A frozen value with other values of some fields, as `dataclasses.replace`, but made as by `trusted`."""
+    made = object.__new__(type(value))
+    kept = {f.name: getattr(value, f.name) for f in fields(value) if f.init}  # type: ignore[arg-type]
+    _unchecked(type(value))(made, **{**kept, **changes})
+    return made
+
+
+def _unchecked(cls: Any) -> Callable[..., None]:
+    return getattr(cls.__init__, "__wrapped__", cls.__init__)
 
 
 def _is_method(function: Callable[..., Any]) -> bool:
@@ -150,6 +178,12 @@ def _after(function: Any, owner: type | None) -> Any:
     return wraps(function)(space["_call"])
 
 
+_MADE = """
+def _made({declared}):
+    _self = _new(_cls)
+    _unchecked(_self, {passed})
+    return _self
+"""
 _AFTER = """
 def _call({declared}):
     try:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from uvms_ocp.arguments import checked, late
+from uvms_ocp.arguments import changed, checked, late
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.mission.conditions import ABORT, DONE, Transition
 from uvms_ocp.mission.diagram import closure, mermaid, successors, text_table
@@ -99,7 +99,7 @@ class Mission:
         for index, (transition, since) in enumerate(zip(phase.transitions, held, strict=True)):
             if since is not None and t - since >= transition.hold - 1e-9:
                 return self._follow(state, index, t, quantities)
-        return replace(state, held_since=held), None
+        return changed(state, held_since=held), None
 
     def pending(self, state: MissionState, quantities: Mapping[str, float]) -> str:
         """What the phase still waits for, with the quantities [in their units], or why the mission was given up."""
@@ -147,9 +147,9 @@ class Mission:
             reason, target = f"{n_fired} retries are used up: {reason}", ABORT
         event = Event(t=t, source=phase.name, target=target, reason=reason)
         if target == DONE:
-            return replace(state, completed=True), event
+            return changed(state, completed=True), event
         if target == ABORT:
-            return replace(state, aborted=reason), event
+            return changed(state, aborted=reason), event
         fired = {**state.fired, (state.phase, index): n_fired + 1}
         return self._enter(self.phase_names.index(target), t, self.gates(state, t), fired), event
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Shape, checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.mission.conditions import Transition
 
@@ -41,6 +41,7 @@ class Phase:
             raise InvalidInput(f"phase {self.name!r}: activations {bad}; give values from 0 to 1")
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class MissionState:
     """Where a mission is."""
@@ -49,7 +50,7 @@ class MissionState:
     """Index of the phase."""
     since: float
     """[s] start of the phase."""
-    gates_before: np.ndarray
+    gates_before: Annotated[np.ndarray, Shape("n_tasks")]
     """(n_tasks,) [-] gates when the phase began; the bell leads on from them."""
     held_since: tuple[float | None, ...]
     """[s] since when each transition of the phase holds."""
@@ -66,6 +67,7 @@ class MissionState:
         return self.completed or bool(self.aborted)
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Event:
     """Why a phase ended."""

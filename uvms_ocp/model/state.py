@@ -7,23 +7,29 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Generic, TypeVar
+from typing import Annotated, Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
-Value = TypeVar("Value")
+from uvms_ocp.arguments import Shape, checked
+
+Value = TypeVar("Value", float, np.ndarray)
+_Configuration: TypeAlias = Annotated[np.ndarray, Shape("n_q")]
+_Velocity: TypeAlias = Annotated[np.ndarray, Shape("n_v")]
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class State:
     """True or estimated state of the robot."""
 
-    q: np.ndarray
+    q: _Configuration
     """(n_q,) [m, rad] configuration."""
-    v: np.ndarray
+    v: _Velocity
     """(n_v,) [m/s, rad/s] generalized velocity, vehicle part in B."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Reading(Generic[Value]):
     """The last value that a sensor delivered."""
@@ -33,6 +39,7 @@ class Reading(Generic[Value]):
     """[s] when it was taken, which is earlier than when it arrived if the sensor has a delay."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Readings:
     """The last reading of every channel at one tick; `None` before the first and where there is no such sensor."""
@@ -55,13 +62,14 @@ class Readings:
     """[m] along -z of the altimeter frame; nan without an echo."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Measurement:
     """The navigation solution at one tick; the only thing a controller sees."""
 
-    q: np.ndarray
+    q: _Configuration
     """(n_q,) [m, rad] configuration."""
-    v: np.ndarray
+    v: _Velocity
     """(n_v,) [m/s, rad/s] generalized velocity."""
     altimeter_range: float
     """[m] along -z of the altimeter frame; nan where there is no echo."""
@@ -71,15 +79,16 @@ class Measurement:
     """[s] of the joint positions alone."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Command:
     """What a controller asks of the plant at one tick."""
 
-    v: np.ndarray
+    v: _Velocity
     """(n_v,) [m/s, rad/s] reference velocity."""
-    thrust: np.ndarray | None = None
+    thrust: Annotated[np.ndarray, Shape("n_thrusters")] | None = None
     """(n_thrusters,) [N] asked of the thrusters; kinematic layers leave it out."""
-    torque: np.ndarray | None = None
+    torque: Annotated[np.ndarray, Shape("n_joints")] | None = None
     """(n_joints,) [N m or N] asked of the joint motors."""
     hold: bool = False
     """The vehicle's measured velocity is not to be trusted."""

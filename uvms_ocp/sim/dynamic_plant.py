@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.arguments import Positive, checked, late
+from uvms_ocp.arguments import Positive, checked, late, trusted
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.model.dynamics import Dynamics
@@ -21,6 +21,8 @@ from uvms_ocp.sim.dynamic_step import JointStops, StepModel, step_function
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.plant import Plant
 from uvms_ocp.sim.thrusters import ThrusterBank, joint_power
+
+_state = trusted(State)
 
 BRAKE_FRICTION = 1e6  # [N m s/rad] of a locked joint, which creeps by less than a milliradian in a minute (assumed)
 
@@ -84,7 +86,7 @@ class DynamicPlant(Plant):
                 joint_power(self._torque, v[self._robot.joint_v], self._efficiency).sum()
             )
         self._t += dt
-        self.state = State(q=q, v=v)
+        self.state = _state(q=q, v=v)
 
     def telemetry(self) -> dict[str, Any]:
         return {

@@ -7,9 +7,11 @@ from typing import Any, Protocol
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import checked, late
+from uvms_ocp.arguments import checked, late, trusted
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, State
+
+_state = trusted(State)
 
 
 class Plant(Protocol):
@@ -36,7 +38,7 @@ class KinematicPlant(Plant):
 
     @late
     def step(self, command: Command, dt: float) -> None:
-        self.state = State(q=pin.integrate(self._model, self.state.q, command.v * dt), v=command.v)
+        self.state = _state(q=pin.integrate(self._model, self.state.q, command.v * dt), v=command.v)
 
     def telemetry(self) -> dict[str, Any]:
         """Nothing: the state is all there is."""

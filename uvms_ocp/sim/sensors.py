@@ -9,13 +9,16 @@ from typing import Annotated, Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import Shape, checked, late
+from uvms_ocp.arguments import Shape, checked, late, trusted
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.kinematics import AltimeterBeam
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import CHANNELS, SensorSpec, SensorSpecs
 from uvms_ocp.model.state import Reading, Readings, State
 from uvms_ocp.sim.seafloor import Seafloor
+
+_reading = trusted(Reading)
+_readings = trusted(Readings)
 
 _EARLY = 1e-9  # of a period or a second: a tick that rounding puts just before a sampling time counts
 
@@ -69,7 +72,7 @@ class SensorSuite:
     @late
     def read(self, state: State, t: float) -> Readings:
         """The last reading of every channel at time t [s], the time of the true `state`."""
-        return Readings(**{name: channel.read(state, t) for name, channel in self._channels})
+        return _readings(**{name: channel.read(state, t) for name, channel in self._channels})
 
 
 def _sources(
@@ -152,4 +155,4 @@ class _Channel:
         if not spec.exact:
             value = self._disturb(value, self._bias + spec.sigma * self._noise.standard_normal(len(self._bias)))
         if not (spec.dropout and self._losses.random() < spec.dropout):
-            self._under_way.append(Reading(value=value, t=t))
+            self._under_way.append(_reading(value=value, t=t))

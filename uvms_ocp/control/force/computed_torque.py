@@ -7,12 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import trusted
 from uvms_ocp.control.force.actuators import Actuators
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.dynamics import Dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, State
 from uvms_ocp.model.water.hydrodynamics import STILL_WATER, Water
+
+_state = trusted(State)
+_command = trusted(Command)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -73,9 +77,9 @@ class ComputedTorque:
 
         disturbance (n_v,) [N, N m]: force to work against.
         """
-        at = State(q=q, v=v) if self._open else state
+        at = _state(q=q, v=v) if self._open else state
         error = pin.difference(self._robot.model, at.q, q)
         wanted = a + self._K_p * error + self._K_d * (v - at.v)
         tau = self._dynamics.inverse_dynamics(at.q, at.v, wanted, self._water) - disturbance
         realized = self._actuators.realize(tau)
-        return Command(v=v, thrust=self._actuators.drive(realized), torque=realized.torque)
+        return _command(v=v, thrust=self._actuators.drive(realized), torque=realized.torque)

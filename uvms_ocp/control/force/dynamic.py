@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from uvms_ocp.arguments import checked, late
+from uvms_ocp.arguments import changed, checked, late
 from uvms_ocp.control.force.actuators import Actuators
 from uvms_ocp.control.force.allocation import allocation_of
 from uvms_ocp.control.force.observer import DisturbanceObserver
@@ -109,7 +109,7 @@ class DynamicController:
             "saturated": realized.allocation.saturated,
         }
         thrust = self._actuators.drive(realized, hurry=not command.stop)
-        return replace(command, thrust=thrust, torque=realized.torque, brakes=not trusted[-1], telemetry=telemetry)
+        return changed(command, thrust=thrust, torque=realized.torque, brakes=not trusted[-1], telemetry=telemetry)
 
     def _force(self, q: np.ndarray, v: np.ndarray, error: np.ndarray) -> np.ndarray:
         """Generalized force (n_v,) [N, N m] of the reference v (n_v,), whose last change counts, corrected by PI."""

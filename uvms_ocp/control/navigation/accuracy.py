@@ -7,10 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.arguments import trusted
 from uvms_ocp.control.navigation.estimator import Estimator
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import SensorSpec, SensorSpecs
 from uvms_ocp.model.state import Reading, Readings
+
+_reading = trusted(Reading)
+_readings = trusted(Readings)
 
 _RATE = 100.0  # [Hz] at which the estimator is run
 _SETTLED = 20.0  # [s] after which its covariance no longer changes
@@ -27,7 +31,7 @@ def spread_at_rest(robot: Robot, specs: SensorSpecs) -> np.ndarray:
     for k in range(int(_SETTLED * _RATE)):
         t = k / _RATE
         taken = {name: _taken(spec, t) for name, spec in channels.items()}
-        estimator(Readings(**{name: Reading(value=truth[name], t=at) for name, at in taken.items() if at >= 0.0}), t)
+        estimator(_readings(**{name: _reading(value=truth[name], t=at) for name, at in taken.items() if at >= 0.0}), t)
     return np.hypot(estimator.spread, _bias(robot, specs))
 
 

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uvms_ocp.arguments import checked, late
+from uvms_ocp.arguments import checked, late, trusted
 from uvms_ocp.control.navigation.filters import AltitudeFilter, JointFilter, VehicleFilter
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import CHANNELS, IDEAL_SENSORS, SensorSpecs
 from uvms_ocp.model.state import Command, Measurement, Readings
+
+_measurement = trusted(Measurement)
 
 _VEHICLE_CHANNELS = ("position", "attitude", "linear_velocity", "angular_velocity")
 _JOINT_CHANNELS = ("joint_positions",)
@@ -102,7 +104,7 @@ class Estimator:
             q, v = np.concatenate([*q_vehicle, q]), np.concatenate([v_vehicle, v])
         echo = math.nan if self._altitude is None else self._altitude.update(q, v, readings, t, dt)
         age, joint_age = age_of(readings, self._needed, t), age_of(readings, _JOINT_CHANNELS, t)
-        return Measurement(q=q, v=v, altimeter_range=echo, age=age, joint_age=joint_age)
+        return _measurement(q=q, v=v, altimeter_range=echo, age=age, joint_age=joint_age)
 
     @property
     def spread(self) -> np.ndarray:
@@ -161,7 +163,7 @@ class PassThrough:
             for channels in (self._q_channels, self._v_channels)
         )
         echo = readings.altimeter_range
-        return Measurement(
+        return _measurement(
             q=q,
             v=v,
             altimeter_range=math.nan if echo is None else echo.value,

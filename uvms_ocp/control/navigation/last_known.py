@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
+from uvms_ocp.arguments import changed
 from uvms_ocp.model.kinematics import STEEP, AltimeterBeam
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Measurement
@@ -29,7 +28,7 @@ class LastSound:
             self._last, self._since = measurement, t
             return measurement
         late = t - self._since
-        return replace(
+        return changed(
             self._last,
             altimeter_range=measurement.altimeter_range,
             age=max(measurement.age, self._last.age + late),

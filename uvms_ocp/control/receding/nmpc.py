@@ -9,7 +9,7 @@ from time import perf_counter, process_time
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import checked, late
+from uvms_ocp.arguments import checked, late, trusted
 from uvms_ocp.control.force.computed_torque import ComputedTorque, TrackingGains
 from uvms_ocp.control.force.dynamic import VelocityGains, observer_of
 from uvms_ocp.control.navigation.last_known import LastSound
@@ -23,6 +23,8 @@ from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.real_time_sqp import RealTimeSqp, SqpOptions
+
+_state = trusted(State)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -118,7 +120,7 @@ class Nmpc:
     def __call__(self, measurement: Measurement, t: float) -> Command:
         """The command for the tick at time t [s]."""
         measurement = self._sound(measurement, t)
-        state = State(q=measurement.q, v=measurement.v)
+        state = _state(q=measurement.q, v=measurement.v)
         acted, now = self._now is not None, self._now or self._first(state, t)
         if t >= self._next - 1e-9:
             now = self._coming or now
@@ -169,4 +171,4 @@ class Nmpc:
         model, age = self._problem.robot.model, t - now.begin
         q, v, _ = now.trajectory.state_at(model, age)
         q_next, v_next, _ = now.trajectory.state_at(model, age + self.period)
-        return State(q=pin.integrate(model, state.q, pin.difference(model, q, q_next)), v=state.v + v_next - v)
+        return _state(q=pin.integrate(model, state.q, pin.difference(model, q, q_next)), v=state.v + v_next - v)

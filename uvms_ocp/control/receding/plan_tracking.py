@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import changed, trusted
 from uvms_ocp.control.force.computed_torque import ComputedTorque, TrackingGains
 from uvms_ocp.control.navigation.last_known import LastSound
 from uvms_ocp.model.dynamics import Dynamics
@@ -14,6 +15,8 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, Measurement, State
 from uvms_ocp.model.water.hydrodynamics import STILL_WATER, Water
 from uvms_ocp.ocp.trajectory import Trajectory
+
+_state = trusted(State)
 
 
 class PlanTracker:
@@ -42,8 +45,8 @@ class PlanTracker:
         """The command for the tick at time t [s] of the trajectory; finished at its end."""
         measurement = self._sound(measurement, t)
         q, v, a = self._trajectory.state_at(self._model, t)
-        command = self._law.command(State(q=measurement.q, v=measurement.v), q=q, v=v, a=a)
-        return replace(command, finished=t > self._end)
+        command = self._law.command(_state(q=measurement.q, v=measurement.v), q=q, v=v, a=a)
+        return changed(command, finished=t > self._end)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import checked, late
+from uvms_ocp.arguments import checked, late, trusted
 from uvms_ocp.control.navigation.last_known import LastEcho, LastSound
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
@@ -24,6 +24,8 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, Measurement
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.solvers.hierarchy.tick import Tick, TickResult
+
+_command = trusted(Command)
 
 _STATUS_CODE = {status: code for code, status in enumerate(Status)}
 
@@ -103,7 +105,7 @@ class KinematicController:
         else:
             self._motion = self._viable(tick, result)
             self._advance(tick.t, self._named(result.extras[0]))
-        return Command(
+        return _command(
             v=self._motion.v,
             hold=tick.blind,
             stop=tick.freshness is Freshness.LOST,

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import checked, late
+from uvms_ocp.arguments import checked, late, trusted
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput, NotInstalled
 from uvms_ocp.functions.buffered import BufferedFunction
@@ -29,6 +29,8 @@ from uvms_ocp.solvers.hierarchy.tick import (
     dense,
 )
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
+
+_result = trusted(TickResult)
 
 _EQUALITY = 5  # DAQP's word for it
 _ENDLESS = 1e30  # DAQP's infinity
@@ -132,9 +134,7 @@ class _DaqpTick:
         if levels:
             v, status = self._solver.velocity(levels)
             residual = np.concatenate(row_residuals(levels, v))
-        return TickResult(
-            v=v, status=status, residual=residual, extras=tuple(extras), solve_time=perf_counter() - start
-        )
+        return _result(v=v, status=status, residual=residual, extras=tuple(extras), solve_time=perf_counter() - start)
 
 
 def _native() -> _Solve:

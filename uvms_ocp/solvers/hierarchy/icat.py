@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import Shape, checked, late
+from uvms_ocp.arguments import Shape, checked, late, trusted
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.buffered import BufferedFunction
@@ -30,6 +30,8 @@ from uvms_ocp.solvers.hierarchy.tick import (
     dense_outputs,
 )
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
+
+_result = trusted(TickResult)
 
 
 @checked
@@ -131,4 +133,4 @@ class _IcatTick:
         J = J.reshape(-1, self._n)
         v, status = _guarded(self._solver, J, rate, activation, self._sizes)
         missed = residual(J, v, lower, upper, gate) if status.usable else np.zeros(len(lower))
-        return TickResult(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)
+        return _result(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)

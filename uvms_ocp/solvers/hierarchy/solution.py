@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import late
+from uvms_ocp.arguments import Shape, checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.solvers.hierarchy.certificate import certificate
 from uvms_ocp.solvers.hierarchy.gated_rows import residual
@@ -67,12 +68,12 @@ class Status(AdvisedStatus):
         return self is not Status.INVALID_INPUT
 
 
-@late
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Solution:
     """Velocity that solves a hierarchy of levels."""
 
-    v: Array
+    v: Annotated[Array, Shape("n")]
     """(n,) [velocity] always finite."""
     status: Status
     """How far v can be relied on."""

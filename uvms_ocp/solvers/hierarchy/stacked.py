@@ -9,10 +9,13 @@ from time import perf_counter
 
 import casadi as ca
 
+from uvms_ocp.arguments import trusted
 from uvms_ocp.arrays import Array
 from uvms_ocp.solvers.hierarchy.level import Level, stack
 from uvms_ocp.solvers.hierarchy.solution import Solution, Status, row_residuals
 from uvms_ocp.solvers.hierarchy.tick import LEVEL_OUTPUTS, Tick
+
+_solution = trusted(Solution)
 
 Bind = Callable[[ca.Function, Sequence[int]], Tick]
 # Calls of one shape share one tick and its memory, and plugins share Python's stdout. Re-entrant, since the tick of one solver
@@ -24,7 +27,7 @@ def solved(levels: Sequence[Level], velocity: Callable[[Sequence[Level]], tuple[
     """The solution that ``velocity`` finds, as v (n,) and status, with residuals and time."""
     start = perf_counter()
     v, status = velocity(levels)
-    return Solution(v=v, status=status, residuals=row_residuals(levels, v), solve_time=perf_counter() - start)
+    return _solution(v=v, status=status, residuals=row_residuals(levels, v), solve_time=perf_counter() - start)
 
 
 def tick_velocity(bind: Bind, levels: Sequence[Level]) -> tuple[Array, Status]:

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import casadi as ca
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import Shape, checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.hierarchy.solution import Status
@@ -19,15 +20,16 @@ from uvms_ocp.solvers.hierarchy.solution import Status
 LEVEL_OUTPUTS = ("J", "lower", "upper", "rate", "activation", "gate")
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class TickResult:
     """Outcome of one tick; the arrays belong to the caller."""
 
-    v: Array
+    v: Annotated[Array, Shape("n")]
     """(n,) [velocity] always finite."""
     status: Status
     """How far v can be relied on."""
-    residual: Array
+    residual: Annotated[Array, Shape("M")]
     """(M,) [rate] signed distance of J v to [lower, upper], 0 where the gate is 0."""
     extras: tuple[Array, ...]
     """(m,) or (m, n) [any] outputs of the levels' Function after the six of the levels, in its order."""

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import trusted
 from uvms_ocp.arrays import Array
 from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.solvers.hierarchy.active_set.codes import Outcome
@@ -23,6 +24,8 @@ from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.solvers.hierarchy.tick import TickResult
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 from uvms_ocp.solvers.intervals import distance
+
+_result = trusted(TickResult)
 
 _STATUS = {(Outcome.SOLVED, 0): Status.SOLVED, (Outcome.SOLVED, 1): Status.COLD_STARTED}
 
@@ -89,7 +92,7 @@ class ActiveSetTick:
         if status is None:
             return self._recovered(inputs, start)
         self._active_set = active_set
-        return TickResult(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)
+        return _result(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)
 
     @np.errstate(over="ignore", invalid="ignore")  # what overflows ends without a certificate
     def _recovered(self, inputs: Sequence[ArrayLike], start: float) -> TickResult:
@@ -104,7 +107,7 @@ class ActiveSetTick:
             if not (np.abs(v) < TOLERANCES.endless).all():
                 v, status = np.zeros_like(v), Status.INEXACT
             missed = residual(J, v, lower, upper, gate)
-        return TickResult(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)
+        return _result(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)
 
     def _chain(self, rows: NormalRows, deadline: float) -> _Run:
         warm = self._run(rows, self._active_set)

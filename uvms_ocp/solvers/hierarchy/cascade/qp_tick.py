@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from uvms_ocp.arguments import trusted
 from uvms_ocp.arrays import Array
 from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.solvers.hierarchy.cascade.qp_graph import LevelStep, fixed_rows
@@ -21,6 +22,8 @@ from uvms_ocp.solvers.hierarchy.scaling import normal_rows
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.solvers.hierarchy.tick import TickResult
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
+
+_result = trusted(TickResult)
 
 _STATUS = (Status.SOLVED, Status.INEXACT, Status.INVALID_INPUT)
 _INEXACT = 1
@@ -71,7 +74,7 @@ class QpTick:
         # Where fresh plugins do not help either, they would not at the next tick.
         self._fresh = bool(outputs[1][0] == _INEXACT)
         v, status, missed, *extras = outputs
-        return TickResult(
+        return _result(
             v=v,
             status=self._status(int(status[0]), v, inputs),
             residual=missed,
