@@ -1,7 +1,12 @@
 """Annotations of public signatures in, wrong arguments named at the call that takes them.
 
 `checked` looks at every argument before the call; `late` is for what runs at every tick: it looks only after a call has
-failed, so that a right one costs next to nothing. Both read the annotations, once, when they are first needed.
+failed, so that a right one costs next to nothing. Both read the annotations, once, when they are first needed. `trusted`
+is for the loop, which makes the same values at every tick as users do at times.
+
+Pydantic's `validate_call` is quicker than `checked` (slower than `late`), but takes arrays, CasADi's and Pinocchio's values
+by their class alone, without shapes and entries, and "1.5" and True for numbers. Its messages have several lines: all that
+`kinds` knows would have to be written again, as its validators.
 """
 
 from uvms_ocp.arguments.checked import changed as changed

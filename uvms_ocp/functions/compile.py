@@ -74,6 +74,7 @@ def compile_function(function: ca.Function) -> ca.Function:
     return function if compiled is None else compiled
 
 
+@checked
 def external_function(name: str, source: str, flags: Sequence[str] = ()) -> ca.Function | None:
     """The CasADi function ``name`` that ``source`` defines, compiled; None where that cannot be (logged once)."""
     path = compile_library(source, flags)

@@ -9,7 +9,7 @@ from typing import Annotated, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import Shape, late
+from uvms_ocp.arguments import Shape, checked, late
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.water.hydrodynamics import Water
 
@@ -181,7 +181,7 @@ class OnsetCurrent(Current):
         return min(max((t - self.start) / self.rise, 0.0), 1.0)
 
 
-@late
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class GustyCurrent(Current):
     """A first-order Gauss-Markov process on top of another current, the same everywhere.
@@ -217,16 +217,19 @@ class GustyCurrent(Current):
         decay = math.exp(-self.step / self.correlation_time)
         object.__setattr__(self, "_path", _Path(np.broadcast_to(sigma, (3,)), decay, self.seed))
 
+    @late
     def velocity(self, p_W: Points, t: float) -> np.ndarray:
         s, nodes = self._around(t)
         weights = np.array([-s + 2 * s**2 - s**3, 2 - 5 * s**2 + 3 * s**3, s + 4 * s**2 - 3 * s**3, s**3 - s**2]) / 2
         return self.base.velocity(p_W, t) + weights @ nodes
 
+    @late
     def rate(self, p_W: Points, t: float) -> np.ndarray:
         s, nodes = self._around(t)
         weights = np.array([-1 + 4 * s - 3 * s**2, -10 * s + 9 * s**2, 1 + 8 * s - 9 * s**2, 3 * s**2 - 2 * s]) / 2
         return self.base.rate(p_W, t) + weights @ nodes / self.step
 
+    @late
     def gradient(self, p_W: Points, t: float) -> np.ndarray:
         return self.base.gradient(p_W, t)
 
