@@ -31,8 +31,8 @@ def easing_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Rows:
     jerk = ca.DM(symbols.robot.limits.acceleration) / _RISE
     # An axis that was braked to a standstill stays there: what is left of the braking must not push it backwards.
     falling = stopping_speed(ca.fabs(previous), deceleration=jerk, dt=dt) * dt
-    braked = ca.fmin(ca.fmax(change, -falling), falling)
-    held = previous + ca.if_else(change * previous <= 0, braked, change)
+    most = falling + ca.if_else(change * previous > 0, ca.inf, 0)
+    held = previous + ca.fmin(ca.fmax(change, -most), most)
     return Rows(
         jacobian=ca.SX.eye(n_v),
         rate=ca.SX.zeros(n_v),
@@ -47,7 +47,15 @@ def eased_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
 
     acceleration (m,) [any/s2]: largest of each rate. dt [s].
     """
-    return ca.fmin(acceleration * dt / ca.fmax(ca.fabs(wanted), _NOTHING), falling_share(wanted, acceleration, dt))
+    return ca.fmin(_share(wanted, acceleration, dt), falling_share(wanted, acceleration, dt))
+
+
+def common_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
+    """Least of `eased_share` (m,) [-] over all rows, with one root for all of them: () [-].
+
+    wanted (m,) [any/s]; acceleration (m,) [any/s2]; dt [s].
+    """
+    return ca.fmin(ca.mmin(_share(wanted, acceleration, dt)), _falling(ca.mmax(_excess(wanted, acceleration, dt))))
 
 
 def falling_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
@@ -55,6 +63,19 @@ def falling_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
 
     wanted (m,) [any/s]; acceleration (m,) [any/s2]; dt [s].
     """
+    return _falling(_excess(wanted, acceleration, dt))
+
+
+def _share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
+    return acceleration * dt / ca.fmax(ca.fabs(wanted), _NOTHING)
+
+
+def _excess(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
+    """What is wanted over what the jerk alone would give in one tick."""
     jerk = ca.fmax(ca.fmin(acceleration, ENDLESS), 1 / ENDLESS) / _FALL
-    # `stopping_speed` at that jerk of what is wanted, over what is wanted: without a difference of nearly equal numbers.
-    return 2 / (1 + ca.sqrt(1 + 2 * ca.fabs(wanted) / (jerk * dt**2)))
+    return 2 * ca.fabs(wanted) / (jerk * dt**2)
+
+
+def _falling(excess: ca.SX) -> ca.SX:
+    """`stopping_speed` at that jerk of what is wanted, over what is wanted: without a difference of nearly equal numbers."""
+    return 2 / (1 + ca.sqrt(1 + excess))

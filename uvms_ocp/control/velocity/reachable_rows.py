@@ -7,7 +7,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.control.velocity.easing import ENDLESS, eased_share, falling_share
+from uvms_ocp.control.velocity.easing import ENDLESS, common_share, eased_share, falling_share
 from uvms_ocp.solvers.hierarchy.gated_rows import gated
 from uvms_ocp.tasks.limits import row_acceleration
 from uvms_ocp.tasks.task import Rows, TickSymbols
@@ -30,17 +30,24 @@ def reachable_rows(
     present, acceleration = rows.jacobian @ previous, row_acceleration(rows.jacobian, limits.acceleration)
     if equality:
         wanted = rows.rate - present
-        lower = upper = present + ca.fmin(1, ca.mmin(eased_share(wanted, acceleration, dt))) * wanted
+        lower = upper = present + common_share(wanted, acceleration, dt) * wanted
     else:
-        lower = present - _way(present - rows.lower, acceleration, dt, eased)
-        upper = present + _way(rows.upper - present, acceleration, dt, eased)
-        # The way back from one bound may be longer than what is left, eased, of the way to the other one.
-        far = ca.fmin(lower, upper), ca.fmax(lower, upper)
-        lower, upper = ca.if_else(present > rows.upper, far[0], lower), ca.if_else(present < rows.lower, far[1], upper)
+        lower = rows.lower if _is_endless(rows.lower) else present - _way(present - rows.lower, acceleration, dt, eased)
+        upper = rows.upper if _is_endless(rows.upper) else present + _way(rows.upper - present, acceleration, dt, eased)
+        if not (_is_endless(rows.lower) or _is_endless(rows.upper)):
+            # The way back from one bound may be longer than what is left, eased, of the way to the other one.
+            far = ca.fmin(lower, upper), ca.fmax(lower, upper)
+            lower = ca.if_else(present > rows.upper, far[0], lower)
+            upper = ca.if_else(present < rows.lower, far[1], upper)
     step = np.minimum(np.minimum(limits.acceleration * dt, 2 * limits.velocity), ENDLESS)
     gates, reach = ca.repmat(gate, rows.n_rows, 1), ca.fabs(rows.jacobian) @ ca.DM(step)
     lower, upper = gated(rows.jacobian, lower, upper, gates, reach)
     return replace(rows, lower=lower, upper=upper)
+
+
+def _is_endless(bound: ca.SX) -> bool:
+    """True if there is no way to go, whatever the robot does."""
+    return bool(bound.is_constant() and np.isinf(np.array(ca.DM(bound))).all())
 
 
 def _way(room: ca.SX, acceleration: ca.SX, dt: float, eased: bool) -> ca.SX:

@@ -46,7 +46,7 @@ def gated(J: Array, lower: Array, upper: Array, gate: Array, reach: Array | None
     removed = gate <= 0.0
     gate = where(removed, 1.0, gate)
     # Two roots: the quotient of the smallest gates is infinite, and 0 times that is not a number.
-    width = (row_sums(abs(J)) if reach is None else reach) * (1.0 - gate) ** 0.5 / gate**0.5
+    width = (row_sums(abs(J)) if reach is None else reach) * ((1.0 - gate) ** 0.5 / gate**0.5)
     return where(removed, -np.inf, lower - width), where(removed, np.inf, upper + width)
 
 

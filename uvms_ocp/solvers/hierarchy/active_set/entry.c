@@ -30,7 +30,7 @@ static void gate_bounds(Work *k, int row, double gate) {
   if (gate >= 1) return;
   double range = 0;
   for (int c = 0; c < N; ++c) range += fabs(k->a[row][c]);
-  double width = gate > 0 ? range * sqrt(1 - gate) / sqrt(gate) : INFINITY;
+  double width = gate > 0 ? range * (sqrt(1 - gate) / sqrt(gate)) : INFINITY;
   k->lower[row] -= width;
   k->upper[row] += width;
 }
