@@ -28,6 +28,29 @@ class QuantityMeta(MetaValue):
     """[m] or [rad]"""
 
 
+class ConditionMeta(MetaValue):
+    """A limit on a measured quantity."""
+
+    quantity: str
+    """``task.quantity``"""
+    limit: float
+    """[m] or [rad], as the quantity."""
+    sign: Literal["<", ">"]
+
+
+class ThresholdMeta(ConditionMeta):
+    """A condition that a phase waits for."""
+
+    phase: str
+
+
+class MetConditionMeta(ConditionMeta):
+    """A condition that came true."""
+
+    estimated: float
+    """[m] or [rad], what the mission went by."""
+
+
 class EventMeta(MetaValue):
     """Why a phase ended."""
 
@@ -37,7 +60,9 @@ class EventMeta(MetaValue):
     target: str
     """The phase that began, or ``done``, or ``abort``."""
     reason: str
-    """The conditions, as estimated."""
+    """The conditions, as estimated, in words."""
+    conditions: tuple[MetConditionMeta, ...] = ()
+    """All of them; empty in older records."""
     true_quantities: tuple[QuantityMeta, ...] = ()
     """At the true state at that moment; empty in older records."""
 
@@ -77,17 +102,6 @@ class LevelMeta(MetaValue):
 
     name: str
     rows: int
-
-
-class ThresholdMeta(MetaValue):
-    """A condition that a phase waits for."""
-
-    quantity: str
-    """``task.quantity``"""
-    limit: float
-    """[m] or [rad], as the quantity."""
-    sign: Literal["<", ">"]
-    phase: str
 
 
 class LimitsMeta(MetaValue):

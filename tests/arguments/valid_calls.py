@@ -457,6 +457,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "tuple[Phase, ...]": lambda: (phase(),),
     "tuple[Transition, ...]": lambda: (transition(),),
     "tuple[Condition, ...]": lambda: (below(),),
+    "tuple[tuple[Condition, float], ...]": lambda: ((below(), 0.05),),
     "Below": below,
     "Above": lambda: mission.Above(quantity="HA.tilt", limit=0.1),
     "Transition": transition,

@@ -189,6 +189,7 @@ def test_a_back_step_returns_to_an_earlier_phase_and_the_mission_can_still_end()
     state, events = follow(adrift(), [0.05, 0.6, 0.05, 0.005])
     assert [(event.source, event.target) for event in events] == [("A", "B"), ("B", "A"), ("A", "B"), ("B", DONE)]
     assert events[1].reason == "HA.tilt = 0.6 > 0.5"
+    assert [(c.quantity, c.sign, c.limit, value) for c, value in events[1].conditions] == [("HA.tilt", ">", 0.5, 0.6)]
     assert state.completed
 
 

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from yaml import safe_dump, safe_load
 
 from uvms_ocp.cli import app
+from uvms_ocp.mission.conditions import Below, Transition
 from uvms_ocp.model.files.library import robot_folder
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.record import Record
@@ -81,14 +82,45 @@ def test_a_mission_whose_true_error_is_over_its_limit_has_ended_too_early(noisy:
 
 
 def test_only_what_ended_a_phase_is_judged(noisy: tuple[Scenario, Record]) -> None:
-    """Not other limits of the same quantity, which another transition waits for, nor names that end alike."""
+    """Not what another transition of the phase waits for, were it a limit of the same quantity."""
+    scenario, record = noisy
+    *phases, last = scenario.mission.phases
+    close = Below(quantity="T.position_error", limit=1e-9)
+    again = Transition(to=phases[0].name, when=(close,))
+    mission = replace(scenario.mission, phases=(*phases, replace(last, transitions=(again, *last.transitions))))
+    more = replace(scenario, mission=mission).run()
+    assert close.limit in [item.limit for item in more.run_meta.thresholds]
+    assert [(row["phase"], row["limit"]) for row in goal_table(more)] == [
+        (row["phase"], row["limit"]) for row in goal_table(record)
+    ]
+    assert not ended_too_early(more)
+
+
+def test_the_words_of_a_reason_are_for_people(noisy: tuple[Scenario, Record]) -> None:
     _, record = noisy
     meta, rows = record.run_meta, goal_table(record)
-    known = next(item for item in meta.thresholds if item.quantity == "T.position_error")
-    others = (known.model_copy(update={"limit": 1e-9}), known.model_copy(update={"quantity": "position_error"}))
-    more = replace(record, meta=meta.model_copy(update={"thresholds": (*meta.thresholds, *others)}))
-    assert goal_table(more) == rows
-    assert not ended_too_early(more)
+    assert {row["quantity"] for row in rows} >= {"PC.position_error", "T.position_error", "T.orientation_error"}
+    events = tuple(event.model_copy(update={"reason": "it was time"}) for event in meta.events)
+    assert goal_table(replace(record, meta=meta.model_copy(update={"events": events}))) == rows
+
+
+@pytest.mark.parametrize("completed", [True, False])
+def test_a_threshold_of_what_nobody_measures_is_told(completed: bool, noisy: tuple[Scenario, Record]) -> None:
+    _, record = noisy
+    meta = record.run_meta
+    unknown = tuple(item.model_copy(update={"quantity": "odd"}) for item in meta.thresholds)
+    odd = replace(record, meta=meta.model_copy(update={"thresholds": unknown, "completed": completed, "events": ()}))
+    report = summarize(odd)
+    assert report["cause"]["kind"] == ("completed" if completed else "stalled")
+    assert completed or report["cause"]["text"].endswith("no task of the record measures it")
+
+
+def test_records_that_do_not_tell_what_ended_a_phase_have_no_goals(noisy: tuple[Scenario, Record]) -> None:
+    _, record = noisy
+    events = tuple(event.model_copy(update={"conditions": ()}) for event in record.run_meta.events)
+    older = replace(record, meta=record.run_meta.model_copy(update={"events": events}))
+    report = summarize(older)
+    assert report["goals"] == report["ended_too_early"] == []
 
 
 def test_the_report_has_estimate_truth_and_what_the_sensors_allow_side_by_side(noisy: tuple[Scenario, Record]) -> None:

@@ -145,7 +145,8 @@ class Mission:
         reason, target = _reason(transition, quantities), transition.to
         if transition.retries is not None and n_fired >= transition.retries:
             reason, target = f"{n_fired} retries are used up: {reason}", ABORT
-        event = Event(t=t, source=phase.name, target=target, reason=reason)
+        measured = tuple((condition, quantities[condition.quantity]) for condition in transition.when)
+        event = Event(t=t, source=phase.name, target=target, reason=reason, conditions=measured)
         if target == DONE:
             return changed(state, completed=True), event
         if target == ABORT:

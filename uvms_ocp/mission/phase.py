@@ -10,7 +10,7 @@ import numpy as np
 
 from uvms_ocp.arguments import Shape, checked
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.mission.conditions import Transition
+from uvms_ocp.mission.conditions import Condition, Transition
 
 
 @checked
@@ -80,3 +80,5 @@ class Event:
     """Name of the next phase, `DONE` or `ABORT`."""
     reason: str
     """The conditions, as measured."""
+    conditions: tuple[tuple[Condition, float], ...]
+    """The same, each with the value that was measured [unit of the quantity]."""

@@ -77,7 +77,10 @@ def _trend(record: Record, condition: ThresholdMeta) -> tuple[float, float]:
 def _obstruction(record: Record, name: str) -> str:
     """Tasks that rank above the one that waits and are active, and drives at their limits."""
     tasks = [task.name for task in record.meta.tasks]
-    own = tasks.index(name.rpartition(".")[0])
+    waiting = name.rpartition(".")[0]
+    if waiting not in tasks:
+        return "no task of the record measures it"
+    own = tasks.index(waiting)
     activity, active = record["activity"][-1], []
     ends = np.cumsum([level.rows for level in record.meta.levels])
     for level, end in zip(record.meta.levels, ends, strict=True):

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from uvms_ocp.meta_values import EventMeta, ThresholdMeta
+from uvms_ocp.meta_values import EventMeta
 from uvms_ocp.mission.conditions import ABORT
 from uvms_ocp.record import Record
-from uvms_ocp.report.series import quantities_at
 
 
 def goal_table(record: Record) -> list[dict[str, Any]]:
@@ -16,33 +15,26 @@ def goal_table(record: Record) -> list[dict[str, Any]]:
 
     ``estimated`` and ``true`` at that moment and the ``limit`` [m] or [rad]; ``sensors_allow`` is the standard deviation of
     the estimate that the sensors allow, `None` where they are ideal or it is not known; ``met`` is judged by the truth, `None`
-    in older records, which do not tell it.
+    where that is not known. No rows of older records, which do not tell what ended a phase.
     """
     return [row for event in record.run_meta.events if event.target != ABORT for row in _rows(record, event)]
 
 
 def _rows(record: Record, event: EventMeta) -> list[dict[str, Any]]:
-    estimated, true = quantities_at(record, event.t), event.truth
     return [
         {
             "phase": event.source,
             "t": event.t,
             "quantity": item.quantity,
             "limit": item.limit,
-            "estimated": estimated[item.quantity],
-            "true": true.get(item.quantity),
+            "estimated": item.estimated,
+            "true": event.truth.get(item.quantity),
             "sensors_allow": record.run_meta.allowance.get(item.quantity),
-            "met": _met(true.get(item.quantity), item.limit),
+            "met": _met(event.truth.get(item.quantity), item.limit),
         }
-        for item in record.meta.thresholds
-        if item.phase == event.source and item.sign == "<" and _was_waited_for(item, event.reason)
+        for item in event.conditions
+        if item.sign == "<"
     ]
-
-
-def _was_waited_for(item: ThresholdMeta, reason: str) -> bool:
-    """A reason has the conditions that came true, ``quantity = value < limit``, with commas between."""
-    clauses = (clause.partition(" = ") for clause in reason.split(", "))
-    return any(name == item.quantity and f" < {item.limit:g} " in f"{rest} " for name, _, rest in clauses)
 
 
 def _met(true: float | None, limit: float) -> bool | None:

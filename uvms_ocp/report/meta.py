@@ -6,6 +6,7 @@ import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -23,6 +24,7 @@ from uvms_ocp.meta_values import (
     LevelMeta,
     LimitsMeta,
     MarkerMeta,
+    MetConditionMeta,
     PackageMeta,
     PhaseMeta,
     QuantityMeta,
@@ -30,7 +32,7 @@ from uvms_ocp.meta_values import (
     TaskMeta,
     ThresholdMeta,
 )
-from uvms_ocp.mission.conditions import Below
+from uvms_ocp.mission.conditions import Condition
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model.limits import Limits
 from uvms_ocp.preflight.accuracy import quantity_spreads
@@ -125,9 +127,23 @@ def _levels(controller: KinematicController) -> tuple[LevelMeta, ...]:
 
 def _events(controller: KinematicController, ending: Ending) -> tuple[EventMeta, ...]:
     return tuple(
-        EventMeta(t=e.t, source=e.source, target=e.target, reason=e.reason, true_quantities=_values(truth))
+        EventMeta(
+            t=e.t,
+            source=e.source,
+            target=e.target,
+            reason=e.reason,
+            conditions=tuple(
+                MetConditionMeta(**_told(condition), estimated=value) for condition, value in e.conditions
+            ),
+            true_quantities=_values(truth),
+        )
         for e, truth in zip(controller.events, ending.at_events, strict=True)
     )
+
+
+def _told(condition: Condition) -> dict[str, Any]:
+    """The fields of a `ConditionMeta`."""
+    return {"quantity": condition.quantity, "limit": condition.limit, "sign": condition.sign}
 
 
 def _values(quantities: Mapping[str, float]) -> tuple[QuantityMeta, ...]:
@@ -136,12 +152,7 @@ def _values(quantities: Mapping[str, float]) -> tuple[QuantityMeta, ...]:
 
 def _thresholds(mission: Mission) -> tuple[ThresholdMeta, ...]:
     return tuple(
-        ThresholdMeta(
-            quantity=condition.quantity,
-            limit=condition.limit,
-            sign="<" if isinstance(condition, Below) else ">",
-            phase=phase.name,
-        )
+        ThresholdMeta(**_told(condition), phase=phase.name)
         for phase in mission.phases
         for transition in phase.transitions
         for condition in transition.when
