@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import DAY, Count, checked
 from uvms_ocp.control.force.dynamic import DynamicController, VelocityGains
 from uvms_ocp.control.navigation.estimator import Estimator, PassThrough
 from uvms_ocp.control.velocity.kinematic import HierarchySolver, KinematicController
@@ -34,8 +34,6 @@ from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 
 PLANTS = ("dynamic", "kinematic")
-LONGEST = 86_400.0
-"""[s] of a run."""
 
 
 @checked
@@ -60,7 +58,7 @@ class Scenario:
     """Of the dynamic layer; the kinematic plant has none."""
     plant_robot: Robot | None = None
     """What moves in the water, where it differs from what the controller knows."""
-    seed: int = 0
+    seed: Count = 0
     """Of the sensor noise."""
     altimeter_frame: str | None = None
     """By default the one that the robot's file names, if any."""
@@ -79,11 +77,9 @@ class Scenario:
                 raise InvalidInput(f"{name} = {value} s; give a finite time > 0")
         if self.duration < self.dt:
             raise InvalidInput(f"duration = {self.duration} s; give at least one control period of {self.dt:g} s")
-        if self.duration > LONGEST:
-            raise InvalidInput(f"duration = {self.duration:g} s; give at most {LONGEST:g} s, a day")
+        if self.duration > DAY:
+            raise InvalidInput(f"duration = {self.duration:g} s; give at most {DAY:g} s, a day")
         require_few_ticks(self.duration, self.dt)
-        if self.seed < 0:
-            raise InvalidInput(f"seed = {self.seed}; give a whole number >= 0")
         if isinstance(self.solver, type):
             raise InvalidInput(f"solver = the class {self.solver.__name__}; give a value, {self.solver.__name__}()")
         if not hasattr(self.solver, "bind"):

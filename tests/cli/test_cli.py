@@ -105,7 +105,7 @@ def test_a_mission_out_of_time_exits_with_3_and_says_why(tmp_path: Path) -> None
         (["run", "table2", "--noise"], "table2 has no option --noise"),
         (["run", "case2", "--n", "3"], "case2 is no study"),
         (["run", "random_limits", "--n", "0"], "n = 0 runs of a study; give 1 or more"),
-        (["run", "random_missions", "--n", "1", "--seed", "-1"], "seed = -1; give 0 or more"),
+        (["run", "random_missions", "--n", "1", "--seed", "-1"], "seed = -1; give a whole number >= 0"),
         (["run", "--current", "300", "0", "0", "--plant", "kinematic"], "300 m/s; give at most 10 m/s"),
         (["check-robot", "girona"], "unknown robot 'girona'; known: bluerov2_alpha5"),
     ],

@@ -15,6 +15,7 @@ from uvms_ocp.arguments.checked import late as late
 from uvms_ocp.arguments.checked import trusted as trusted
 from uvms_ocp.arguments.kinds import Range as Range
 from uvms_ocp.arguments.kinds import Shape as Shape
+from uvms_ocp.arguments.names import DAY as DAY
 from uvms_ocp.arguments.names import Count as Count
 from uvms_ocp.arguments.names import Finite as Finite
 from uvms_ocp.arguments.names import Point as Point

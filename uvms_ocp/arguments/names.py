@@ -12,5 +12,7 @@ from uvms_ocp.arguments.kinds import Range, Shape
 Finite = Annotated[float, Range(open=True)]
 Positive = Annotated[float, Range(0.0, open=True)]
 Count = Annotated[int, Range(0)]
+DAY = 86_400.0
+"""[s] Beyond it no run, plan or solution is waited for."""
 Vector3 = Annotated[np.ndarray, Shape(3)]
 Point = Annotated[Sequence[float], Shape(3), Range(open=True)]

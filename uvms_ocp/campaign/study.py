@@ -62,13 +62,11 @@ class Study:
 
 
 def seeds_from(seed: int, n: int) -> range:
-    """`seed`, `seed` + 1, ... of `n` drawn cases. Raises `InvalidInput` for no cases or a negative seed."""
+    """`seed`, `seed` + 1, ... of `n` drawn cases. Raises `InvalidInput` for no cases or too many."""
     if n < 1:
         raise InvalidInput(f"n = {n} runs of a study; give 1 or more")
     if n > _MOST_RUNS:
         raise InvalidInput(f"n = {n} runs of a study; give at most {_MOST_RUNS:,}: the table keeps a row of each")
-    if seed < 0:
-        raise InvalidInput(f"seed = {seed}; give 0 or more")
     return range(seed, seed + n)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal, cast
 
 import typer
 from rich.table import Table
@@ -34,7 +34,8 @@ def check_robot(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Check a robot: inertias, trim, thruster rank, frames, meshes."""
-    report = check_robot_files(_files(robot), hydrodynamics, base=base, package_dirs=packages or (), mimic=mimic)
+    let = cast(Literal["free"] | None, mimic)  # `load_robot` refuses other words
+    report = check_robot_files(_files(robot), hydrodynamics, base=base, package_dirs=packages or (), mimic=let)
     if as_json:
         findings = [{"subject": f.subject, "verdict": f.verdict.value, "text": f.text} for f in report.findings]
         print_json({"usable": report.usable, "findings": findings})

@@ -6,6 +6,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
@@ -34,7 +35,7 @@ def load_robot(
     variant: str | None = None,
     base: str | None = None,
     package_dirs: Sequence[Path | str] = (),
-    mimic: str | None = None,
+    mimic: Literal["free"] | None = None,
 ) -> Robot:
     """Load a robot by name, or from a URDF file and, if there is one, its hydrodynamics file.
 
@@ -48,8 +49,6 @@ def load_robot(
     What the files leave open, such as links without water and thrusters without power data, is a warning of this module's
     logger.
     """
-    if mimic not in (None, "free"):
-        raise InvalidInput(f"mimic: given {mimic!r}; allowed: 'free', or None to refuse joints that mimic others")
     urdf_path, yaml_path = _paths(name, urdf, hydrodynamics)
     description = _description(name, yaml_path, variant)
     if base is not None:

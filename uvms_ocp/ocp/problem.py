@@ -8,13 +8,13 @@ from enum import Enum
 
 import numpy as np
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import DAY, checked
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
 from uvms_ocp.ocp.terms import At, Term
 
-MOST_STEPS, LONGEST = 2000, 86_400.0
+MOST_STEPS = 2000
 """Steps and seconds of a phase."""
 
 
@@ -64,8 +64,8 @@ class OcpPhase:
             raise InvalidInput(f"phase {self.name!r}: n_steps = {self.n_steps}; give at least 1")
         if not (np.isfinite([shortest, longest]).all() and 0 < shortest <= longest):
             raise InvalidInput(f"phase {self.name!r}: duration {self.duration} s; give a time > 0, or a range of such")
-        if longest > LONGEST:
-            raise InvalidInput(f"phase {self.name!r}: duration {self.duration} s; give at most {LONGEST:g} s, a day")
+        if longest > DAY:
+            raise InvalidInput(f"phase {self.name!r}: duration {self.duration} s; give at most {DAY:g} s, a day")
 
     @property
     def free(self) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Count, checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.collision.conservative_advancement import PairDistances
 from uvms_ocp.collision.coordinates import Coordinates
@@ -31,7 +31,7 @@ class ToolGoalOptions:
     """[m] that the goal keeps from everything."""
     damping: float = 1e-3
     """[-] With lengths in m: added to the diagonal of the normal matrix, times the squared error where that is less than 1."""
-    seed: int = 0
+    seed: Count = 0
 
 
 @checked

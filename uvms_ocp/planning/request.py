@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Count, checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import CollisionScene, collision_scene
 from uvms_ocp.collision.coordinates import VEHICLE_AXES, Coordinates, coordinates
 from uvms_ocp.collision.obstacle_file import build_obstacles
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.exceptions import NameNotFound
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.obstacle_data import ObstacleData
 from uvms_ocp.planning.goals import Goal, check_way
@@ -42,7 +42,7 @@ class PlanRequest:
     axes: str = AXES[0]
     clearance: float = 0.06
     """[m] wanted from everything; what is verified is that nothing touches."""
-    seed: int = 0
+    seed: Count = 0
 
 
 @checked
@@ -66,8 +66,6 @@ def solve(request: PlanRequest) -> PlanResult:
     Raises `NameNotFound` for unknown axes, joints or frames, `InvalidInput` for a start or goal in collision or outside limits,
     a goal on axes that are not planned, a start that is the goal, and two obstacles of one name.
     """
-    if request.seed < 0:
-        raise InvalidInput(f"seed = {request.seed}; give a whole number >= 0")
     check_way(request.robot, request.start, request.goal)
     planned = _planned_axes(request)
     scene = collision_scene(planned, build_obstacles(request.obstacles))

@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import Range, Shape, checked
+from uvms_ocp.arguments import Count, Range, Shape, checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.collision.conservative_advancement import PairDistances
 from uvms_ocp.exceptions import InvalidInput
@@ -32,7 +32,7 @@ class SamplingOptions:
     """[m or rad] How far beyond start and goal unlimited axes are sampled."""
     shortcuts: int = 60
     """Attempts at cutting corners of the path found."""
-    seed: int = 0
+    seed: Count = 0
 
     def __post_init__(self) -> None:
         for name in ("step", "room"):

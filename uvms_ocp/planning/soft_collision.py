@@ -10,7 +10,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Count, checked
 from uvms_ocp.arrays import Array, Indices, Mask
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import CollisionScene
@@ -61,7 +61,7 @@ class SoftCollisionOptions:
     """[m or rad] size of the first bend; it grows with each attempt."""
     free_waypoints: bool = True
     """Move interior way points too; otherwise only their derivatives."""
-    seed: int = 0
+    seed: Count = 0
 
 
 @checked

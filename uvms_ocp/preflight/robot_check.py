@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
@@ -64,7 +65,7 @@ def check_robot_files(
     *,
     base: str | None = None,
     package_dirs: Sequence[Path | str] = (),
-    mimic: str | None = None,
+    mimic: Literal["free"] | None = None,
 ) -> RobotReport:
     """Load a URDF, or a folder with ``robot.urdf`` and ``hydrodynamics.yaml``, and check the robot.
 

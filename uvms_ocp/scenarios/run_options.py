@@ -10,10 +10,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Count, checked
 from uvms_ocp.control.force.dynamic import VelocityGains
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.exceptions import NameNotFound
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model.files.description import TrimBody
 from uvms_ocp.model.loading import load_robot
@@ -51,7 +51,7 @@ class RunOptions:
     """Whether the dynamic layer estimates and cancels disturbances."""
     noise: bool = False
     """Whether sensors have the noise, rates and delays of the robot's file."""
-    seed: int = 0
+    seed: Count = 0
     """Of everything random."""
     dt: float = 1 / 200
     """[s] control period."""
@@ -115,8 +115,6 @@ def run_options(
     for name in given:
         if name not in known:
             raise NameNotFound("option of all scenarios", name, known)
-    if (given.get("seed") or 0) < 0:
-        raise InvalidInput(f"seed = {given['seed']}; give a whole number >= 0")
     options = {"robot": robot, "seabed": seabed, **{name: value for name, value in given.items() if value is not None}}
     machine, current = options.pop("robot"), options.pop("current", None)
     return RunOptions(

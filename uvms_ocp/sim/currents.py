@@ -9,7 +9,7 @@ from typing import Annotated, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import Shape, checked, late
+from uvms_ocp.arguments import Count, Shape, checked, late
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.water.hydrodynamics import Water
 
@@ -201,7 +201,7 @@ class GustyCurrent(Current):
     """[s]"""
     step: float = 0.5
     """[s] between nodes."""
-    seed: int = 0
+    seed: Count = 0
     """Of the random numbers."""
     _path: _Path = field(init=False, repr=False)
     """The nodes."""

@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 from scipy.optimize import brentq
 
-from uvms_ocp.arguments import Shape, Vector3, checked, late
+from uvms_ocp.arguments import Count, Shape, Vector3, checked, late
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.sim.seafloor import Seafloor
 
@@ -95,7 +95,7 @@ class HeightField(Seafloor):
         z: float,
         centre: tuple[float, float] = (0.0, 0.0),
         extent: float = 100.0,
-        seed: int = 0,
+        seed: Count = 0,
     ) -> HeightField:
         """Protuberances drawn from `relief` (or its name in `RELIEFS`) over a square of side `extent` [m].
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import Shape, checked, late, trusted
+from uvms_ocp.arguments import Count, Shape, checked, late, trusted
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.kinematics import AltimeterBeam
 from uvms_ocp.model.robot import Robot
@@ -53,7 +53,7 @@ class SensorSuite:
         robot: Robot,
         seafloor: Seafloor,
         specs: SensorSpecs | None = None,
-        seed: int = 0,
+        seed: Count = 0,
         altimeter_frame: str | None = None,
     ) -> None:
         """altimeter_frame: the one of the robot's description unless given; without any there is no altimeter.

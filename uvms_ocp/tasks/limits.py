@@ -10,7 +10,8 @@ import numpy as np
 from uvms_ocp.functions.elementwise import is_symbolic
 from uvms_ocp.model.spatial import Array
 
-_ABRUPT = 1e6  # [1/s^2] stands in for an acceleration without limit, where the formula would give inf * 0
+ENDLESS = 1e6
+"""[m, rad; 1/s^2 of each] Stands in for what has no limit, such as an acceleration or a reach: its product with 0 is 0."""
 
 
 def approach_speed(distance: ca.SX, *, gain: float, deceleration: float | ca.SX, dt: float, saturation: float) -> ca.SX:
@@ -34,7 +35,7 @@ def stopping_speed(distance: Array, *, deceleration: Array, dt: float) -> Array:
     """
     symbolic = is_symbolic(distance, deceleration)
     sqrt, larger, smaller = (ca.sqrt, ca.fmax, ca.fmin) if symbolic else (np.sqrt, np.maximum, np.minimum)
-    deceleration = larger(smaller(deceleration, _ABRUPT), 1 / _ABRUPT)
+    deceleration = larger(smaller(deceleration, ENDLESS), 1 / ENDLESS)
     return deceleration * (sqrt(dt**2 + 2 * larger(distance, 0) / deceleration) - dt)
 
 
@@ -46,4 +47,4 @@ def saturate(x: ca.SX, limit: float) -> ca.SX:
 def row_acceleration(J: ca.SX, limit: np.ndarray) -> ca.SX:
     """Rate of change (m,) of ``J v`` along each row's own gradient, as the first axis reaches its limit (n_v,) [m/s2, rad/s2]."""
     effort = functools.reduce(ca.fmax, ca.horzsplit(ca.fabs(J) @ ca.diag(ca.DM(1 / limit))))
-    return ca.sum2(J**2) / ca.fmax(effort, 1 / _ABRUPT)
+    return ca.sum2(J**2) / ca.fmax(effort, 1 / ENDLESS)

@@ -10,15 +10,12 @@ from __future__ import annotations
 
 import casadi as ca
 
-from uvms_ocp.tasks.limits import stopping_speed
+from uvms_ocp.tasks.limits import ENDLESS, stopping_speed
 from uvms_ocp.tasks.task import Rows, TickSymbols
 
 _RISE = 0.07  # [s] from rest to the acceleration limit: short enough for what gates ask for (0.2 s, half of it at work)
 _FALL = 0.1  # [s] from the acceleration limit to a reference; longer, so that the axes can follow
 _NOTHING = 1e-12  # keeps the division by a change of zero finite
-
-ENDLESS = 1e6
-"""Stands in for what has no limit: its product with 0 is 0."""
 
 
 def easing_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Rows:

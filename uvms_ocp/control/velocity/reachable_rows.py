@@ -7,9 +7,9 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.control.velocity.easing import ENDLESS, common_share, eased_share, falling_share
+from uvms_ocp.control.velocity.easing import common_share, eased_share, falling_share
 from uvms_ocp.solvers.hierarchy.gated_rows import gated
-from uvms_ocp.tasks.limits import row_acceleration
+from uvms_ocp.tasks.limits import ENDLESS, row_acceleration
 from uvms_ocp.tasks.task import Rows, TickSymbols
 
 

@@ -14,10 +14,9 @@ import pinocchio as pin
 
 from uvms_ocp.model.limits import bounded_joints
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.tasks.limits import stopping_speed
+from uvms_ocp.tasks.limits import ENDLESS, stopping_speed
 
 _SAMPLES = np.array([0.25, 0.5, 0.75, 1.0])  # shares of the way to rest
-_ENDLESS = 1e6  # stands in for infinite accelerations: its product with 0 is 0
 _STILL = 1e-12  # [s] to rest
 _INWARDS = np.array([[1.0], [-1.0]])  # from the lower and from the upper limit
 
@@ -40,7 +39,7 @@ class Stop:
     def __init__(self, robot: Robot, dt: float) -> None:
         """dt [s] is the control period."""
         self._model, self._dt = robot.model, dt
-        self._acceleration = np.minimum(robot.limits.acceleration, _ENDLESS)
+        self._acceleration = np.minimum(robot.limits.acceleration, ENDLESS)
         self._step = self._acceleration * dt
         joints = bounded_joints(robot.joints, robot.limits)
         self._idx_q = np.array([joint.idx_q for joint, _, _ in joints], dtype=int)

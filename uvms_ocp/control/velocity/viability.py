@@ -15,10 +15,10 @@ import numpy as np
 from uvms_ocp.control.velocity.stop import Stop
 from uvms_ocp.model.limits import PositionLimit
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.tasks.limits import ENDLESS
 from uvms_ocp.tasks.task import Task
 
 _HALVINGS = 5
-_ENDLESS = 1e6  # stands in for reaches that nobody knows: its product with 0 is 0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -72,7 +72,7 @@ class Viability:
                 limit=limit,
                 task=index,
                 quantity=quantity_names.index(f"{task.name}.{limit.quantity}"),
-                reach=np.fmin(limit.reach, _ENDLESS),
+                reach=np.fmin(limit.reach, ENDLESS),
             )
             for index, task in enumerate(tasks)
             if (limit := task.position_limit(robot)) is not None

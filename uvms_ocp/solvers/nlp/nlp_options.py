@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import DAY, checked
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 
 PLUGINS = ("ipopt", "fatrop")
-_LONGEST = 86_400.0  # [s]
 
 
 @checked
@@ -56,8 +55,8 @@ class NlpOptions:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InvalidInput(f"{name} = {value}; give a finite value > 0")
-        if self.time_limit > _LONGEST:
-            raise InvalidInput(f"time_limit = {self.time_limit:g} s; give at most {_LONGEST:g} s, a day")
+        if self.time_limit > DAY:
+            raise InvalidInput(f"time_limit = {self.time_limit:g} s; give at most {DAY:g} s, a day")
         if not (np.isfinite(self.tolerance) and self.tolerance >= 0):
             raise InvalidInput(f"tolerance = {self.tolerance}; give a finite value >= 0")
 
