@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from uvms_ocp.exceptions import RobotDataError
-from uvms_ocp.model.files.description import RobotDescription, as_matrix6
+from uvms_ocp.model.files.description import LinkCoefficients, RobotDescription, as_matrix6
 from uvms_ocp.model.files.description_file import read_description
 
 THRUSTER = "name: t, position: [0, 0, 0], direction: [1, 0, 0], minimum: -40, maximum: 40, time_constant: 0.1"
@@ -152,3 +152,9 @@ def test_a_description_survives_a_round_trip_through_yaml(tmp_path: Path) -> Non
     description = read(tmp_path, f"thrusters: [{{{THRUSTER}}}]\nlinks: {{arm: {{sphere: {{radius: 0.1}}}}}}")
     text = yaml.safe_dump(description.model_dump(mode="json", exclude_none=True))
     assert read(tmp_path, text) == description
+
+
+@pytest.mark.parametrize("field", ["linear_drag", "added_mass"])
+def test_the_largest_numbers_are_judged_without_overflow(field: str) -> None:
+    huge = [1e308, *[4.0] * 5]
+    assert getattr(LinkCoefficients.model_validate({field: huge}), field) == tuple(huge)
