@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from promises import LEAST, Tally
+from promises import Tally
 
 import uvms_ocp.cli.plan
 import uvms_ocp.cli.plan_options
@@ -164,7 +164,7 @@ def options(draw: st.DrawFn) -> list[str]:
 
 @pytest.mark.usefixtures("in_front")
 def test_any_options_begin_or_are_refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    tally = Tally("options")
+    tally = Tally(bad=300)
 
     @settings(max_examples=450)
     @given(options())
@@ -180,8 +180,3 @@ def test_any_options_begin_or_are_refused(monkeypatch: pytest.MonkeyPatch, capsy
 
     holds()
     tally.check()
-
-
-def test_there_are_thousands_of_bad_inputs() -> None:
-    """Every family asserts its own number."""
-    assert sum(LEAST.values()) >= 3000

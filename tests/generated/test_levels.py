@@ -36,7 +36,7 @@ def arguments(draw: st.DrawFn) -> dict[str, Any]:
 
 
 def test_any_arguments_make_a_level_or_are_refused_in_one_line() -> None:
-    tally = Tally("levels")
+    tally = Tally(bad=400)
 
     @settings(max_examples=900)
     @given(arguments())

@@ -89,17 +89,17 @@ def check_obstacles(data: tuple[ObstacleData, ...]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("family", "whole", "read", "check"),
+    ("whole", "read", "check"),
     [
-        ("robot files", ROBOT, read_description, check_robot),
-        ("obstacle files", OBSTACLES, read_obstacles, check_obstacles),
+        (ROBOT, read_description, check_robot),
+        (OBSTACLES, read_obstacles, check_obstacles),
     ],
     ids=["robot", "obstacles"],
 )
 def test_any_change_of_a_file_is_read_or_refused_in_one_line(
-    family: str, whole: Any, read: Callable[[Path], Any], check: Callable[[Any], None], tmp_path: Path
+    whole: Any, read: Callable[[Path], Any], check: Callable[[Any], None], tmp_path: Path
 ) -> None:
-    tally, path = Tally(family), tmp_path / "file.yaml"
+    tally, path = Tally(bad=500), tmp_path / "file.yaml"
     path.write_text(json.dumps(whole))
     check(read(path))
 
@@ -114,7 +114,7 @@ def test_any_change_of_a_file_is_read_or_refused_in_one_line(
 
 
 def test_any_text_is_read_or_refused_in_one_line(tmp_path: Path) -> None:
-    tally, path = Tally("robot texts"), tmp_path / "file.yaml"
+    tally, path = Tally(bad=300), tmp_path / "file.yaml"
     whole = (robot_folder("planar5") / "hydrodynamics.yaml").read_bytes()
     marks = st.text("{}[]:,-&*!|>'\"%@`?# \n\tab01.e", max_size=40).map(str.encode)
 
@@ -132,7 +132,7 @@ def test_any_text_is_read_or_refused_in_one_line(tmp_path: Path) -> None:
 
 
 def test_any_words_are_an_obstacle_or_refused_in_one_line() -> None:
-    tally = Tally("obstacle words")
+    tally = Tally(bad=300)
     number = st.one_of(
         st.floats().map(repr), st.sampled_from(["1", "0.5", "x", "", "1e400", "-1", "nan", "0x1", "1_0", "\u0661"])
     )
