@@ -64,7 +64,7 @@ class Record:
 
     @staticmethod
     def load(path: Path | str) -> Record:
-        """Read a file written by `save`, of this version or of 0.1.
+        """Read a file written by `save`, of this version or of 0.1; it alone: `uvms_ocp.output.settle` looks after its folder.
 
         Raises `InvalidInput`, in one line, for what is no such file, is damaged or too large, and for series that do not fit
         each other, their times or the metadata.
