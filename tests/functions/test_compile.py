@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import itertools
 import logging
 import multiprocessing
 import os
@@ -56,6 +57,17 @@ def test_a_library_is_compiled_once(tmp_path: Path) -> None:
     assert first.stat().st_mtime_ns == before
     assert _compile_visible(SOURCE + "/* other */") != first
     assert not list((tmp_path / "cache").glob("build-*"))
+
+
+def test_compiled_minima_and_maxima_leave_out_what_is_no_number() -> None:
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    function = ca.Function("extremes", [x, y], [ca.fmax(x, y), ca.fmin(x, y)])
+    compiled = building.compile_function(function)
+    assert compiled is not function
+    values = [np.nan, -np.inf, -1.0, 0.0, 2.0, np.inf]
+    for pair in itertools.product(values, values):
+        expected = [np.fmax(*pair), np.fmin(*pair)]
+        np.testing.assert_array_equal([float(value) for value in compiled(*pair)], expected)
 
 
 @pytest.mark.parametrize("garbage", [b"", b"garbage", b"\x7fELF" + bytes(4096)])

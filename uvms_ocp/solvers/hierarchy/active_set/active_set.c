@@ -10,7 +10,7 @@ static int activate_violated(Work *k) {
   int count = 0;
   for (int row = 0; row < M; ++row) {
     if (k->state[row] != FREE) continue;
-    double y = dot(k->a[row], k->v, N);
+    double y = row_at(k->a[row], k->v);
     if (y > k->upper[row] + k->tolerance[row]) k->state[row] = UPPER, ++count;
     else if (y < k->lower[row] - k->tolerance[row]) k->state[row] = LOWER, ++count;
   }
@@ -24,12 +24,12 @@ static int step(Work *k, int *blocked) {
   *blocked = -1;
   for (int row = 0; row < M; ++row) {
     if (k->state[row] != FREE) continue;
-    double end = dot(k->a[row], k->target, N), limit;
+    double end = row_at(k->a[row], k->target), limit;
     int at;
     if (end > k->upper[row] + k->tolerance[row]) limit = k->upper[row], at = UPPER;
     else if (end < k->lower[row] - k->tolerance[row]) limit = k->lower[row], at = LOWER;
     else continue;
-    double y = dot(k->a[row], k->v, N), t = (limit - y) / (end - y);
+    double y = row_at(k->a[row], k->v), t = (limit - y) / (end - y);
     if (t < 0 || (at == UPPER ? y >= limit : y <= limit)) t = 0;
     if (t < length || *blocked < 0) length = t < length ? t : length, *blocked = row, side = at;
   }

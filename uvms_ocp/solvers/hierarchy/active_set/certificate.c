@@ -10,13 +10,6 @@ typedef struct {
   char is_used[2 * M], refused[2 * M];
 } Proof;
 
-/* In four sums, which may go on at the same time. */
-static double row_at(const double *a, const double *v) {
-  double sum[4] = {0};
-  for (int c = 0; c < N; ++c) sum[c % 4] += a[c] * v[c];
-  return (sum[0] + sum[1]) + (sum[2] + sum[3]);
-}
-
 static double size_of(const double *x, int n) { return sqrt(dot(x, x, n)); }
 
 /* min |sum x column - b| over the columns of the set, x of any sign; 0 where they are dependent. */

@@ -16,8 +16,9 @@ enum { GIVEN_VELOCITY = ACTIVE_SET };
 
 /* `is_valid` of gated_rows.py. Comparisons with NaN are false. */
 static int is_valid(const double *const *arg) {
-  for (int i = 0; i < M * N; ++i)
-    if (!(fabs(arg[JACOBIAN][i]) < LARGEST)) return 0;
+  int wrong = 0;
+  for (int i = 0; i < M * N; ++i) wrong |= !(fabs(arg[JACOBIAN][i]) < LARGEST);
+  if (wrong) return 0;
   for (int row = 0; row < M; ++row) {
     double low = arg[LOWER_BOUND][row], up = arg[UPPER_BOUND][row], gate = arg[GATE][row];
     if (!(low <= up && low < INFINITY && up > -INFINITY && gate >= 0 && gate <= 1)) return 0;
@@ -78,10 +79,12 @@ static int is_warm(const double *state) {
 
 /* `residual` of gated_rows.py. */
 static void write_residual(const double *v, const double *const *arg, double *residual) {
+  double y[M] = {0};
+  for (int c = 0; c < N; ++c)
+    for (int row = 0; row < M; ++row) y[row] += arg[JACOBIAN][c * M + row] * v[c];
   for (int row = 0; row < M; ++row) {
-    double y = 0, low = arg[LOWER_BOUND][row], up = arg[UPPER_BOUND][row];
-    for (int c = 0; c < N; ++c) y += arg[JACOBIAN][c * M + row] * v[c];
-    residual[row] = arg[GATE][row] > 0 ? y - fmin(fmax(y, low), up) : 0;
+    double nearest = smaller(larger(y[row], arg[LOWER_BOUND][row]), arg[UPPER_BOUND][row]);
+    residual[row] = arg[GATE][row] > 0 ? y[row] - nearest : 0;
   }
 }
 

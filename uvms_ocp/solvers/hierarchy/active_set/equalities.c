@@ -31,6 +31,13 @@ static double dot(const double *x, const double *y, int n) {
   return sum;
 }
 
+/* In four sums, which may go on at the same time. */
+static double row_at(const double *a, const double *v) {
+  double sum[4] = {0};
+  for (int c = 0; c < N; ++c) sum[c % 4] += a[c] * v[c];
+  return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+}
+
 /* fmax and fmin are calls into libm. */
 static double larger(double x, double y) { return x > y ? x : y; }
 static double smaller(double x, double y) { return x < y ? x : y; }
