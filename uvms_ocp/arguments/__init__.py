@@ -13,6 +13,7 @@ from uvms_ocp.arguments.checked import changed as changed
 from uvms_ocp.arguments.checked import checked as checked
 from uvms_ocp.arguments.checked import late as late
 from uvms_ocp.arguments.checked import trusted as trusted
+from uvms_ocp.arguments.checked import unchecked as unchecked
 from uvms_ocp.arguments.kinds import Range as Range
 from uvms_ocp.arguments.kinds import Shape as Shape
 from uvms_ocp.arguments.names import DAY as DAY

@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable, Iterable
 from dataclasses import fields
 from functools import wraps
+from types import MethodType
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -61,6 +62,12 @@ def changed(value: _V, /, **changes: Any) -> _V:
     kept = {f.name: getattr(value, f.name) for f in fields(value) if f.init}  # type: ignore[arg-type]
     _unchecked(type(value))(made, **{**kept, **changes})
     return made
+
+
+def unchecked(method: Callable[_P, _V]) -> Callable[_P, _V]:
+    """A method of a value without the look at its arguments, for a loop whose caller has been looked at."""
+    bare = getattr(method, "__wrapped__", None)
+    return method if bare is None else MethodType(bare, method.__self__)  # type: ignore[attr-defined]
 
 
 def _unchecked(cls: Any) -> Callable[..., None]:

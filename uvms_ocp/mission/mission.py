@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from uvms_ocp.arguments import changed, checked, late
+from uvms_ocp.arguments import changed, checked, late, unchecked
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.mission.conditions import ABORT, DONE, Transition
 from uvms_ocp.mission.diagram import closure, mermaid, successors, text_table
@@ -38,6 +38,8 @@ class Mission:
     """(n_phases, n_tasks) [-] external activations."""
     _tasks: tuple[tuple[Task, ...], ...] = field(init=False, repr=False)
     """Those of each phase, with the goals that they have in it."""
+    _references: tuple[tuple[tuple[Callable[[float], np.ndarray], bool], ...], ...] = field(init=False, repr=False)
+    """Of each phase and task: its reference, without the look at t, and whether the goal is the phase's own."""
 
     def __post_init__(self) -> None:
         if not self.phases:
@@ -47,6 +49,7 @@ class Mission:
         self._check_targets()
         object.__setattr__(self, "_targets", np.array([self._gates_of(phase) for phase in self.phases]))
         object.__setattr__(self, "_tasks", tuple(self._tasks_of(phase) for phase in self.phases))
+        object.__setattr__(self, "_references", tuple(map(_references, self.phases, self._tasks)))
 
     @property
     def phase_names(self) -> tuple[str, ...]:
@@ -85,7 +88,9 @@ class Mission:
     @late
     def references(self, state: MissionState, t: float) -> list[np.ndarray]:
         """Goal of each task at time t [s], highest priority first, as `Task.reference` gives it."""
-        return [task.reference(self._clock(state, task, t)) for task in self._tasks[state.phase]]
+        # A goal sees the time since the start of the phase where it is the phase's own.
+        since = t - state.since
+        return [reference(since if own else t) for reference, own in self._references[state.phase]]
 
     @late
     def step(self, state: MissionState, t: float, quantities: Mapping[str, float]) -> tuple[MissionState, Event | None]:
@@ -99,7 +104,7 @@ class Mission:
         for index, (transition, since) in enumerate(zip(phase.transitions, held, strict=True)):
             if since is not None and t - since >= transition.hold - 1e-9:
                 return self._follow(state, index, t, quantities)
-        return changed(state, held_since=held), None
+        return state if held == state.held_since else changed(state, held_since=held), None
 
     def pending(self, state: MissionState, quantities: Mapping[str, float]) -> str:
         """What the phase still waits for, with the quantities [in their units], or why the mission was given up."""
@@ -117,10 +122,6 @@ class Mission:
     def __str__(self) -> str:
         """The table of `table` as text, 1 for on and a dot for off, with the titles of the phases below."""
         return text_table(self.hierarchy, self.phases, self._targets)
-
-    def _clock(self, state: MissionState, task: Task, t: float) -> float:
-        """Time [s] that a task's goal sees: since the start of the phase where the goal is the phase's own."""
-        return t - state.since if task.name in self.phases[state.phase].goals else t
 
     def unreachable_phases(self) -> tuple[str, ...]:
         """Names of the phases that no chain of transitions leads to from the first."""
@@ -178,6 +179,10 @@ class Mission:
             for transition in phase.transitions:
                 if transition.to not in (*self.phase_names, DONE, ABORT):
                     raise NameNotFound("phase", transition.to, (*self.phase_names, DONE))
+
+
+def _references(phase: Phase, tasks: Sequence[Task]) -> tuple[tuple[Callable[[float], np.ndarray], bool], ...]:
+    return tuple((unchecked(task.reference), task.name in phase.goals) for task in tasks)
 
 
 def _held(transition: Transition, since: float | None, t: float, quantities: Mapping[str, float]) -> float | None:
