@@ -6,7 +6,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from test_tasks import evaluate, random_configuration
+from task_values import evaluate, random_configuration
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.kinematics import Kinematics

@@ -1,0 +1,54 @@
+"""What a task asks for at a configuration, in numbers."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.control.velocity.parameters import parameters_of
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.symbolic.tree import SymbolicModel
+from uvms_ocp.tasks.task import Task, TickSymbols
+
+OUTPUTS = ("jacobian", "rate", "lower", "upper", "activation")
+
+
+def task_function(robot: Robot, task: Task, dt: float = 0.005) -> ca.Function:
+    q = ca.SX.sym("q", robot.n_q)
+    symbols = TickSymbols(
+        robot=robot,
+        kinematics=SymbolicModel(robot.model).forward_kinematics(q),
+        q=q,
+        velocity=ca.SX.sym("v", robot.n_v),
+        altimeter_range=ca.SX.sym("range"),
+        dt=dt,
+    )
+    parameters = ca.SX.sym("parameters", task.n_parameters(robot))
+    rows = task.rows(symbols, parameters)
+    outputs = [getattr(rows, name) for name in OUTPUTS]
+    names = [*OUTPUTS, *rows.quantities]
+    return ca.Function(
+        "task",
+        [q, symbols.velocity, symbols.altimeter_range, parameters],
+        [*outputs, *rows.quantities.values()],
+        ["q", "v", "range", "parameters"],
+        names,
+    )
+
+
+def evaluate(
+    robot: Robot, task: Task, q: np.ndarray, v: np.ndarray | None = None, altimeter_range: float = 2.0
+) -> dict[str, np.ndarray]:
+    function = task_function(robot, task)
+    velocity = np.zeros(robot.n_v) if v is None else v
+    values = function.call([q, velocity, altimeter_range, parameters_of(task, task.reference(0.0), q)])
+    return {name: np.array(value) for name, value in zip(function.name_out(), values, strict=True)}
+
+
+def random_configuration(robot: Robot, rng: np.random.Generator) -> np.ndarray:
+    q = pin.neutral(robot.model)
+    q[:3] = rng.uniform(-2, 2, 3)
+    q[3:7] = pin.Quaternion(pin.exp3(rng.uniform(-1, 1, 3))).coeffs()
+    q[robot.joint_q] = rng.uniform(robot.limits.position_lower, robot.limits.position_upper)
+    return q

@@ -1,0 +1,88 @@
+"""What tasks ask for: errors that decay, at rates that saturate."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+import pytest
+from task_registry import REGISTRY
+from task_values import random_configuration, task_function
+
+from uvms_ocp.control.velocity.parameters import parameters_of
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.tasks.task import Task
+
+STEP = 1e-6
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot("girona_maris7_full")
+
+
+def gains_of(task: Task) -> list[float]:
+    """[1/s] of the rows, or of their linear and their angular half; empty where there is no error to decay."""
+    return [getattr(task, name) for name in ("gain", "gain_linear", "gain_angular") if hasattr(task, name)]
+
+
+def saturations_of(task: Task) -> list[float]:
+    """Of the same rows."""
+    names = ("saturation", "saturation_linear", "saturation_angular")
+    return [getattr(task, name) for name in names if hasattr(task, name)] or [np.inf]
+
+
+def unsaturated(task: Task) -> Task:
+    names = ("saturation", "saturation_linear", "saturation_angular")
+    return replace(task, **{name: 1e6 for name in names if hasattr(task, name)})
+
+
+FLOOR = -6.0
+"""[m] z of a floor below the altimeter."""
+WITH_GAIN = [name for name, entry in REGISTRY.items() if gains_of(entry.task)]
+
+
+def asked(robot: Robot, function: ca.Function, task: Task, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Jacobian and rate of the rows above a level floor."""
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    beam = data.oMf[robot.frame_id("altimeter")]
+    echo = (beam.translation[2] - FLOOR) / beam.rotation[2, 2]
+    J, rate = function(q, np.zeros(robot.n_v), echo, parameters_of(task, task.reference(0.0), q))[:2]
+    return np.array(J), np.array(rate)[:, 0]
+
+
+@pytest.mark.parametrize("name", WITH_GAIN)
+def test_an_error_decays_with_the_gain_of_its_task(name: str, robot: Robot) -> None:
+    """``d rate / dt = -gain rate`` along the motion that is asked for, where nothing saturates."""
+    task, rng = unsaturated(REGISTRY[name].task), np.random.default_rng(11)
+    function, moved = task_function(robot, task), 0
+    for _ in range(20):
+        q = random_configuration(robot, rng)
+        J, rate = asked(robot, function, task, q)
+        v = np.linalg.lstsq(J, rate, rcond=None)[0]
+        if np.linalg.norm(J @ v - rate) > 1e-9 or not np.linalg.norm(rate) > 1e-6:
+            continue
+        moved += 1
+        ahead, behind = (asked(robot, function, task, pin.integrate(robot.model, q, dt * v))[1] for dt in (STEP, -STEP))
+        gains = np.repeat(gains_of(task), len(rate) // len(gains_of(task)))
+        np.testing.assert_allclose((ahead - behind) / (2 * STEP), -gains * rate, atol=1e-5 * max(1.0, np.abs(v).max()))
+    assert moved >= 2
+
+
+@pytest.mark.parametrize("name", WITH_GAIN)
+def test_a_rate_saturates_with_its_direction_kept(name: str, robot: Robot) -> None:
+    task, rng = REGISTRY[name].task, np.random.default_rng(13)
+    limited, free = task_function(robot, task), task_function(robot, unsaturated(task))
+    bounds = saturations_of(task)
+    for _ in range(20):
+        q = random_configuration(robot, rng)
+        wanted, given = (asked(robot, function, task, q)[1] for function in (free, limited))
+        for bound, before, after in zip(
+            bounds, *(np.split(rate, len(bounds)) for rate in (wanted, given)), strict=True
+        ):
+            share = min(1.0, bound / max(np.linalg.norm(before), 1e-12))
+            np.testing.assert_allclose(after, share * before, atol=1e-9)
