@@ -12,6 +12,7 @@ from enum import Enum
 from functools import cache
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -25,7 +26,7 @@ from uvms_ocp.ocp.capsule_clearance import CapsuleClearance, PlacedCapsule
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpPhase, OcpProblem, single_phase
-from uvms_ocp.ocp.terms import AtRest, Duration, Effort, Energy, Posture, Smoothness, TaskTerm, Term
+from uvms_ocp.ocp.terms import AtRest, Duration, Effort, Energy, Posture, Smoothness, StageSymbols, TaskTerm, Term
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 from uvms_ocp.tasks.activation import Bell
@@ -33,7 +34,7 @@ from uvms_ocp.tasks.altitude import LandingAltitude, MinimumAltitude
 from uvms_ocp.tasks.attitude import Alignment, HorizontalAttitude
 from uvms_ocp.tasks.joints import JointLimits, JointTracking, Manipulability
 from uvms_ocp.tasks.pose import ToolPose, ToolPosition, VehiclePose
-from uvms_ocp.tasks.task import Task
+from uvms_ocp.tasks.task import Residual, Task, zero_residual
 from uvms_ocp.tasks.velocity import NullVelocity
 
 GOAL = pin.SE3(np.eye(3), np.array([1.0, 0.2, 0.0]))
@@ -335,6 +336,27 @@ def test_a_kept_planner_finds_the_plan_of_a_new_one(options: dict[str, Any]) -> 
 def test_another_shape_is_refused_with_what_differs(options: dict[str, Any], message: str) -> None:
     with pytest.raises(InvalidInput, match=message):
         kept_planner().plan(reach(**options))
+
+
+class Reach(Term):
+    """As a user may write it: no dataclass of its own."""
+
+    name = "reach"
+
+    def __init__(self, x: float) -> None:
+        super().__init__()
+        object.__setattr__(self, "x", x)
+
+    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
+        return zero_residual(stage.tick.q[0] - self.x)
+
+
+@pytest.mark.parametrize("slots", [(), ("x",)])
+def test_what_a_term_carries_beside_its_fields_is_looked_at(slots: tuple[str, ...]) -> None:
+    kind = type("Reach", (Reach,), {"__slots__": slots})
+    one, same, other = (with_term(problem_of("T"), kind(x)) for x in (1.0, 1.0, 2.0))
+    assert refused(Case(problem=one, changed=same, field="x")) == ""
+    assert "term 'reach' differs in x from the planner's" in refused(Case(problem=one, changed=other, field="x"))
 
 
 def test_free_durations_stay_in_the_range_of_the_problem_given() -> None:

@@ -9,6 +9,7 @@ from test_hierarchy import _arguments, _tick_function
 
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
+from uvms_ocp.solvers.hierarchy.certificate import level_excesses
 from uvms_ocp.solvers.hierarchy.daqp import Daqp
 from uvms_ocp.solvers.hierarchy.icat import Icat
 from uvms_ocp.solvers.hierarchy.level import Level
@@ -72,6 +73,40 @@ def test_every_level_may_have_its_own_unit(solver: LexicographicActiveSet) -> No
         solution = solver.solve(_scaled(levels, factors, factors))
         assert not solution.status.exact or _is_right(solution, levels, factors), seed
         assert solution.status.exact, seed
+
+
+def _is_proven(solution: Solution, levels: list[Level], units: list[float]) -> bool:
+    """Whether no level can be better by more than 1e-6 of its own unit, or by what nobody would notice."""
+    excess = level_excesses(levels, solution.v)
+    size = np.maximum(solution.level_residuals, units)
+    return bool((excess < np.maximum(1e-6 * size, 1e-11)).all())
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_no_result_is_exact_where_rows_that_vanish_beside_others_are_missed(solver: Solver) -> None:
+    small, large = (
+        Level(jacobian=[[1.0, 0.0]], lower=1.0, upper=1.0),
+        Level(jacobian=[[0.0, 1.0]], lower=1.0, upper=1.0),
+    )
+    for power in (10, 12, 13, 14):
+        units = [1.0, 10.0**power]
+        levels = _scaled([small, large], units, units)
+        for of in (slice(None), slice(None, None, -1)):
+            solution = solver.solve(levels[of])
+            assert not solution.status.exact or _is_proven(solution, levels[of], units[of]), power
+    for seed in range(20):
+        units = (10.0 ** np.random.default_rng(seed).uniform(-14, 14, 5)).tolist()
+        levels = _scaled(random_hierarchy(seed, 5, SIZES), units, units)
+        solution = solver.solve(levels)
+        assert not solution.status.exact or _is_proven(solution, levels, units), seed
+
+
+@pytest.mark.parametrize("solver", ACTIVE_SETS)
+def test_noise_that_asks_for_nothing_leaves_a_result_exact(solver: LexicographicActiveSet) -> None:
+    noise = Level(jacobian=[[1e-16, 1e-17]], lower=0.0, upper=0.0)
+    solution = solver.solve([Level(jacobian=[[1.0, 0.0]], lower=1.0, upper=1.0), noise])
+    assert solution.status.exact
+    np.testing.assert_allclose(solution.v, [1.0, 0.0], atol=1e-15)
 
 
 def test_factors_of_two_change_no_digit() -> None:

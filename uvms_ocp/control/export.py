@@ -32,6 +32,7 @@ class TickStatus(IntEnum):
     SHORTENED = 1
     BRAKED = 2
     INVALID_INPUT = 3
+    INCOMPLETE = 4
 
     @property
     def meaning(self) -> str:
@@ -41,6 +42,7 @@ class TickStatus(IntEnum):
             "the lowest levels were given up, those above are at their optimum; Python may find more by its cascade",
             "no level could be solved: the velocity of the tick before, one tick nearer to rest",
             "NaN, a Jacobian of 1e15 or more, or lower > upper: the velocity of the tick before, one tick nearer to rest",
+            "rows 1e13 times smaller than others ask for something and are left out; the others are at their optimum",
         )[self]
 
 
@@ -130,8 +132,7 @@ def _header(problem: LevelsProblem, levels: ca.Function) -> str:
         "SZ_W": max(1, levels.sz_w()),
         "N_LEVELS": len(problem.sizes),
         "PREVIOUS": names.index("previous"),
-        "CORE_SOLVED": Outcome.SOLVED.value,
-        "CORE_INVALID": Outcome.INVALID.value,
+        **{f"CORE_{outcome.name}": outcome.value for outcome in Outcome},
     }
     step = np.minimum(problem.step, _FINITE)
     inputs = ", ".join(f"{name} ({size})" for name, size in zip(names, sizes, strict=True))

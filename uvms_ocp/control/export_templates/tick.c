@@ -22,7 +22,7 @@ static int shorten(const double **rows, double **solution, double gate[TICK_N_RO
   for (int level = TICK_N_LEVELS - 1; level > 0; --level) {
     for (int row = TICK_LEVEL_ENDS[level - 1]; row < TICK_LEVEL_ENDS[level]; ++row) gate[row] = 0;
     lexls(arg, solution, 0, 0, 0);
-    if (solution[2][0] == TICK_CORE_SOLVED) return TICK_SHORTENED;
+    if (solution[2][0] == TICK_CORE_SOLVED || solution[2][0] == TICK_CORE_INCOMPLETE) return TICK_SHORTENED;
   }
   return TICK_BRAKED;
 }
@@ -41,6 +41,8 @@ int tick(const double *const in[TICK_N_IN], double active_set[TICK_N_ROWS], doub
   if (levels(arg, res, iw, w, 0) == 0) lexls(rows, solution, 0, 0, 0);
   if (report[0] == TICK_CORE_SOLVED)
     status = TICK_SOLVED;
+  else if (report[0] == TICK_CORE_INCOMPLETE)
+    status = TICK_INCOMPLETE;
   else if (report[0] != TICK_CORE_INVALID)
     status = shorten(rows, solution, gate);
   if (status == TICK_BRAKED || status == TICK_INVALID_INPUT) brake(in[TICK_PREVIOUS], v);

@@ -124,17 +124,30 @@ def _other(model: StageModel, member: Member, given: Term) -> InvalidInput:
 
 
 def _differences(built: object, given: object, path: str = "") -> Iterator[str]:
-    """Names of the fields that differ, those of fields in their fields too."""
+    """Names of what differs: fields, those of fields in their fields too, and whatever else an instance carries."""
     if type(built) is not type(given):
         yield f"{path or 'kind'} ({type(given).__name__}, not {type(built).__name__})"
         return
-    for field in fields(built):  # type: ignore[arg-type]
-        one, other = getattr(built, field.name), getattr(given, field.name)
-        name = f"{path}.{field.name}" if path else field.name
+    for attribute in {**_attributes(built), **_attributes(given)}:
+        one, other = getattr(built, attribute, None), getattr(given, attribute, None)
+        name = f"{path}.{attribute}" if path else attribute
         if is_dataclass(one) and one is not other:
             yield from _differences(one, other, name)
         elif not _same(one, other):
             yield name
+
+
+def _attributes(value: object) -> dict[str, None]:
+    """Names of all that an instance carries: a user's class need not be a dataclass all the way down."""
+    slots = (name for kind in type(value).__mro__ for name in _slots(kind))
+    own = [*(field.name for field in fields(value)), *slots, *getattr(value, "__dict__", ())]  # type: ignore[arg-type]
+    return dict.fromkeys(name for name in own if hasattr(value, name))
+
+
+def _slots(kind: type) -> tuple[str, ...]:
+    slots = kind.__dict__.get("__slots__", ())
+    names = (slots,) if isinstance(slots, str) else tuple(slots)
+    return tuple(name for name in names if not name.startswith("__"))
 
 
 def _same(one: object, other: object) -> bool:

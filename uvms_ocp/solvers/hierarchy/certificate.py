@@ -92,8 +92,11 @@ def level_excesses(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | No
 def normal_certificate(rows: NormalRows, w: Array) -> float:
     """Largest excess [-] of any level at w (n,) [-] over its residual or ``rows.unit``: what a status goes by.
 
-    The larger of both counts. The region is the default one, but no farther from w than ``TOLERANCES.reach``.
+    The larger of both counts. The region is the default one, but no farther from w than ``TOLERANCES.reach``. inf where rows
+    that count as nothing are missed.
     """
+    if rows.lost.are_missed(w * rows.velocity, rows.velocity):
+        return np.inf
     region, reach = _default_region(rows, w), TOLERANCES.reach
     region = _Region(down=np.minimum(region.down, reach), up=np.minimum(region.up, reach))
     excesses = _excesses(rows, w, region, first=_beyond_box(region))

@@ -14,7 +14,7 @@ import numpy as np
 from uvms_ocp.arrays import Array
 from uvms_ocp.solvers.hierarchy.level import Level, row_slices
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
-from uvms_ocp.solvers.intervals import excess
+from uvms_ocp.solvers.intervals import distance, excess
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -25,6 +25,31 @@ class Box:
     """(n,) [-] in normal units, -inf where no row is bounded on both sides."""
     upper: Array
     """(n,) [-] in normal units."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class LostRows:
+    """Rows that count as nothing beside the largest, as they were given."""
+
+    J: Array
+    """(k, n) [rate/velocity]"""
+    lower: Array
+    """(k,) [rate]"""
+    upper: Array
+    """(k,) [rate]"""
+
+    def are_missed(self, v: Array, velocity: float) -> bool:
+        """Whether one of them could be noticeably nearer to its bounds than at v (n,) [velocity]; velocity
+        [velocity]: its size."""
+        if not len(self.J):
+            return False
+        missed = np.abs(distance(self.J @ v, self.lower, self.upper))
+        nearer = np.minimum(missed, TOLERANCES.reach * velocity * _norms(self.J))
+        return bool((nearer > np.maximum(TOLERANCES.unnoticed, TOLERANCES.certified * missed)).any())
+
+
+NOTHING_LOST = LostRows(J=np.zeros((0, 0)), lower=np.zeros(0), upper=np.zeros(0))
+"""Where all rows count."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -48,6 +73,8 @@ class NormalRows:
     unit: float
     """[-] What counts as much of a rate: the largest that any row asks for over the largest row of all levels, at most 1. It
     is less where rows that are small beside others ask for large velocities."""
+    lost: LostRows
+    """Rows that are 0 in `J` and were not."""
 
     def levels(self) -> list[Level]:
         """The rows as levels, for a solver."""
@@ -64,7 +91,8 @@ def normal_rows(J: Array, lower: Array, upper: Array, sizes: Sequence[int]) -> N
     largest = norm.max(initial=0.0)
     real = norm > TOLERANCES.vanished * largest
     level = np.array([_power(norm[rows][real[rows]].max(initial=0.0)) for rows in row_slices(sizes)])
-    divisor = np.repeat(level, sizes)
+    divisor, lost = np.repeat(level, sizes), ~real & (norm > 0.0)
+    lost_rows = LostRows(J=J[lost], lower=lower[lost], upper=upper[lost])
     asked = _asked(lower, upper, real) / largest if largest > 0.0 else 0.0
     J = np.where(real[:, None], J / divisor[:, None], 0.0)
     lower, upper = lower / divisor, upper / divisor
@@ -81,6 +109,7 @@ def normal_rows(J: Array, lower: Array, upper: Array, sizes: Sequence[int]) -> N
         level=level,
         velocity=velocity,
         unit=min(asked / velocity, 1.0) if asked > 0.0 else 1.0,
+        lost=lost_rows,
     )
 
 

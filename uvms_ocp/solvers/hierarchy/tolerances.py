@@ -17,6 +17,8 @@ class Tolerances:
     overflow."""
     vanished: float = 1e-13
     """[-] Of the largest row: smaller rows are what is left of a cancellation, and count as nothing."""
+    unnoticed: float = 1e-12
+    """[rate] A row that counts as nothing and can change its rate by less is missed by nobody."""
     small_square: float = 1e-200
     """[rate^2/velocity^2] A sum of squares from here on has lost digits to underflow."""
 

@@ -18,6 +18,8 @@ class Outcome(IntEnum):
     """All signs are right, but that is not certified."""
     INVALID = 4
     """Rows that no solver takes."""
+    INCOMPLETE = 5
+    """Certified but for rows that count as nothing beside the largest, and could be nearer to their bounds."""
 
 
 class RowState(IntEnum):

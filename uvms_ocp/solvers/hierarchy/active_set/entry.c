@@ -26,14 +26,35 @@ static int is_valid(const double *const *arg) {
   return 1;
 }
 
-/* `gated` of gated_rows.py for one row. */
+/* By how much `gated` of gated_rows.py moves the bounds of a row whose entries have the sum `range`. */
+static double width_of(double range, double gate) {
+  return gate >= 1 ? 0 : gate > 0 ? range * (sqrt(1 - gate) / sqrt(gate)) : INFINITY;
+}
+
 static void gate_bounds(Work *k, int row, double gate) {
   if (gate >= 1) return;
   double range = 0;
   for (int c = 0; c < N; ++c) range += fabs(k->a[row][c]);
-  double width = gate > 0 ? range * (sqrt(1 - gate) / sqrt(gate)) : INFINITY;
+  double width = width_of(range, gate);
   k->lower[row] -= width;
   k->upper[row] += width;
+}
+
+/* `LostRows.are_missed` of scaling.py; v as given. */
+static int are_missed(const Work *k, const double *const *arg, const double *v) {
+  for (int row = 0; row < M; ++row) {
+    if (k->lost[row] == 0) continue;
+    double y = 0, range = 0;
+    for (int c = 0; c < N; ++c) {
+      double entry = arg[JACOBIAN][c * M + row];
+      y += entry * v[c], range += fabs(entry);
+    }
+    double width = width_of(range, arg[GATE][row]);
+    double below = arg[LOWER_BOUND][row] - width - y, above = y - arg[UPPER_BOUND][row] - width;
+    double missed = larger(larger(below, above), 0), nearer = smaller(missed, REACH * k->velocity * k->lost[row]);
+    if (nearer > larger(UNNOTICED, CERTIFIED * missed)) return 1;
+  }
+  return 0;
 }
 
 /* The rows, gated, in normal units; nothing is known of any run. */
@@ -108,6 +129,7 @@ EXPORT int lexls(const double **arg, double **res, casadi_int *iw, double *w, in
       memset(k.v, 0, sizeof(k.v));
       report[0] = LIMIT;
     }
+    if (report[0] == SOLVED && are_missed(&k, arg, k.v)) report[0] = INCOMPLETE;
     if (res[VELOCITY]) memcpy(res[VELOCITY], k.v, sizeof(k.v));
     for (int row = 0; res[ACTIVE_SET_OUT] && row < M; ++row) res[ACTIVE_SET_OUT][row] = k.state[row];
     if (res[RESIDUAL]) write_residual(k.v, arg, res[RESIDUAL]);
@@ -116,7 +138,7 @@ EXPORT int lexls(const double **arg, double **res, casadi_int *iw, double *w, in
   return 0;
 }
 
-/* J (M, N) column-major, lower, upper, gate, v -> `normal_certificate` of certificate.py, infinite for invalid rows. */
+/* J (M, N) column-major, lower, upper, gate, v -> `normal_certificate` of certificate.py, infinite for invalid rows too. */
 EXPORT int lexls_certificate(const double **arg, double **res, casadi_int *iw, double *w, int mem) {
   static _Thread_local Work k;
   (void)iw, (void)w, (void)mem;
@@ -125,7 +147,7 @@ EXPORT int lexls_certificate(const double **arg, double **res, casadi_int *iw, d
   if (!is_valid(arg)) return 0;
   load(&k, arg);
   for (int c = 0; c < N; ++c) k.v[c] = arg[GIVEN_VELOCITY][c] / k.velocity;
-  if (is_finite(k.v)) res[0][0] = certificate(&k);
+  if (is_finite(k.v) && !are_missed(&k, arg, arg[GIVEN_VELOCITY])) res[0][0] = certificate(&k);
   return 0;
 }
 

@@ -13,6 +13,8 @@ static const int SIZES[L] = {LEVEL_SIZES};
 typedef struct {
   /* In normal units; v as given is `velocity` times v. */
   double a[M][N], lower[M], upper[M], norm[M], tolerance[M], box[2][N], velocity, unit;
+  /* Size of the rows, as given, that count as nothing; 0 of all others. */
+  double lost[M];
   int state[M];
   double t[M][N], reflector[N][N], beta[N], slack[M];
   int order[M], first[L + 1], column[L + 1];

@@ -19,7 +19,7 @@ from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
 from uvms_ocp.solvers.hierarchy.certificate import normal_certificate
 from uvms_ocp.solvers.hierarchy.gated_rows import gated, is_valid, residual
 from uvms_ocp.solvers.hierarchy.level import row_slices
-from uvms_ocp.solvers.hierarchy.scaling import NormalRows, normal_rows
+from uvms_ocp.solvers.hierarchy.scaling import NOTHING_LOST, NormalRows, normal_rows
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.solvers.hierarchy.tick import TickResult
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
@@ -27,7 +27,12 @@ from uvms_ocp.solvers.intervals import distance
 
 _result = trusted(TickResult)
 
-_STATUS = {(Outcome.SOLVED, 0): Status.SOLVED, (Outcome.SOLVED, 1): Status.COLD_STARTED}
+_STATUS = {
+    (Outcome.SOLVED, 0): Status.SOLVED,
+    (Outcome.SOLVED, 1): Status.COLD_STARTED,
+    (Outcome.INCOMPLETE, 0): Status.INEXACT,
+    (Outcome.INCOMPLETE, 1): Status.INEXACT,
+}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -102,8 +107,11 @@ class ActiveSetTick:
         v, status, missed = np.zeros(J.shape[1]), Status.INVALID_INPUT, np.zeros(len(lower))
         if is_valid(J, lower, upper, gate):
             rows = normal_rows(J, *gated(J, lower, upper, gate), self._functions.sizes)
-            run = self._chain(rows, start + self._functions.time_limit)
+            # No run gets hold of what is lost.
+            run = self._chain(replace(rows, lost=NOTHING_LOST), start + self._functions.time_limit)
             self._active_set, status, v = run.active_set, run.status, run.w * rows.velocity
+            if rows.lost.are_missed(v, rows.velocity):
+                status = Status.INEXACT
             if not (np.abs(v) < TOLERANCES.endless).all():
                 v, status = np.zeros_like(v), Status.INEXACT
             missed = residual(J, v, lower, upper, gate)

@@ -36,6 +36,7 @@ static double divide_levels(Work *k) {
   for (int level = 0, begin = 0; level < L; begin += SIZES[level++]) {
     double size = 0;
     for (int row = begin; row < begin + SIZES[level]; ++row) {
+      k->lost[row] = k->norm[row] <= VANISHED * largest ? k->norm[row] : 0;
       if (k->norm[row] <= VANISHED * largest) memset(k->a[row], 0, sizeof(k->a[row])), k->norm[row] = 0;
       else size = larger(k->norm[row], size), asked = larger(asked_by(k, row), asked);
     }
