@@ -39,8 +39,10 @@ class LostRows:
     """(k,) [rate]"""
 
     def are_missed(self, v: Array, velocity: float) -> bool:
-        """Whether one of them could be noticeably nearer to its bounds than at v (n,) [velocity]; velocity
-        [velocity]: its size."""
+        """Whether one of them could be noticeably nearer to its bounds than at v (n,) [velocity].
+
+        velocity [velocity]: the size of velocities.
+        """
         if not len(self.J):
             return False
         missed = np.abs(distance(self.J @ v, self.lower, self.upper))
