@@ -186,6 +186,14 @@ def test_every_figure_report_and_scene_works_from_a_plan_of_0_1(name: str, tmp_p
         summarize(record)
 
 
+EVENT = {"t": 1.0, "source": "A", "target": "B", "reason": "near"}
+
+
+def changed(**fields: Any) -> str:
+    """The metadata of the run of 0.1, some of them others."""
+    return json.dumps(raw(RUN) | fields)
+
+
 DAMAGES = [
     ("{", "metadata that is no JSON"),
     ("[]", "metadata that is a list; allowed: an object"),
@@ -210,6 +218,23 @@ DAMAGES = [
     (json.dumps(raw(RUN) | {"floor": {"x": [0, 1], "y": [1, 0], "z": []}}), "x and y of a floor ascend"),
     (json.dumps(raw(RUN) | {"floor": {"x": [0, 1], "y": [0, 1], "z": [[1, 2]]}}), "2 rows of 2 heights"),
     (json.dumps(raw(RUN) | {"remark": "x"}), "remark: unknown key"),
+    (changed(events=raw(RUN)["events"][::-1]), "leads from 'C' to 'D'; the mission was in 'A'"),
+    (
+        changed(events=[EVENT, EVENT | {"source": "B", "target": "A"}]),
+        "after one at 1 s; events stand in order of time",
+    ),
+    (changed(events=[EVENT | {"target": "Q"}]), "an event at 1 s leads from 'A' to 'Q'; the mission was in 'A'"),
+    (changed(events=[EVENT | {"target": "done"}, EVENT | {"t": 2.0}]), "from 'A' to 'B'; the mission was in 'done'"),
+    (changed(phases=[{"name": "A"}, {"name": "A"}]), "two phases are called 'A'"),
+    (changed(phases=[{"name": "A"}, {"name": "abort"}]), "two phases are called 'abort'"),
+    (changed(dt=0.0), "dt: given 0.0; allowed: greater than or equal to 0.000000001"),
+    (
+        changed(thresholds=[{"phase": "A", "quantity": "x", "limit": math.nan, "sign": "<"}]),
+        "thresholds.0.limit: given nan",
+    ),
+    (changed(frames={"goal": [0.0] * 7}), "has norm 1, not 0"),
+    (changed(markers={"x": [0.0, 0.0, 1e308]}), "surroundings.markers.0.position.2: given 1e+308"),
+    (json.dumps(raw(PLANS[0]) | {"axis_limits": {"x_rate": [1.0]}}), "axis_limits have one number for each of 11 axes"),
     (json.dumps(raw(PLANS[0]) | {"min_clearance": [1, 2]}), "min_clearance: given"),
 ]
 

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from itertools import pairwise
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
-from uvms_ocp.obstacle_data import ObstacleData
+from uvms_ocp.obstacle_data import ObstacleData, Point
 
-Triple = tuple[float, float, float]
-Septuple = tuple[float, float, float, float, float, float, float]
+DONE, ABORT = "done", "abort"
+"""Where a mission ends: as wanted, or given up."""
+LARGEST = 1e30
+"""What reports and figures reckon with: its square is finite, and single precision, which scenes are kept in, holds it."""
+Number = Annotated[FiniteFloat, Field(ge=-LARGEST, le=LARGEST)]
+NEARLY_ONE = 1e-3
+"""By how much the norm of a stored unit quaternion may differ from 1."""
 
 
 class MetaValue(BaseModel):
@@ -33,7 +40,7 @@ class ConditionMeta(MetaValue):
 
     quantity: str
     """``task.quantity``"""
-    limit: float
+    limit: Number
     """[m] or [rad], as the quantity."""
     sign: Literal["<", ">"]
 
@@ -54,7 +61,7 @@ class MetConditionMeta(ConditionMeta):
 class EventMeta(MetaValue):
     """Why a phase ended."""
 
-    t: float
+    t: Number
     """[s]"""
     source: str
     target: str
@@ -75,7 +82,7 @@ class EventMeta(MetaValue):
 class AlarmMeta(MetaValue):
     """What the watchdog said."""
 
-    t: float
+    t: Number
     """[s]"""
     text: str
 
@@ -101,7 +108,7 @@ class LevelMeta(MetaValue):
     """A level of the hierarchy; its rows follow those of the level above."""
 
     name: str
-    rows: int
+    rows: Annotated[int, Field(ge=0)]
 
 
 class LimitsMeta(MetaValue):
@@ -144,15 +151,22 @@ class FrameMeta(MetaValue):
     """A pose to draw."""
 
     name: str
-    pose: Septuple
+    pose: tuple[Number, Number, Number, Number, Number, Number, Number]
     """(7,) X_WF: p_WF [m] and quaternion xyzw [-]."""
+
+    @model_validator(mode="after")
+    def _turns(self) -> FrameMeta:
+        norm = math.hypot(*self.pose[3:])
+        if abs(norm - 1.0) > NEARLY_ONE:
+            raise ValueError(f"the quaternion of a pose, its last four numbers, has norm 1, not {norm:g}")
+        return self
 
 
 class MarkerMeta(MetaValue):
     """A point to draw."""
 
     name: str
-    position: Triple
+    position: Point
     """(3,) [m] in W."""
 
 
@@ -166,9 +180,9 @@ class PackageMeta(MetaValue):
 class ClearanceMeta(MetaValue):
     """The smallest distance along a plan."""
 
-    t: float
+    t: Number
     """[s]"""
-    distance: float
+    distance: Number
     """[m]; negative in collision."""
     between: str
     """The two shapes."""
@@ -177,11 +191,11 @@ class ClearanceMeta(MetaValue):
 class FloorRelief(MetaValue):
     """Heights of a rectangle of the floor, on a grid."""
 
-    x: tuple[float, ...]
+    x: tuple[Number, ...]
     """(n,) [m] in W, ascending."""
-    y: tuple[float, ...]
+    y: tuple[Number, ...]
     """(m,) [m] in W, ascending."""
-    z: tuple[tuple[float, ...], ...]
+    z: tuple[tuple[Number, ...], ...]
     """(m, n) [m] in W."""
 
     @model_validator(mode="after")
@@ -201,7 +215,16 @@ class SurroundingsMeta(MetaValue):
     """Such as goals."""
     markers: tuple[MarkerMeta, ...] = ()
     obstacles: tuple[ObstacleData, ...] = ()
-    floor_z: float | None = None
+    floor_z: Number | None = None
     """[m] height of the floor in W, below the start."""
     floor: FloorRelief | None = None
     """The floor around the way where it is not flat."""
+
+
+def require_once(what: str, names: Iterable[str]) -> None:
+    """Raise `ValueError` for two of one name."""
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise ValueError(f"two {what} are called {name[:60]!r}")
+        seen.add(name)

@@ -11,13 +11,12 @@ import numpy as np
 
 from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.record_checks import check_series
 from uvms_ocp.run_meta import PlanMeta, RunMeta, read_meta, write_meta
 from uvms_ocp.untrusted.array_file import read_arrays
 from uvms_ocp.validation import shown
 
 _META_KEY = "__meta__"
-_AXES = ("x", "x_rate", "x_acceleration", "x_jerk", "x_snap")
-_FINITE = ("q", "v", "command", *_AXES)
 
 
 @checked
@@ -73,7 +72,7 @@ class Record:
             arrays = dict(read_arrays(path))
             text = _text_of(arrays)
             record = Record(series=arrays, meta=read_meta(text))
-            _check_series(record)
+            check_series(record.series, record.meta)
         except InvalidInput as error:
             raise InvalidInput(f"{shown(path)}: not a record written by uvms_ocp: {error}") from error
         return record
@@ -89,64 +88,6 @@ def _text_of(arrays: dict[str, np.ndarray]) -> str:
     if text.dtype.kind != "U" or text.shape != ():
         raise InvalidInput(f"metadata of shape {text.shape} and type {text.dtype}; allowed: one text")
     return str(text)
-
-
-def _check_series(record: Record) -> None:
-    """Raise `InvalidInput` where the series of a file are not what `Record` promises."""
-    series = record.series
-    if "t" not in series:
-        raise InvalidInput("no series 't'")
-    t = series["t"]
-    if t.dtype.kind != "f" or t.ndim != 1 or not t.size or not np.isfinite(t).all() or (np.diff(t) <= 0.0).any():
-        raise InvalidInput(
-            f"times t of shape {t.shape}; allowed: one or more [s], finite, each later than the one before"
-        )
-    for name, array in series.items():
-        if array.ndim not in (1, 2) or len(array) != len(t) or array.dtype.kind == "U":
-            raise InvalidInput(
-                f"series {name!r} is {array.dtype} of shape {array.shape}; allowed: numbers for {len(t)} times"
-            )
-        if name in _FINITE and not np.isfinite(array).all():
-            raise InvalidInput(
-                f"series {name!r} has NaN or infinity at t = {_first_wrong(t, array):g} s; record it anew"
-            )
-    _check_widths(record)
-    _check_numbers(record)
-    for event in record.meta.events if isinstance(record.meta, RunMeta) else ():
-        if not t[0] <= event.t <= t[-1]:
-            raise InvalidInput(f"an event at {event.t:g} s; allowed: {t[0]:g} to {t[-1]:g} s, the times of the record")
-
-
-def _first_wrong(t: np.ndarray, array: np.ndarray) -> float:
-    return float(t[np.argmin(np.isfinite(array).reshape(len(t), -1).all(axis=1))])
-
-
-def _check_widths(record: Record) -> None:
-    meta, joints = record.meta, len(record.meta.joints)
-    rows = sum(level.rows for level in meta.levels)
-    wanted = {"gates": len(meta.tasks), "activity": rows, "residual": rows, "quantities": len(meta.quantities)}
-    if isinstance(meta, PlanMeta):
-        wanted |= {name: len(meta.axes) for name in _AXES} | {"clearance": len(meta.clearance_groups)}
-    if meta.limits is not None:
-        wanted |= {"v": len(meta.limits.velocity), "torque": len(meta.limits.effort)}
-    for name in sorted(record.series.keys() & {*wanted, "q", "v"}):
-        shape = record[name].shape
-        width = wanted.get(name)
-        if len(shape) != 2 or (width is not None and shape[1] != width) or (name in ("q", "v") and shape[1] < joints):
-            columns = f"{joints} or more" if width is None else width
-            raise InvalidInput(f"series {name!r} has shape {shape}; its metadata allow {shape[0]} rows of {columns}")
-
-
-def _check_numbers(record: Record) -> None:
-    meta = record.meta
-    counted = {"phase": len(meta.phases)} | ({"status": len(meta.statuses)} if isinstance(meta, RunMeta) else {})
-    for name, n in counted.items():
-        if n and name in record.series:
-            values = record[name]
-            if values.dtype.kind not in "iu" or values.ndim != 1 or values.min() < 0 or values.max() >= n:
-                raise InvalidInput(
-                    f"series {name!r} counts what the metadata do not have; allowed: whole numbers below {n}"
-                )
 
 
 @checked

@@ -8,11 +8,14 @@ from __future__ import annotations
 import json
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 
 from uvms_ocp.arguments.kinds import short
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.meta_values import (
+    ABORT,
+    DONE,
+    LARGEST,
     AlarmMeta,
     AxisLimitsMeta,
     ClearanceMeta,
@@ -20,15 +23,19 @@ from uvms_ocp.meta_values import (
     LevelMeta,
     LimitsMeta,
     MetaValue,
+    Number,
     PackageMeta,
     PhaseMeta,
     QuantityMeta,
     SurroundingsMeta,
     TaskMeta,
     ThresholdMeta,
+    require_once,
 )
 from uvms_ocp.validation import one_line
 
+SHORTEST_TICK = 1e-9
+"""[s] between two rows: what times are told apart by."""
 VERSION: Final = "0.2"
 """Of the format; 0.1 had neither a version nor a kind, and is still read."""
 
@@ -58,6 +65,13 @@ class RecordMeta(MetaValue):
     packages: tuple[PackageMeta, ...] = ()
     """Versions of what computed the record."""
 
+    @model_validator(mode="after")
+    def _has_names_of_one_meaning(self) -> RecordMeta:
+        require_once("phases", [DONE, ABORT, *(phase.name for phase in self.phases)])
+        require_once("tasks", (task.name for task in self.tasks))
+        require_once("quantities", self.quantities)
+        return self
+
 
 class RunMeta(RecordMeta):
     """Of a run: a mission, simulated tick by tick."""
@@ -67,7 +81,7 @@ class RunMeta(RecordMeta):
     solver: str
     floating: bool
     """Whether q begins with the pose of a vehicle."""
-    dt: float
+    dt: Annotated[float, Field(ge=SHORTEST_TICK, le=LARGEST)]
     """[s] control period."""
     completed: bool
     """Whether every phase came to its end."""
@@ -83,8 +97,19 @@ class RunMeta(RecordMeta):
     """Words for the numbers of the series ``status``."""
     seed: int = 0
     noise: bool = False
-    wall_s: float = 0.0
+    wall_s: Number = 0.0
     """[s] that the simulation took."""
+
+    @model_validator(mode="after")
+    def _goes_from_phase_to_phase(self) -> RunMeta:
+        known, here, t = {phase.name for phase in self.phases}, self.phases[0].name, -LARGEST
+        for event in self.events:
+            if event.source != here or here in (DONE, ABORT) or event.target not in {*known, DONE, ABORT}:
+                raise ValueError(f"an event at {event.t:g} s leads {_way(event)}; the mission was in {here[:60]!r}")
+            if event.t <= t:
+                raise ValueError(f"an event at {event.t:g} s after one at {t:g} s; events stand in order of time")
+            here, t = event.target, event.t
+        return self
 
     @property
     def allowance(self) -> dict[str, float]:
@@ -96,6 +121,10 @@ class RunMeta(RecordMeta):
         return next((item.value for item in self.true_quantities if item.name == name), None)
 
 
+def _way(event: EventMeta) -> str:
+    return f"from {event.source[:60]!r} to {event.target[:60]!r}"
+
+
 class PlanMeta(RecordMeta):
     """Of a plan: a motion that no one has made yet."""
 
@@ -103,14 +132,23 @@ class PlanMeta(RecordMeta):
     axes: tuple[str, ...]
     """Planned axes, one per column of the series ``x``."""
     axis_limits: AxisLimitsMeta
-    breaks: tuple[float, ...]
+    breaks: tuple[Number, ...]
     """[s] where the pieces of the trajectory meet, both ends included."""
-    clearance_wanted: float
+    clearance_wanted: Number
     """[m]"""
     clearance_groups: tuple[str, ...] = ()
     """What the columns of the series ``clearance`` are the distance from."""
     min_clearance: ClearanceMeta | None = None
     """The smallest distance met; `None` where nothing can meet."""
+
+    @model_validator(mode="after")
+    def _limits_each_axis(self) -> PlanMeta:
+        n = len(self.axes)
+        given = (self.axis_limits.x_rate, self.axis_limits.x_acceleration)
+        if any(limits is not None and len(limits) != n for limits in given):
+            raise ValueError(f"axis_limits have one number for each of {n} axes")
+        require_once("axes", self.axes)
+        return self
 
 
 _KINDS: dict[str, type[RunMeta] | type[PlanMeta]] = {"run": RunMeta, "plan": PlanMeta}

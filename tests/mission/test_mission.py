@@ -165,6 +165,16 @@ def test_unknown_names_in_a_mission_are_refused(phases: tuple[Phase, ...], messa
         Mission(hierarchy=Hierarchy([HorizontalAttitude(), NullVelocity()]), phases=phases)
 
 
+@pytest.mark.parametrize("name", ["A", DONE, ABORT])
+def test_phases_of_one_name_or_called_like_an_end_are_refused(name: str) -> None:
+    """Records tell phases by their names."""
+    with pytest.raises(InvalidInput, match=f"phase '{name}'; give each a name of its own, and not 'done' or 'abort'"):
+        Mission(
+            hierarchy=Hierarchy([HorizontalAttitude()]),
+            phases=(phase("A", DONE, {"HA": 1.0}), phase(name, DONE, {"HA": 1.0})),
+        )
+
+
 def adrift(limit: float = 0.5, release: float | None = None, hold: float = 0.0, retries: int | None = None) -> Mission:
     """Phase B leads back to A where the tilt exceeds `limit`."""
     back = Transition(

@@ -77,6 +77,21 @@ def test_the_table_has_every_change_and_the_whole_run(record: Record) -> None:
     assert change["jerk_rms"] == pytest.approx(0.4 / DT**2 * np.sqrt(2 / 10))
 
 
+def test_a_step_back_is_named_after_the_phase_that_it_left(record: Record) -> None:
+    phases = tuple(PhaseMeta(name=name) for name in "ABC")
+    phase = np.repeat([0, 2, 1], [10, 10, 21])
+    again = Record(series={**record.series, "phase": phase}, meta=record.meta.model_copy(update={"phases": phases}))
+    assert [row["change"] for row in transition_table({"one": again})] == ["A-C", "C-B", "all"]
+
+
+def test_an_axis_that_may_not_move_has_no_share(record: Record) -> None:
+    assert record.meta.limits is not None
+    still = record.meta.limits.model_copy(update={"acceleration": (0.0, 2.0)})
+    series = transition_series(replace(record, meta=record.meta.model_copy(update={"limits": still})))
+    assert series["step"][10] == 0.0
+    assert series["step"].max() == pytest.approx(2.0)
+
+
 def test_the_figure_has_one_line_for_every_run(record: Record) -> None:
     series = transition_series(record)
     figure = figure_transitions({"one": series, "two": series})

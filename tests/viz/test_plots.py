@@ -19,6 +19,8 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.record import Record
 from uvms_ocp.run_meta import RunMeta
 from uvms_ocp.viz.activation_figures import figure_activations
+from uvms_ocp.viz.comparison import figure_joint_comparison
+from uvms_ocp.viz.efforts import figure_efforts
 from uvms_ocp.viz.motion_figures import figure_velocities
 from uvms_ocp.viz.quantity_figures import figure_altitude, figure_errors
 from uvms_ocp.viz.run_figures import FIGURES, write_figures
@@ -138,6 +140,41 @@ def test_pyplot_is_never_imported() -> None:
 def test_a_record_without_motion_says_so(robot: Robot, tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="1 rows; at least 2"):
         write_figures(synthetic_record(robot, duration=0.0), tmp_path)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_every_figure_of_one_row_says_so(name: str, robot: Robot) -> None:
+    with pytest.raises(InvalidInput, match="1 rows; at least 2"):
+        FIGURES[name](synthetic_record(robot, duration=0.0))
+
+
+def test_an_altitude_without_any_echo_is_not_drawn(record: Record) -> None:
+    for unknown in (np.nan, np.inf):
+        quantities = record["quantities"].copy()
+        quantities[:, record.meta.quantities.index("LA.altitude")] = unknown
+        assert figure_altitude(replace(record, series={**record.series, "quantities": quantities})) is None
+
+
+def test_an_altitude_with_some_echoes_is_drawn(record: Record) -> None:
+    quantities = record["quantities"].copy()
+    quantities[::2, record.meta.quantities.index("LA.altitude")] = np.inf
+    assert figure_altitude(replace(record, series={**record.series, "quantities": quantities})) is not None
+
+
+def test_joints_of_another_robot_are_not_compared(record: Record) -> None:
+    other = replace(record, meta=record.meta.model_copy(update={"joints": tuple("abcdefg")}))
+    for records in ({"one": record, "two": other}, {}):
+        with pytest.raises(
+            InvalidInput, match=f"{len(records)} runs to compare; give one or more with the same joints"
+        ):
+            figure_joint_comparison(records)
+
+
+def test_a_joint_of_several_axes_has_its_torques_by_number(record: Record) -> None:
+    joints = record.meta.joints[:-1]
+    figure = figure_efforts(replace(record, meta=record.meta.model_copy(update={"joints": joints})))
+    assert figure is not None
+    assert [text.get_text() for text in figure.axes[1].get_legend().get_texts()] == list("1234567")
 
 
 def test_a_folder_that_is_a_file_is_an_output_error(record: Record, tmp_path: Path) -> None:

@@ -9,9 +9,8 @@ from typing import ClassVar, TypeAlias
 
 from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
-
-DONE, ABORT = "done", "abort"
-"""Where a mission ends: as wanted, or given up."""
+from uvms_ocp.meta_values import ABORT as ABORT
+from uvms_ocp.meta_values import DONE as DONE
 
 
 @checked

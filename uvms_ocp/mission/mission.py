@@ -46,6 +46,7 @@ class Mission:
             raise InvalidInput("mission without phases; give at least one")
         if not (math.isfinite(self.ramp) and self.ramp >= 0):
             raise InvalidInput(f"mission: ramp = {self.ramp} s; give a finite time >= 0")
+        self._check_names()
         self._check_targets()
         object.__setattr__(self, "_targets", np.array([self._gates_of(phase) for phase in self.phases]))
         object.__setattr__(self, "_tasks", tuple(self._tasks_of(phase) for phase in self.phases))
@@ -173,6 +174,11 @@ class Mission:
             index = self.hierarchy.index(name)
             tasks[index] = tasks[index].with_goal(goal)
         return tuple(tasks)
+
+    def _check_names(self) -> None:
+        for name in self.phase_names:
+            if name in (DONE, ABORT) or self.phase_names.count(name) > 1:
+                raise InvalidInput(f"phase {name!r}; give each a name of its own, and not {DONE!r} or {ABORT!r}")
 
     def _check_targets(self) -> None:
         for phase in self.phases:

@@ -100,4 +100,5 @@ def _share(record: Record, name: str, limits: tuple[float, ...] | None, rows: sl
         return None
     bounds = np.array(limits)
     limited = bounds > 0.0
-    return float((np.abs(record[name][rows][:, limited]) / bounds[limited]).max(initial=0.0))
+    with np.errstate(over="ignore"):  # a limit may be as small as it likes
+        return float((np.abs(record[name][rows][:, limited]) / bounds[limited]).max(initial=0.0))

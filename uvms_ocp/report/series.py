@@ -13,7 +13,7 @@ from uvms_ocp.record import quantity as quantity
 def max_velocity_step(record: Record) -> float:
     """Largest change of any component of the command in one tick, from rest at the start."""
     steps = np.diff(record["command"], axis=0, prepend=np.zeros((1, record["command"].shape[1])))
-    return float(np.abs(steps).max())
+    return float(np.abs(steps).max(initial=0.0))
 
 
 def quantities_at(record: Record, t: float) -> dict[str, float]:

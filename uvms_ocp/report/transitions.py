@@ -27,12 +27,13 @@ def transition_series(record: Record) -> dict[str, np.ndarray]:
     """
     dt, limits = record.run_meta.dt, _acceleration(record)
     change = np.diff(record["command"], axis=0, prepend=0.0)
+    limited = limits > 0.0  # what may not move at all has no share
     second = np.diff(change, axis=0, prepend=0.0)
     starts = np.flatnonzero(np.diff(record["phase"])) + 1
     return {
         "t": record["t"],
-        "step": (np.abs(change) / (limits * dt)).max(axis=1),
-        "jerk": np.abs(second).max(axis=1) / dt**2,
+        "step": (np.abs(change[:, limited]) / dt / limits[limited]).max(axis=1, initial=0.0),
+        "jerk": np.abs(second).max(axis=1, initial=0.0) / dt**2,
         "lost": _lost(record),
         "changes": record["t"][starts],
     }
@@ -57,7 +58,8 @@ def _rows(name: str, record: Record) -> list[dict[str, Any]]:
     series, phases = transition_series(record), [phase.name for phase in record.meta.phases]
     t = series["t"]
     windows = [(float(start), (t >= start) & (t < start + WINDOW)) for start in series["changes"]]
-    labels = [f"{phases[record['phase'][rows][0] - 1]}-{phases[record['phase'][rows][0]]}" for _, rows in windows]
+    first = [int(np.argmax(rows)) for _, rows in windows]
+    labels = ["-".join(phases[record["phase"][row]] for row in (start - 1, start)) for start in first]
     spans = [*zip(labels, windows, strict=True), ("all", (float(t[-1]), np.full(len(t), True)))]
     return [
         {
@@ -80,6 +82,6 @@ def _lost(record: Record) -> np.ndarray:
         end = start + level.rows
         if level.name in above:
             on = record["gates"][:, above[level.name]] >= 1.0
-            lost = np.maximum(lost, on * np.linalg.norm(record["residual"][:, start:end], axis=1))
+            lost = np.maximum(lost, np.where(on, np.linalg.norm(record["residual"][:, start:end], axis=1), 0.0))
         start = end
     return lost

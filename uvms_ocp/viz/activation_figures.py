@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 from uvms_ocp.arguments import checked
 from uvms_ocp.meta_values import TaskMeta
 from uvms_ocp.record import Record
-from uvms_ocp.viz.series import phase_spans, task_activity, task_gate
+from uvms_ocp.viz.series import axis_names, phase_spans, task_activity, task_gate
 from uvms_ocp.viz.style import BLUE, VERMILLION, heading_legend, shade_phases, shown, stacked, styled
 
 
@@ -51,7 +51,8 @@ def figure_row_activations(record: Record, task: str = "JL") -> Figure | None:
     if rows is None or not rows.shape[1]:
         return None
     figure, axes = stacked(rows.shape[1], 0.5, f"Activation of the rows of {shown(task)}")
-    names = _row_names(record, task, rows.shape[1])
+    n = rows.shape[1]
+    names = [task] if n == 1 and len(record.meta.joints) != 1 else axis_names(record, n)
     gate = task_gate(record, task)
     for axis, name, row in zip(axes, names, rows.T, strict=True):
         axis.fill_between(record["t"], row, color=BLUE, alpha=0.25, lw=0)
@@ -63,13 +64,6 @@ def figure_row_activations(record: Record, task: str = "JL") -> Figure | None:
     shade_phases(axes, phase_spans(record))
     _legend(figure)
     return figure
-
-
-def _row_names(record: Record, task: str, n: int) -> list[str]:
-    joints = record.meta.joints
-    if n == len(joints):
-        return list(joints)
-    return [task] if n == 1 else [str(k + 1) for k in range(n)]
 
 
 def _legend(figure: Figure) -> None:

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from uvms_ocp.arguments import checked
-from uvms_ocp.exceptions import NameNotFound
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.record import Record
 from uvms_ocp.viz.series import n_joints, phase_spans
 from uvms_ocp.viz.style import (
@@ -37,10 +37,10 @@ _LEAST = {"step": 1e-4, "jerk": 1e-2, "lost": 1e-18}
 def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> Figure:
     """Positions of all joints during the last stay in a phase, for runs by name, over time since its start.
 
-    Raises `NameNotFound` where a run has no such phase.
+    Raises `NameNotFound` where a run has no such phase, and `InvalidInput` for no runs, and for runs that do not have the
+    same joints, of one axis each.
     """
-    first = next(iter(records.values()))
-    joints = first.meta.joints
+    joints = _joints_of(records)
     figure, axes = stacked(len(joints), 0.6, f"Joint positions in phase {shown(phase)} [rad]")
     for (_, record), color in zip(records.items(), _COLORS, strict=False):
         spans = {span.name: span for span in phase_spans(record)}
@@ -58,6 +58,14 @@ def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> 
         figure, [Line2D([], [], color=color, label=shown(name)) for name, color in zip(records, _COLORS, strict=False)]
     )
     return figure
+
+
+def _joints_of(records: Mapping[str, Record]) -> tuple[str, ...]:
+    """The names that all records have for the columns of their joints."""
+    named = {record.meta.joints if n_joints(record) == len(record.meta.joints) else () for record in records.values()}
+    if len(named) != 1 or () in named:
+        raise InvalidInput(f"{len(records)} runs to compare; give one or more with the same joints, of one axis each")
+    return named.pop()
 
 
 @checked

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
-from uvms_ocp.viz.series import has_vehicle, phase_spans
+from uvms_ocp.viz.series import axis_names, has_vehicle, phase_spans
 from uvms_ocp.viz.style import AXES_XYZ, BLUE, LINES, VERMILLION, shade_phases, shown, stacked, styled
 
 
@@ -21,8 +21,9 @@ def figure_efforts(record: Record) -> Figure | None:
     figure, axes = stacked(3, 1.5, "Thrust, torque and energy")
     for i, thrust in enumerate(record["thrust"].T):
         axes[0].plot(t, thrust, color=LINES[i % len(LINES)], lw=0.8)
-    for i, torque in enumerate(record["torque"].T):
-        axes[1].plot(t, torque, color=LINES[i % len(LINES)], lw=0.8, label=shown(record.meta.joints[i], 10))
+    names = axis_names(record, record["torque"].shape[1])
+    for i, (name, torque) in enumerate(zip(names, record["torque"].T, strict=True)):
+        axes[1].plot(t, torque, color=LINES[i % len(LINES)], lw=0.8, label=shown(name, 10))
     thrusters = record["thruster_energy"].sum(axis=1)
     unknown = " (not known)" if np.isnan(thrusters).any() else ""
     axes[2].plot(t, thrusters, color=BLUE, label=f"thrusters{unknown}")

@@ -15,6 +15,7 @@ from uvms_ocp.exceptions import plain_line
 from uvms_ocp.meta_values import ClearanceMeta
 from uvms_ocp.record import Record
 from uvms_ocp.viz.efforts import figure_efforts
+from uvms_ocp.viz.series import require_rows
 from uvms_ocp.viz.style import (
     BLACK,
     DASHES,
@@ -59,7 +60,7 @@ def figure_joint_motion(record: Record) -> Figure | None:
 @styled
 def figure_clearance(record: Record) -> Figure | None:
     """Distance from each obstacle and between links along the path, and the clearance that was wanted."""
-    if "clearance" not in record.series:
+    if "clearance" not in record.series or not record["clearance"].shape[1]:
         return None
     d, meta = record["clearance"], record.plan_meta
     wanted = meta.clearance_wanted
@@ -143,7 +144,8 @@ def _draw_limits(row: Axes, record: Record, series: str, wanted: list[int]) -> N
 
 
 def _mark_breaks(axes: list[Axes], record: Record) -> None:
-    """Thin lines where the pieces of the trajectory meet."""
+    """Thin lines where the pieces of the trajectory meet. Raises `InvalidInput` where there is nothing to draw."""
+    require_rows(record)
     for axis in axes:
         for t in record.plan_meta.breaks[1:-1]:
             axis.axvline(t, color="#D5DADF", lw=0.5, zorder=-1)

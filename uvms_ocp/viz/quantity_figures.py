@@ -93,6 +93,7 @@ def _task_on(record: Record, task: str) -> np.ndarray:
 def _logarithmic_panel(axis: Axes, record: Record, name: str, color: str) -> None:
     """Logarithmic, because convergence is exponential; an exact start does not stretch the axis."""
     active = _panel(axis, record, name, color)
+    active = active[np.isfinite(active)]
     logarithmic(axis)
     if len(active):
         lowest = min([*thresholds(record, name), float(np.percentile(active, 5)), float(active[-1])])
@@ -120,11 +121,12 @@ def figure_misalignment(record: Record) -> Figure | None:
 @checked
 @styled
 def figure_altitude(record: Record) -> Figure | None:
-    """Altitude above the floor with the thresholds on it, and a closer view of its end."""
-    name = next((n for n in ("LA.altitude", "MAC.altitude") if quantity(record, n) is not None), None)
+    """Altitude above the floor with the thresholds on it, and a closer view of its end; `None` without an echo."""
+    name = next((n for n in ("LA.altitude", "MAC.altitude") if np.isfinite(_required(record, n)).any()), None)
     if name is None:
         return None
     t, altitude = record["t"], _required(record, name)
+    altitude = np.where(np.isfinite(altitude), altitude, np.nan)
     figure, axes = stacked(2, 1.75, "Altitude of the altimeter above the floor")
     near = 2.5 * max([*thresholds(record, name), float(np.nanmin(altitude))])
     for axis in axes:

@@ -43,9 +43,13 @@ def require_rows(record: Record) -> None:
 
 
 def phase_spans(record: Record) -> tuple[PhaseSpan, ...]:
-    """Stays in phases in order of time; a phase that the mission went back to comes again."""
+    """Stays in phases in order of time; a phase that the mission went back to comes again.
+
+    Raises `InvalidInput` where there is nothing to draw.
+    """
+    require_rows(record)
     t, phase = record["t"], _phase_series(record)
-    first = np.flatnonzero(np.diff(phase, prepend=phase[0] - 1))
+    first = np.flatnonzero(np.diff(phase, prepend=-1))
     last = [*first[1:], len(t) - 1]
     return tuple(_span(record, int(phase[i]), t[i], t[j]) for i, j in zip(first, last, strict=True))
 
@@ -86,8 +90,16 @@ def n_joints(record: Record) -> int:
     return n_v - _N_VEHICLE if has_vehicle(record) else n_v
 
 
+def axis_names(record: Record, n: int) -> list[str]:
+    """Names of n [-] rows or axes: the joints where there is one for each, which a joint of several axes has not."""
+    joints = record.meta.joints
+    return list(joints) if n == len(joints) else [str(k + 1) for k in range(n)]
+
+
 def has_vehicle(record: Record) -> bool:
     """Tell whether the robot is a free-flyer (q then begins with p_WB and a quaternion)."""
+    if record.meta.kind == "run":
+        return record.meta.floating
     return record["v"].shape[1] - len(record.meta.joints) == _N_VEHICLE
 
 
