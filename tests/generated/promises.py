@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+from drawing import binary, chosen, either, floats, integers, shares, texts
 from hypothesis import strategies as st
 
 from uvms_ocp.exceptions import UvmsError
@@ -98,11 +99,11 @@ def _rename(container: Any, key: Any) -> None:
         container.reverse()
 
 
-CHANGES: st.SearchStrategy[Callable[[Any, Any], None]] = st.one_of(
-    st.sampled_from(ODD).map(_replace),
-    st.floats().map(_replace),
-    st.text(max_size=8).map(_replace),
-    st.sampled_from([_remove, _repeat, _rename]),
+CHANGES: st.SearchStrategy[Callable[[Any, Any], None]] = either(
+    chosen(ODD).map(_replace),
+    floats().map(_replace),
+    texts(most=8).map(_replace),
+    chosen([_remove, _repeat, _rename]),
 )
 
 
@@ -110,21 +111,21 @@ CHANGES: st.SearchStrategy[Callable[[Any, Any], None]] = st.one_of(
 def damaged(draw: st.DrawFn, whole: Any, most: int = 3) -> Any:
     """Nested lists and mappings with one to `most` changes."""
     value = whole
-    for _ in range(draw(st.integers(1, most))):
+    for _ in range(draw(integers(most, 1))):
         places = [path for path in paths(value) if path]
         if not places:
             break
-        value = changed(value, draw(st.sampled_from(places)), draw(CHANGES))
+        value = changed(value, draw(chosen(places)), draw(CHANGES))
     return value
 
 
 Damage = tuple[str, float, float, bytes]
 """What happens to a file, from where to where in shares of its length, and what is written there."""
 DAMAGES: st.SearchStrategy[Damage] = st.tuples(
-    st.sampled_from(["cut", "overwrite", "flip", "twice", "without", "nothing"]),
-    st.floats(0.0, 1.0),
-    st.floats(0.0, 1.0),
-    st.binary(min_size=1, max_size=12),
+    chosen(["cut", "overwrite", "flip", "twice", "without", "nothing"]),
+    shares(),
+    shares(),
+    binary(least=1, most=6),
 )
 
 

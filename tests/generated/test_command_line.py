@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from drawing import chosen, either, floats, integers, texts
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from promises import Tally
@@ -134,8 +135,8 @@ _ODD_NUMBERS = (
     "1e400",
 )
 _ODD_WORDS = ("", "planar5", "[/]", "$\\frac{$", "a\nb", "../x")
-_number = st.one_of(st.floats().map(repr), st.integers(-(10**12), 10**12).map(str), st.sampled_from(_ODD_NUMBERS))
-_words = st.one_of(st.text(max_size=6).filter(lambda text: "\0" not in text), st.sampled_from(_ODD_WORDS))
+_number = either(floats().map(repr), integers(10**12, -(10**12)).map(str), chosen(_ODD_NUMBERS))
+_words = either(texts(most=6).filter(lambda text: "\0" not in text), chosen(_ODD_WORDS))
 _NUMBERS = {
     "run": {"--duration": 1, "--seabed": 1, "--seed": 1, "--current": 3, "--n": 1},
     "plan curve": {"--to": 3, "--to-rpy": 3, "--position": 3, "--rpy": 3, "--tool": 3, "--clearance": 1, "--seed": 1},
@@ -151,14 +152,14 @@ _WORDS = {
 @st.composite
 def options(draw: st.DrawFn) -> list[str]:
     """A command that would begin, with one to three options of any value."""
-    command = draw(st.sampled_from(sorted(_NUMBERS)))
+    command = draw(chosen(sorted(_NUMBERS)))
     words = [*command.split(), *(("reach",) if command == "run" else ("--to", "3", "0", "0"))]
-    for _ in range(draw(st.integers(1, 3))):
+    for _ in range(draw(integers(3, 1))):
         if draw(st.booleans()):
-            name = draw(st.sampled_from(sorted(_NUMBERS[command])))
+            name = draw(chosen(sorted(_NUMBERS[command])))
             words += [name, *(draw(_number) for _ in range(_NUMBERS[command][name]))]
         else:
-            words += [draw(st.sampled_from(_WORDS[command])), draw(_words)]
+            words += [draw(chosen(_WORDS[command])), draw(_words)]
     return words
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drawing import chosen, either, floats, integers
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from promises import Tally
@@ -17,12 +18,12 @@ from uvms_ocp.solvers.hierarchy.level import Level
 from uvms_ocp.solvers.hierarchy.solution import Status
 
 FIELDS = ("jacobian", "lower", "upper", "rate", "activation", "gate")
-_number = st.one_of(st.floats(), st.sampled_from([0.0, 1.0, -1.0, 0.5, np.nan, np.inf, -np.inf, 1e308]))
-_array = st.one_of(
+_number = either(floats(), chosen([0.0, 1.0, -1.0, 0.5, np.nan, np.inf, -np.inf, 1e308]))
+_array = either(
     _number,
     st.lists(_number, max_size=4),
     st.lists(st.lists(_number, min_size=1, max_size=3), max_size=3),
-    st.sampled_from([None, "a", [], [[]], [["x"]], [[1.0], [1.0, 2.0]], {}, 1j, [None], np.zeros((1, 1, 1)), b"1"]),
+    chosen([None, "a", [], [[]], [["x"]], [[1.0], [1.0, 2.0]], {}, 1j, [None], np.zeros((1, 1, 1)), b"1"]),
 )
 
 
@@ -30,7 +31,7 @@ _array = st.one_of(
 def arguments(draw: st.DrawFn) -> dict[str, Any]:
     """Those of a level of two rows and three velocities, one to three of them anything."""
     good: dict[str, Any] = {"jacobian": np.arange(6.0).reshape(2, 3), "lower": [-1.0, 0.0], "upper": [1.0, 0.0]}
-    for name in draw(st.lists(st.sampled_from(FIELDS), max_size=3)):
+    for name in draw(st.lists(chosen(FIELDS), max_size=3)):
         good[name] = draw(_array)
     return good
 
@@ -89,7 +90,7 @@ def test_any_hierarchy_has_a_finite_velocity_and_a_status_that_its_residuals_bea
     seen: set[Status] = set()
 
     @settings(max_examples=120)
-    @given(st.sampled_from(SIZES), st.integers(0, 10**6), st.booleans())
+    @given(chosen(SIZES), integers(10**6), st.booleans())
     def holds(sizes: list[int], seed: int, dependent: bool) -> None:
         levels = _levels(sizes, seed, dependent)
         solution = solver.solve(levels)

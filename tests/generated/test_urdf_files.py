@@ -7,6 +7,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+from drawing import chosen, either, floats
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from promises import DAMAGES, Tally, damaged_bytes
@@ -65,14 +66,10 @@ _ODD = (
 def damaged_values(draw: st.DrawFn) -> bytes:
     """One or two values of attributes are others."""
     text = WHOLE
-    for start, end in sorted(
-        draw(st.lists(st.sampled_from(_VALUES), min_size=1, max_size=2, unique=True)), reverse=True
-    ):
+    for start, end in sorted(draw(st.lists(chosen(_VALUES), min_size=1, max_size=2, unique=True)), reverse=True):
         old = WHOLE[start:end]
-        blanks = st.sampled_from(
-            [f"{old} ", f" {old}", f"{old}\n", f"{old}\t", f"{old}_0", f"{old}f", old.replace(".", ",")]
-        )
-        new = draw(st.one_of(st.sampled_from(_ODD), st.floats().map(repr), blanks))
+        blanks = chosen([f"{old} ", f" {old}", f"{old}\n", f"{old}\t", f"{old}_0", f"{old}f", old.replace(".", ",")])
+        new = draw(either(chosen(_ODD), floats().map(repr), blanks))
         text = text[:start] + new.replace("<", "") + text[end:]
     return text.encode()
 
@@ -110,7 +107,7 @@ def test_any_change_of_a_urdf_is_built_as_it_says_or_refused_in_one_line(tmp_pat
     bytes_of_it = DAMAGES.map(lambda damage: damaged_bytes(WHOLE.encode(), damage))
 
     @settings(max_examples=700)
-    @given(st.one_of(damaged_values(), damaged_values(), bytes_of_it))
+    @given(either(damaged_values(), damaged_values(), bytes_of_it))
     def holds(content: bytes) -> None:
         path.write_bytes(content)
         models = tally.outcome(lambda: read_urdf(path, free_flyer=False))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from drawing import binary, chosen, either, floats, texts
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from promises import DAMAGES, Tally, damaged, damaged_bytes
@@ -116,10 +117,10 @@ def test_any_change_of_a_file_is_read_or_refused_in_one_line(
 def test_any_text_is_read_or_refused_in_one_line(tmp_path: Path) -> None:
     tally, path = Tally(bad=300), tmp_path / "file.yaml"
     whole = (robot_folder("planar5") / "hydrodynamics.yaml").read_bytes()
-    marks = st.text("{}[]:,-&*!|>'\"%@`?# \n\tab01.e", max_size=40).map(str.encode)
+    marks = texts("{}[]:,-&*!|>'\"%@`?# \n\tab01.e", most=40).map(str.encode)
 
     @settings(max_examples=600)
-    @given(st.one_of(DAMAGES.map(lambda damage: damaged_bytes(whole, damage)), marks, st.binary(max_size=30)))
+    @given(either(DAMAGES.map(lambda damage: damaged_bytes(whole, damage)), marks, binary(most=30)))
     def holds(content: bytes) -> None:
         path.write_bytes(content)
         description = tally.outcome(lambda: read_description(path))
@@ -133,13 +134,11 @@ def test_any_text_is_read_or_refused_in_one_line(tmp_path: Path) -> None:
 
 def test_any_words_are_an_obstacle_or_refused_in_one_line() -> None:
     tally = Tally(bad=300)
-    number = st.one_of(
-        st.floats().map(repr), st.sampled_from(["1", "0.5", "x", "", "1e400", "-1", "nan", "0x1", "1_0", "\u0661"])
-    )
+    number = either(floats().map(repr), chosen(["1", "0.5", "x", "", "1e400", "-1", "nan", "0x1", "1_0", "\u0661"]))
     words = st.lists(number, max_size=8).map(",".join)
 
     @settings(max_examples=500)
-    @given(st.sampled_from(["sphere", "box"]), st.one_of(words, st.text(max_size=12)))
+    @given(chosen(["sphere", "box"]), either(words, texts(most=12)))
     def holds(shape: str, text: str) -> None:
         data = tally.outcome(lambda: obstacle_from_words(shape, text, "a"))
         if data is not None:
