@@ -72,7 +72,12 @@ MISTAKES = {
     "thruster without direction": (
         f"thrusters: [{{{THRUSTER.replace('[1, 0, 0]', '[0, 0, 0]')}}}]",
         "thrusters.0.direction",
-        "length > 0",
+        "a length from 1e-9 to 1e9",
+    ),
+    "thruster with a direction whose square is endless": (
+        f"thrusters: [{{{THRUSTER.replace('[1, 0, 0]', '[1.0e+200, 0, 0]')}}}]",
+        "thrusters.0.direction",
+        "a length from 1e-9 to 1e9",
     ),
     "thruster limit of the wrong sign": (
         f"thrusters: [{{{THRUSTER.replace('minimum: -40', 'minimum: 40')}}}]",

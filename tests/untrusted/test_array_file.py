@@ -57,6 +57,7 @@ LIES = {
     "half a header": (npy(ONE)[:40], "damaged, or no .npz file"),
     "another format": (b"\x93NUMPY\x09\x00" + npy(ONE)[8:], "damaged|format"),
     "a header of another language": (npy(ONE).replace(b"(3,)", b"(3L)"), "damaged"),
+    "a header that does not end": (npy(ONE).replace(b"}", b"("), "damaged"),
     "a header that is called": (npy(ONE).replace(b"(3,)", b"f(3)"), "damaged"),
 }
 

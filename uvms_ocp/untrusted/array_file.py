@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from lzma import LZMAError
 from pathlib import Path
+from tokenize import TokenError
 from types import MappingProxyType
 from typing import IO, Any
 from zipfile import BadZipFile, ZipFile, ZipInfo
@@ -32,7 +33,7 @@ _SUFFIX = ".npy"
 _KINDS = "fiubU"  # numbers and text: no objects, which would be unpickled
 _DAMAGE = (
     *(OSError, EOFError, BadZipFile, zlib.error, LZMAError, struct.error),  # of the archive
-    *(ValueError, TypeError, SyntaxError, OverflowError, MemoryError, Warning),  # of a header
+    *(ValueError, TypeError, SyntaxError, TokenError, OverflowError, MemoryError, Warning),  # of a header
     *(KeyError, AttributeError, IndexError, NotImplementedError, RuntimeError),  # what zipfile says to invented bytes
 )
 

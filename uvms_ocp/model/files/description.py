@@ -6,6 +6,7 @@ SI units throughout; angles in rad. Vectors are in the link's own frame, forward
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal
 
 import numpy as np
@@ -163,7 +164,9 @@ class Thruster(_Section):
     name: str
     link: str = "base_link"
     position: Point = Field(description="in the link frame [m]")
-    direction: Vector3 = Field(description="of positive thrust on the vehicle, in the link frame; any length > 0")
+    direction: Vector3 = Field(
+        description="of positive thrust on the vehicle, in the link frame; any length from 1e-9 to 1e9"
+    )
     minimum: float = Field(ge=-1e5, le=0.0, description="thrust limit [N]")
     maximum: float = Field(gt=0.0, le=1e5, description="thrust limit [N]")
     time_constant: float = Field(ge=0.0, le=10.0, description="first-order lag [s]; 0 is instantaneous")
@@ -177,14 +180,15 @@ class Thruster(_Section):
     @field_validator("direction")
     @classmethod
     def _direction_is_not_zero(cls, value: Vector3) -> Vector3:
-        if np.linalg.norm(value) < 1e-9:
-            raise ValueError("direction must have a length > 0")
+        if not 1e-9 <= math.hypot(*value) <= 1e9:
+            raise ValueError("direction must have a length from 1e-9 to 1e9")
         return value
 
     @field_validator("curve")
     @classmethod
     def _curve_increases(cls, value: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-        if len(value) == 1 or (np.diff(np.array(value), axis=0) <= 0.0).any():
+        points = np.array(value)
+        if len(value) == 1 or (points[1:] <= points[:-1]).any():
             raise ValueError("curve needs two or more points, command and thrust both increasing")
         return value
 

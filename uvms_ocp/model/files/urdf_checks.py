@@ -171,8 +171,8 @@ def _check_axis(path: Path, joint: Element, where: str) -> None:
     axis = joint.find("axis")
     if axis is None or joint.get("type") in ("fixed", "floating"):
         return
-    if math.hypot(*read_vector(path, axis, "xyz", f"{where} axis")) < 1e-9:
-        raise RobotDataError(path, f"{where} axis: given {axis.get('xyz')!r}; allowed: a direction, not zero")
+    if not 1e-9 <= math.hypot(*read_vector(path, axis, "xyz", f"{where} axis")) <= 1e9:
+        raise RobotDataError(path, f"{where} axis: given {axis.get('xyz')!r}; allowed: a length from 1e-9 to 1e9")
 
 
 def _check_limit(path: Path, joint: Element, where: str) -> None:
