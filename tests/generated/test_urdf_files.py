@@ -96,8 +96,8 @@ def check_model(path: Path, models: UrdfModels) -> None:
             i, q = place.idx_v, place.idx_q
             assert model.velocityLimit[i] == numbers(limit.get("velocity"))[0]
             assert model.effortLimit[i] == numbers(limit.get("effort"))[0]
-            assert model.lowerPositionLimit[q] == numbers(limit.get("lower"))[0]
-            assert model.upperPositionLimit[q] == numbers(limit.get("upper"))[0]
+            assert model.lowerPositionLimit[q] == numbers(limit.get("lower", "0"))[0]
+            assert model.upperPositionLimit[q] == numbers(limit.get("upper", "0"))[0]
 
 
 def test_any_change_of_a_urdf_is_built_as_it_says_or_refused_in_one_line(tmp_path: Path) -> None:
