@@ -14,11 +14,13 @@ from uvms_ocp.arguments.checked import checked as checked
 from uvms_ocp.arguments.checked import late as late
 from uvms_ocp.arguments.checked import trusted as trusted
 from uvms_ocp.arguments.checked import unchecked as unchecked
-from uvms_ocp.arguments.kinds import Range as Range
-from uvms_ocp.arguments.kinds import Shape as Shape
+from uvms_ocp.arguments.extents import Range as Range
+from uvms_ocp.arguments.extents import Shape as Shape
 from uvms_ocp.arguments.names import DAY as DAY
+from uvms_ocp.arguments.names import Bound as Bound
 from uvms_ocp.arguments.names import Count as Count
 from uvms_ocp.arguments.names import Finite as Finite
+from uvms_ocp.arguments.names import Period as Period
 from uvms_ocp.arguments.names import Point as Point
 from uvms_ocp.arguments.names import Positive as Positive
 from uvms_ocp.arguments.names import Vector3 as Vector3

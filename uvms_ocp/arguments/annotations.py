@@ -6,13 +6,15 @@ import inspect
 import types
 import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, Union
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments.containers import Choice, Duck, Either, Function, Items, Several, Subclass, Table
+from uvms_ocp.arguments.containers import Choice, Duck, Either, Filled, Function, Items, Several, Subclass, Table
+from uvms_ocp.arguments.extents import Range, Shape
 from uvms_ocp.arguments.kinds import (
     Boolean,
     FilePath,
@@ -21,8 +23,6 @@ from uvms_ocp.arguments.kinds import (
     Number,
     Numbers,
     Pose,
-    Range,
-    Shape,
     Whole,
 )
 
@@ -109,7 +109,14 @@ def _generic(origin: Any, arguments: tuple[Any, ...]) -> Kind:
         return Table(kind_of(arguments[0]), kind_of(arguments[1]))
     if issubclass(origin, Iterable) and origin in (tuple, list, set, frozenset, Sequence, Iterable):
         return Items(origin, kind_of(arguments[0]))
-    return _class(origin)
+    return _filled(origin, arguments) if is_dataclass(origin) else _class(origin)
+
+
+def _filled(cls: type, arguments: tuple[Any, ...]) -> Kind:
+    """A generic dataclass, whose fields are what its parameters stand for."""
+    meant = dict(zip(cls.__parameters__, arguments, strict=True))  # type: ignore[attr-defined]
+    parts = [(name, kind_of(meant[hint])) for name, hint in _hints(cls).items() if hint in meant]
+    return Filled(cls, tuple(parts))
 
 
 def _dtype(arguments: tuple[Any, ...]) -> type | None:

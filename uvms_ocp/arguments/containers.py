@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.arguments.extents import Shape
 from uvms_ocp.arguments.frozen import frozen_mapping
-from uvms_ocp.arguments.kinds import Kind, Number, Numbers, Shape, Whole, Wrong, short
+from uvms_ocp.arguments.kinds import Kind, Number, Numbers, Whole, Wrong, short
 
 _TEXT = (str, bytes)
 
@@ -45,6 +46,11 @@ class Either(Kind):
     def converts(self) -> bool:  # type: ignore[override]
         """Whether one of them does."""
         return any(kind.converts for kind in self.kinds)
+
+    @property
+    def shaped(self) -> bool:  # type: ignore[override]
+        """Whether one of them is."""
+        return any(kind.shaped for kind in self.kinds)
 
     def holds(self, value: object) -> bool:
         return any(kind.holds(value) for kind in self.kinds)
@@ -183,6 +189,30 @@ class Table(Kind):
                 yield self.key.wrong(f"a key of {place}", key)
             if not self.item.holds(item):
                 yield self.item.wrong(f"{place}[{short(key)}]", item)
+
+
+@dataclass(frozen=True)
+class Filled(Kind):
+    """A value of a generic class of which some fields are of certain kinds."""
+
+    cls: type
+    parts: tuple[tuple[str, Kind], ...]
+
+    @property
+    def allowed(self) -> str:  # type: ignore[override]
+        """In words."""
+        inner = " and ".join(f"`{name}` is {kind.allowed}" for name, kind in self.parts)
+        return f"a {self.cls.__name__} of which {inner}"
+
+    def holds(self, value: object) -> bool:
+        return isinstance(value, self.cls) and all(kind.holds(getattr(value, name)) for name, kind in self.parts)
+
+    def wrong(self, place: str, value: object) -> Wrong:
+        if isinstance(value, self.cls):
+            for name, kind in self.parts:
+                if not kind.holds(item := getattr(value, name)):
+                    return kind.wrong(f"{place}.{name}", item)
+        return super().wrong(place, value)
 
 
 @dataclass(frozen=True)

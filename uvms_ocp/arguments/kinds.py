@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import operator
-import types
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from uvms_ocp.arguments.extents import Range, Shape
 from uvms_ocp.arguments.frozen import read_only
 
 _SHOWN = 60  # characters of a wrong value
@@ -47,6 +46,8 @@ class Kind:
     """In words."""
     converts = False
     """Whether `taken` or `kept` may differ from the value."""
+    shaped = False
+    """Whether `shape_of` may give a shape."""
 
     def holds(self, value: object) -> bool:
         """Whether the value fits."""
@@ -121,70 +122,6 @@ class FilePath(Kind):
     def holds(self, value: object) -> bool:
         known = isinstance(value, Path) or (self.text and isinstance(value, str))
         return known and str(value) != "" and all(letter >= " " for letter in str(value))
-
-
-@dataclass(frozen=True)
-class Range:
-    """In an annotation: the numbers that are allowed, from `low` to `high`; `open` leaves both ends out. NaN is never inside."""
-
-    low: float = -np.inf
-    """[any]"""
-    high: float = np.inf
-    """[any]"""
-    open: bool = False
-    """Without the ends: of an infinite one, infinity."""
-
-    def holds(self, value: float) -> bool:
-        """Whether the value [any] is inside."""
-        return self.low < value < self.high if self.open else self.low <= value <= self.high
-
-    def __str__(self) -> str:
-        if np.isinf(self.low) and np.isinf(self.high):
-            return ", finite" if self.open else ", not NaN"
-        if np.isinf(self.high):
-            return f" {'>' if self.open else '>='} {self.low:g}"
-        return f" {'between' if self.open else 'from'} {self.low:g} {'and' if self.open else 'to'} {self.high:g}"
-
-
-class Shape:
-    """In an annotation: the shape of an array, where `...` stands for any axes before the others.
-
-    A name stands for one length throughout a call; one with dots, such as ``self.robot.n_q``, is read from its arguments.
-    """
-
-    def __init__(self, *sizes: int | str | types.EllipsisType) -> None:
-        self._any_before = ... in sizes
-        self._sizes = tuple(size for size in sizes if not isinstance(size, types.EllipsisType))
-
-    def holds(self, value: Any) -> bool:
-        """Whether an array has such a shape."""
-        shape, n = np.shape(value), len(self._sizes)
-        if len(shape) < n or (len(shape) > n and not self._any_before):
-            return False
-        last = shape[len(shape) - n :]
-        return all(isinstance(size, str) or size == m for size, m in zip(self._sizes, last, strict=True))
-
-    def among(self, arguments: Mapping[str, object]) -> Shape:
-        """The shape with the lengths that the arguments of a call tell."""
-        sizes = [_length(size, arguments) if isinstance(size, str) else size for size in self._sizes]
-        return Shape(*([...] if self._any_before else []), *sizes)
-
-    def named(self, value: Any) -> dict[str, int]:
-        """The lengths that an array of such a shape gives to names."""
-        last = np.shape(value)[np.ndim(value) - len(self._sizes) :]
-        return {f"length of {size}": n for size, n in zip(self._sizes, last, strict=True) if isinstance(size, str)}
-
-    def __str__(self) -> str:
-        text = ", ".join(["..."] * self._any_before + [str(size) for size in self._sizes])
-        return f"({text}{',' if len(self._sizes) == 1 and not self._any_before else ''})"
-
-
-def _length(name: str, known: Mapping[str, object]) -> int | str:
-    first, *rest = name.split(".")
-    value = known.get(first if rest else f"length of {name}")
-    for part in rest:
-        value = getattr(value, part, None)
-    return value if isinstance(value, int) else name
 
 
 @dataclass(frozen=True)
@@ -274,6 +211,11 @@ class Numbers(Kind):
         if len(spoilt) and self.inside is not None:
             return Wrong(place, f"has NaN at {spoilt[0].tolist()}", self.allowed)
         return super().wrong(place, value)
+
+    @property
+    def shaped(self) -> bool:  # type: ignore[override]
+        """Whether there is a shape."""
+        return self.shape is not None
 
     def shape_of(self, value: object) -> Shape | None:
         return self.shape

@@ -11,11 +11,14 @@ from typing import Annotated, Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
-from uvms_ocp.arguments import Shape, checked
+from uvms_ocp.arguments import Shape, Vector3, checked
 
 Value = TypeVar("Value", float, np.ndarray)
 _Configuration: TypeAlias = Annotated[np.ndarray, Shape("n_q")]
 _Velocity: TypeAlias = Annotated[np.ndarray, Shape("n_v")]
+_Quaternion: TypeAlias = Annotated[np.ndarray, Shape(4)]
+_JointPositions: TypeAlias = Annotated[np.ndarray, Shape("n_joint_q")]
+_JointVelocities: TypeAlias = Annotated[np.ndarray, Shape("n_joints")]
 
 
 @checked
@@ -44,19 +47,19 @@ class Reading(Generic[Value]):
 class Readings:
     """The last reading of every channel at one tick; `None` before the first and where there is no such sensor."""
 
-    position: Reading[np.ndarray] | None = None
+    position: Reading[Vector3] | None = None
     """(3,) [m] p_WB"""
     depth: Reading[float] | None = None
     """[m] z of p_WB."""
-    attitude: Reading[np.ndarray] | None = None
+    attitude: Reading[_Quaternion] | None = None
     """(4,) [-] quaternion xyzw of R_WB."""
-    angular_velocity: Reading[np.ndarray] | None = None
+    angular_velocity: Reading[Vector3] | None = None
     """(3,) [rad/s] in B."""
-    linear_velocity: Reading[np.ndarray] | None = None
+    linear_velocity: Reading[Vector3] | None = None
     """(3,) [m/s] of B over ground, in B."""
-    joint_positions: Reading[np.ndarray] | None = None
+    joint_positions: Reading[_JointPositions] | None = None
     """(n_q - 7,) or (n_q,) [rad or m] the joint part of q."""
-    joint_velocities: Reading[np.ndarray] | None = None
+    joint_velocities: Reading[_JointVelocities] | None = None
     """(n_joints,) [rad/s or m/s]"""
     altimeter_range: Reading[float] | None = None
     """[m] along -z of the altimeter frame; nan without an echo."""
