@@ -25,7 +25,7 @@ from uvms_ocp.scenarios.case1 import case1
         ({"tasks": {"PC": {"gain_linear": 0}}}, InvalidInput, "PC: gain_linear = 0"),
         ({"tasks": {"T": {"frame": "tol"}}}, FrameNotFound, "unknown frame 'tol'.*Did you mean 'tool'"),
         ({"order": ("T",)}, InvalidInput, "must name each of"),
-        ({"seabed": float("nan")}, InvalidInput, "seafloor at z = nan"),
+        ({"seabed": float("nan")}, InvalidInput, "seabed = nan"),
         ({"dt": 0.0}, InvalidInput, "dt = 0.0 s"),
         ({"current": (0.1, 0.2)}, InvalidInput, r"velocity of the current = \[0.1, 0.2\]; give finite numbers"),
         ({"target": (np.nan, 0, 0)}, InvalidInput, "target has NaN"),

@@ -316,6 +316,11 @@ def dynamic_plant() -> sim.DynamicPlant:
     return sim.DynamicPlant(robot(), q(), dynamics=dynamics(), environment=scenario().environment)
 
 
+@cache
+def sqp() -> nlp.RealTimeSqp:
+    return nlp.RealTimeSqp(Transcription(problem()).program)
+
+
 def nmpc_x() -> int:
     return int(Transcription(problem()).n_x)
 
@@ -402,6 +407,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "float": lambda: 1.0,
     "Finite": lambda: 1.0,
     "Positive": lambda: 1.0,
+    "Period": lambda: 1.0,
     "Count": lambda: 1,
     "int": lambda: 1,
     "bool": lambda: True,
@@ -502,7 +508,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "SensorSpecs": lambda: IDEAL_SENSORS,
     "Study": lambda: _study(),
     "StudyResult": lambda: _study().run(),
-    "RealTimeSqp": lambda: nlp.RealTimeSqp(Transcription(problem()).program),
+    "RealTimeSqp": sqp,
     "Icat": solvers.Icat,
     "Daqp": solvers.Daqp,
     "LexicographicQp": solvers.LexicographicQp,
@@ -522,7 +528,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "str | None": lambda: None,
     "Markers": dict,
     "Sequence[Pose]": poses,
-    "Triple": lambda: (12.3, 37.0, -38.5),
+    "FiniteTriple": lambda: (12.3, 37.0, -38.5),
     "tuple[float, float]": lambda: (0.0, 0.0),
     "tuple[float, float, float]": lambda: (0.0, 0.0, 0.0),
     "float | tuple[float, float]": lambda: 1.0,
@@ -706,4 +712,4 @@ EXPENSIVE = {
     *("DynamicPlant", "robot_dynamics", "Dynamics", "case2", "sampled_waypoints", "check_mission", "figure_joints"),
     *("figure_tick_time", "compile_library", "compile_function", "SymbolicModel.jacobian_function"),
 }
-"""Calls that take half a second or more when they are right, and so are tried with wrong types only."""
+"""Calls that take half a second or more when they are right, and so are tried with wrong arguments only."""

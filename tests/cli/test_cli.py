@@ -94,7 +94,7 @@ def test_a_mission_out_of_time_exits_with_3_and_says_why(tmp_path: Path) -> None
         (["run", "--robot", "girona"], "unknown robot 'girona'; known: bluerov2_alpha5, girona_maris7"),
         (["run", "--plant", "wet"], "unknown plant 'wet'; known: dynamic, kinematic"),
         (["run", "--duration", "-1"], "duration = -1.0 s; give a finite time > 0"),
-        (["run", "--duration", "nan"], "duration = nan s"),
+        (["run", "--duration", "nan"], "duration = nan"),
         (["run", "--out", "taken/out"], "cannot write there"),
         (["run", "--out", ""], "names no folder"),
         (["plan", "curve", "--to", "3", "0", "0", "--out", ""], "names no folder"),

@@ -158,7 +158,7 @@ def test_mistakes_are_refused_in_one_line(planar: Robot) -> None:
         ({"obstacles": (BALL,), "clearance": -1.0}, "clearance is -1"),
         ({"duration": 0.0}, "give a time > 0"),
         ({"n_steps": 0}, "give at least 1"),
-        ({"current": (np.nan, 0.0, 0.0)}, "three finite numbers"),
+        ({"current": (np.nan, 0.0, 0.0)}, "current\\[0\\] = nan; give a number, finite"),
     ):
         with pytest.raises(InvalidInput, match=message):
             solve_ocp(asked(planar, goal, **options))

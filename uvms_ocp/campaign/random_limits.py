@@ -9,7 +9,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import Count, checked
+from uvms_ocp.arguments import Count, Period, checked
 from uvms_ocp.campaign.study import Row, Study, seeds_from
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.mission.conditions import DONE, Above, Transition
@@ -41,7 +41,7 @@ _WAYS = (("PC", "MP"), ("T", "MP"), ("PC", "T"))
 
 
 @checked
-def random_limits(*, n: int = 1000, seed: Count = 0, robot: str = "girona_maris7_full", dt: float = 1 / 200) -> Study:
+def random_limits(*, n: int = 1000, seed: Count = 0, robot: str = "girona_maris7_full", dt: Period = 1 / 200) -> Study:
     """`n` runs on the kinematic plant with the seeds `seed`, `seed` + 1, ..., see `close_quarters`.
 
     dt [s]: control period. Raises `InvalidInput` for no runs or a negative seed.
@@ -52,7 +52,7 @@ def random_limits(*, n: int = 1000, seed: Count = 0, robot: str = "girona_maris7
 
 
 def close_quarters(
-    *, seed: int, robot: str = "girona_maris7_full", dt: float = 1 / 200, solver: HierarchySolver | None = None
+    *, seed: int, robot: str = "girona_maris7_full", dt: Period = 1 / 200, solver: HierarchySolver | None = None
 ) -> Scenario:
     """Four phases of 1 to 4 s towards goals that nobody checked, from rest, among spheres, capsules and boxes.
 

@@ -10,7 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import Count, checked
+from uvms_ocp.arguments import Count, Period, checked
 from uvms_ocp.campaign.study import Row, Study, seeds_from
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model.shapes.collision_model import CollisionModel
@@ -34,7 +34,7 @@ _RUN_UP = 4.0  # [m] by which they start farther away, to leave room for the bou
 
 @checked
 def random_missions(
-    *, n: int = 200, seed: Count = 0, plant: str = "dynamic", dt: float = 0.02, force: bool = False
+    *, n: int = 200, seed: Count = 0, plant: str = "dynamic", dt: Period = 0.02, force: bool = False
 ) -> Study:
     """`n` missions drawn with the seeds `seed`, `seed` + 1, ...: Case 1 with everything about the place drawn.
 
@@ -46,7 +46,7 @@ def random_missions(
     return Study(name="random_missions", title=title, cases=cases, run_case=run_mission, summarize=totals)
 
 
-def random_mission(*, seed: int, plant: str = "dynamic", dt: float = 0.02) -> Scenario:
+def random_mission(*, seed: int, plant: str = "dynamic", dt: Period = 0.02) -> Scenario:
     """Case 1 with start, heading, target, way point, current, floor and, in a share of them, a boulder drawn from `seed`.
 
     The floor is flat or has protuberances of up to 0.1 m; the current is uniform and below 0.3 m/s; the way point is

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import csv
+import pickle
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Range, checked
 from uvms_ocp.exceptions import InvalidInput
 
 _MOST_RUNS = 1_000_000
+_MOST_JOBS = 4096
 Row = Mapping[str, Any]
 """One line of a table: plain values by column name."""
 
@@ -51,8 +53,15 @@ class Study:
     run_case: Callable[[Any], Row]
     summarize: Callable[[Sequence[Row]], Sequence[Row]]
 
-    def run(self, *, jobs: int = 1, progress: Callable[[int, int], None] | None = None) -> StudyResult:
-        """All cases, in `jobs` processes; `progress` is told how many of them are done, and of how many."""
+    def run(
+        self, *, jobs: Annotated[int, Range(1, _MOST_JOBS)] = 1, progress: Callable[[int, int], None] | None = None
+    ) -> StudyResult:
+        """All cases, in `jobs` processes; `progress` is told how many of them are done, and of how many.
+
+        Raises `InvalidInput` for several processes where they cannot find `run_case` or get a case.
+        """
+        if jobs > 1:
+            _check_sent(self.run_case, self.cases)
         rows = []
         for row in _mapped(self.run_case, self.cases, jobs):
             rows.append(row)
@@ -68,6 +77,14 @@ def seeds_from(seed: int, n: int) -> range:
     if n > _MOST_RUNS:
         raise InvalidInput(f"n = {n} runs of a study; give at most {_MOST_RUNS:,}: the table keeps a row of each")
     return range(seed, seed + n)
+
+
+def _check_sent(function: Callable[[Any], Row], cases: Sequence[Any]) -> None:
+    try:
+        pickle.dumps((function, cases))
+    except Exception as error:  # what values raise that cannot be sent is their own
+        reason = " ".join(str(error).split())
+        raise InvalidInput(f"jobs > 1, but other processes cannot get run_case and cases ({reason}); give 1") from error
 
 
 def _mapped(function: Callable[[Any], Row], cases: Sequence[Any], jobs: int) -> Any:

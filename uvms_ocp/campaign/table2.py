@@ -7,7 +7,7 @@ from typing import Any
 
 from uvms_ocp.arguments import Count, checked
 from uvms_ocp.campaign.study import Row, Study
-from uvms_ocp.scenarios.transit import transit
+from uvms_ocp.scenarios.transit import Length, transit
 from uvms_ocp.sim.closest_approach import closest_approach
 
 THRESHOLDS = (1.0, 5.0, 10.0)  # [m]
@@ -30,7 +30,7 @@ _EVERY = 5  # ticks between two configurations whose clearance is measured
 
 
 @checked
-def table2(*, seeds: int = 5, seed: Count = 0, length: float = 30.0, plant: str = "kinematic") -> Study:
+def table2(*, seeds: int = 5, seed: Count = 0, length: Length = 30.0, plant: str = "kinematic") -> Study:
     """Three floors by three thresholds by `seeds` floors each, the first drawn with `seed`; length [m]: of a transit.
 
     The kinematic plant is a tenth of the work; so slow a transit keeps the same clearances on the dynamic one.

@@ -14,7 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Count, Positive, checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.collision.collision_scene import CollisionScene, Nearest
 from uvms_ocp.model.axis_reach import largest_change
@@ -53,7 +53,7 @@ def check_clearance(
     trajectory: PiecewisePolynomial,
     *,
     per_piece: int = 16,
-    shortest: float = 1e-5,
+    shortest: Positive = 1e-5,
     all_collisions: bool = False,
 ) -> ClearanceReport:
     """Check all pairs of a scene along a trajectory of its coordinates.
@@ -89,7 +89,7 @@ _TOLERANCE = 1e-7
 
 @checked
 def clearance_along(
-    distances: PairDistances, trajectory: PiecewisePolynomial, n_samples: int = 500
+    distances: PairDistances, trajectory: PiecewisePolynomial, n_samples: Count = 500
 ) -> tuple[Array, Array]:
     """Times (n,) [s] and the distance of every pair at them (n, n_pairs) [m], for figures."""
     times = np.linspace(trajectory.start, trajectory.end, n_samples)

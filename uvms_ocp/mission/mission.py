@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from uvms_ocp.arguments import changed, checked, late, unchecked
+from uvms_ocp.arguments import Shape, changed, checked, late, unchecked
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.mission.conditions import ABORT, DONE, Transition
 from uvms_ocp.mission.diagram import closure, mermaid, successors, text_table
@@ -81,8 +81,13 @@ class Mission:
         blend = float(Bell(0.0, self.ramp).increasing(t - state.since))
         return (1 - blend) * state.gates_before + blend * self._targets[state.phase]
 
+    @property
+    def n_tasks(self) -> int:
+        """Of the hierarchy."""
+        return len(self.hierarchy.tasks)
+
     @late
-    def idle(self, state: MissionState, gates: np.ndarray) -> np.ndarray:
+    def idle(self, state: MissionState, gates: Annotated[np.ndarray, Shape("self.n_tasks")]) -> np.ndarray:
         """Which tasks (n_tasks,) are off, by the `gates` (n_tasks,) [-] of now, and stay off in this phase."""
         return np.asarray((self._targets[state.phase] == 0) & (gates == 0))
 

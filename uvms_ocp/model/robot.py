@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import checked, late
+from uvms_ocp.arguments import Range, checked, late
 from uvms_ocp.exceptions import FrameNotFound, NameNotFound
 from uvms_ocp.model import frames
 from uvms_ocp.model.configuration import ConfigurationSpace
@@ -36,7 +37,7 @@ class Robot:
     joints: tuple[Joint, ...]
     """Arm joints of a free-flyer, all joints otherwise."""
     limits: Limits
-    home: np.ndarray
+    home: Annotated[np.ndarray, Range(open=True)]
     """(n_q - 7,) or (n_q,) [rad or m] stowed posture, the joint part of q."""
     hydrodynamics: tuple[LinkHydrodynamics, ...]
     """Links in water; floats and ballast add their volume."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Finite, checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.ocp.terms import At, StageSymbols, Term
@@ -22,15 +22,15 @@ class Ball:
     Raises `InvalidInput` for numbers that are not finite, and for a negative radius.
     """
 
-    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    centre: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
     """[m] in the frame."""
-    radius: float
+    radius: Finite
     """[m]"""
     frame: str | None = None
 
     def __post_init__(self) -> None:
-        if not (np.isfinite([*self.centre, self.radius]).all() and self.radius >= 0):
-            raise InvalidInput(f"ball at {self.centre} of radius {self.radius} m; give finite numbers, radius >= 0")
+        if self.radius < 0:
+            raise InvalidInput(f"ball at {self.centre}: radius = {self.radius} m; give one >= 0")
 
     def placed(self, symbols: TickSymbols, centre: ca.SX) -> ca.SX:
         """In W (3,) [m], for a centre (3,) [m] in the frame."""
@@ -48,7 +48,7 @@ class BallClearance(Term):
     at: At = At.PATH
     robot_balls: tuple[Ball, ...]
     obstacles: tuple[Ball, ...]
-    margin: float = 0.05
+    margin: Finite = 0.05
     """[m]"""
 
     @property

@@ -8,7 +8,7 @@ from enum import Enum
 
 import numpy as np
 
-from uvms_ocp.arguments import DAY, checked
+from uvms_ocp.arguments import DAY, Bound, Positive, checked
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
@@ -92,7 +92,7 @@ class OcpLevel:
 
     name: str
     terms: tuple[Term, ...]
-    relax: float | None = None
+    relax: Positive | None = None
     """[-] As in `uvms_ocp.solvers.nlp.program.NlpLevel`."""
 
     def __post_init__(self) -> None:
@@ -117,7 +117,7 @@ class OcpProblem:
     constraints: tuple[Term, ...] = ()
     current: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """(3,) [m/s] water velocity in W, uniform."""
-    floor: float = -np.inf
+    floor: Bound = -np.inf
     """[m] height of the seafloor, for altitude terms."""
     integrator: Integrator = Integrator.MIDPOINT
     actuation: Actuation = Actuation.THRUSTERS

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Bound, Range, Shape, checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import CollisionScene, Nearest, collision_scene
@@ -22,7 +23,7 @@ from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Effort, Posture, Smoothness, TaskTerm
-from uvms_ocp.planning.goals import Goal, Triple, check_way
+from uvms_ocp.planning.goals import FiniteTriple, Goal, check_way
 from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 
 _PERIOD = 0.02  # [s] between the samples whose clearance is looked at
@@ -35,19 +36,19 @@ class OcpRequest:
     """What to plan: first the goal, at rest and within all limits, then little effort on smooth ways."""
 
     robot: Robot
-    start: Array
+    start: Annotated[Array, Shape("robot.n_q"), Range(open=True)]
     """(n_q,) [m, rad] configuration."""
     goal: Goal
     obstacles: tuple[ObstacleData, ...] = ()
-    clearance: float = 0.06
+    clearance: Bound = 0.06
     """[m] kept from obstacles by the capsules that cover the links."""
-    duration: float = 8.0
+    duration: Bound = 8.0
     """[s]"""
     n_steps: int = 40
-    current: Triple = (0.0, 0.0, 0.0)
+    current: FiniteTriple = (0.0, 0.0, 0.0)
     """[m/s] of the water in W."""
     plugin: str = "ipopt"
-    time_limit: float = 20.0
+    time_limit: Bound = 20.0
     """[s] for the solver."""
 
 

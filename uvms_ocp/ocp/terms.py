@@ -8,12 +8,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from enum import Enum
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Range, checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.limits import bounded_joints
 from uvms_ocp.model.robot import Robot
@@ -223,7 +223,7 @@ class Posture(Term):
 
     is_goal: ClassVar[bool] = False
     at: At = At.PATH
-    q: np.ndarray
+    q: Annotated[np.ndarray, Range(open=True)]
     """(n_q,) [m, rad] configuration, of which joints with two limits are used."""
 
     @property

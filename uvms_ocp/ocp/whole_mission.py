@@ -7,11 +7,12 @@ a landing place from which the tool cannot reach, or thrust spent on haste. Here
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Bound, Finite, Range, Vector3, checked
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
 from uvms_ocp.ocp.problem import OcpLevel, OcpPhase, OcpProblem
@@ -29,29 +30,29 @@ class WholeMission:
 
     way_point: pin.SE3
     """X_WB"""
-    target: np.ndarray
+    target: Annotated[Vector3, Range(open=True)]
     """(3,) [m] in W"""
     tool_goal: pin.SE3
     """X_WT"""
-    durations: tuple[tuple[float, float], ...]
+    durations: tuple[tuple[Finite, Finite], ...]
     """[s] shortest and longest of A, B, C, D"""
     n_steps: tuple[int, int, int, int] = (24, 8, 16, 16)
-    arrival: float = 0.1
+    arrival: Finite = 0.1
     """[m] distance to the way point that ends A"""
-    misalignment: float = 0.07
+    misalignment: Finite = 0.07
     """[rad] that ends B, and holds through C"""
-    altitude: float = 0.19
+    altitude: Finite = 0.19
     """[m] on the altimeter that ends C; the hull touches at 0.17"""
-    minimum_altitude: float = 1.0
+    minimum_altitude: Finite = 1.0
     """[m] in A and B"""
-    tilt: float = 0.1
+    tilt: Finite = 0.1
     """[rad] at most"""
-    current: np.ndarray | None = None
+    current: Annotated[Vector3, Range(open=True)] | None = None
     """(3,) [m/s]"""
 
 
 @checked
-def whole_mission(robot: Robot, start: State, mission: WholeMission, *, floor: float) -> OcpProblem:
+def whole_mission(robot: Robot, start: State, mission: WholeMission, *, floor: Bound) -> OcpProblem:
     """One problem over all phases: goals first, energy below them, smoothness of thrust last.
 
     floor [m]: height of the seafloor.

@@ -12,7 +12,7 @@ from typing import TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Finite, checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.collision.conservative_advancement import PairDistances
 from uvms_ocp.collision.coordinates import VEHICLE_AXES, coordinates
@@ -25,6 +25,7 @@ from uvms_ocp.tasks.pose import ToolPose, ToolPosition, VehiclePose
 from uvms_ocp.tasks.task import Task
 
 Triple: TypeAlias = tuple[float, float, float]
+FiniteTriple: TypeAlias = tuple[Finite, Finite, Finite]
 
 _SAME = 1e-9  # [m or rad] difference between a goal and a start that is none
 _FARTHEST, _MOST_TURN = 1e4, 4 * np.pi  # [m] and [rad]
@@ -35,15 +36,13 @@ _FARTHEST, _MOST_TURN = 1e4, 4 * np.pi  # [m] and [rad]
 class ToolGoal:
     """A frame of the robot at a place. Raises `InvalidInput` for numbers that are not finite."""
 
-    position: Triple
+    position: FiniteTriple
     """[m] p_WF."""
-    rpy: Triple | None = None
+    rpy: FiniteTriple | None = None
     """[rad] Roll, pitch, yaw of R_WF; None for any orientation."""
     frame: str = "tool"
 
     def __post_init__(self) -> None:
-        if not np.isfinite([*self.position, *(self.rpy or ())]).all():
-            raise InvalidInput(f"the goal of {self.frame!r} is {self.position}, {self.rpy}; give finite numbers.")
         _check_turn(self.rpy)
 
     @property
@@ -80,9 +79,9 @@ class PostureGoal:
     Raises `InvalidInput` for angles beyond two turns.
     """
 
-    position: Triple | None = None
+    position: FiniteTriple | None = None
     """[m] of the vehicle."""
-    rpy: Triple | None = None
+    rpy: FiniteTriple | None = None
     """[rad] Roll, pitch, yaw of the vehicle."""
     joints: Mapping[str, float] = field(default_factory=dict)
     """[m or rad] by name."""

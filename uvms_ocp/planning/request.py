@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from uvms_ocp.arguments import Count, checked
+from uvms_ocp.arguments import Bound, Count, Range, Shape, checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import CollisionScene, collision_scene
@@ -35,12 +36,12 @@ class PlanRequest:
     """What to plan."""
 
     robot: Robot
-    start: Array
+    start: Annotated[Array, Shape("robot.n_q"), Range(open=True)]
     """(n_q,) [m, rad] configuration."""
     goal: Goal
     obstacles: tuple[ObstacleData, ...] = ()
     axes: str = AXES[0]
-    clearance: float = 0.06
+    clearance: Bound = 0.06
     """[m] wanted from everything; what is verified is that nothing touches."""
     seed: Count = 0
 

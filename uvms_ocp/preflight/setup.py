@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import Shape, checked
+from uvms_ocp.arguments import Finite, Period, Shape, checked
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
@@ -23,15 +23,15 @@ class Setup:
     robot: Robot
     mission: Mission
     environment: Environment
-    start: np.ndarray
+    start: Annotated[np.ndarray, Shape("robot.n_q")]
     """(n_q,) [m, rad]"""
     altimeter_frame: str | None
     """`None` for a robot without an altimeter."""
     with_forces: bool
     """The plant has thrusters and water, so that forces matter."""
-    dt: float
+    dt: Period
     """[s] control period."""
-    duration: float
+    duration: Finite
     """[s] time limit."""
     sensors: SensorSpecs = IDEAL_SENSORS
     """What the mission is judged by while it runs."""

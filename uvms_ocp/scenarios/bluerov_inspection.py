@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import Point, checked
+from uvms_ocp.arguments import Period, Point, Range, checked
 from uvms_ocp.mission.conditions import DONE, Below, Transition
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.model.kinematics import Kinematics
@@ -53,9 +53,9 @@ class Circle:
 def bluerov_inspection(
     *,
     target: Point = (2.5, 1.0, -6.0),
-    radius: float = 0.1,
-    turns: float = 2.0,
-    turning: float = 24.0,
+    radius: Annotated[float, Range(0.0, 10.0)] = 0.1,
+    turns: Annotated[float, Range(-100.0, 100.0)] = 2.0,
+    turning: Period = 24.0,
     **options: Any,
 ) -> Scenario:
     """Valve turning by a BlueROV2 with a four-joint arm: approach, hold, follow a circular tool path.

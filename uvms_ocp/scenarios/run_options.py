@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import Count, checked
+from uvms_ocp.arguments import Bound, Count, Finite, checked
 from uvms_ocp.control.force.dynamic import VelocityGains
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.exceptions import NameNotFound
@@ -37,7 +37,7 @@ class RunOptions:
 
     robot: Robot
     """The machine. As a keyword also the name of one."""
-    seabed: float
+    seabed: Finite
     """[m] height of the floor in W, of a rough one between its protuberances."""
     current: Current = field(default_factory=StillWater)
     """Of the water. As a keyword also the velocity (3,) [m/s] in W of a uniform one."""
@@ -53,9 +53,9 @@ class RunOptions:
     """Whether sensors have the noise, rates and delays of the robot's file."""
     seed: Count = 0
     """Of everything random."""
-    dt: float = 1 / 200
+    dt: Bound = 1 / 200
     """[s] control period."""
-    duration: float = 120.0
+    duration: Bound = 120.0
     """[s] at which an incomplete mission is stopped."""
 
     def start(self, X_WB: pin.SE3, joints: ArrayLike | None = None) -> np.ndarray:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from uvms_ocp.arguments import Positive, checked
+from uvms_ocp.arguments import Positive, Range, checked
 from uvms_ocp.mission.conditions import DONE, Below, Transition
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.scenario import Scenario, pose_at
@@ -20,9 +20,12 @@ from uvms_ocp.tasks.pose import VehiclePose
 
 _ABOVE_FLOOR = 0.8  # [m] height of the way point: low enough for the minimum altitude to decide the height everywhere
 
+Length = Annotated[float, Range(0.0, 2000.0)]
+"""[m] Of a transit: its floor is drawn whole."""
+
 
 @checked
-def transit(*, relief: str = "small", min_altitude: Positive = 1.0, length: float = 30.0, **options: Any) -> Scenario:
+def transit(*, relief: str = "small", min_altitude: Positive = 1.0, length: Length = 30.0, **options: Any) -> Scenario:
     """A transit of length [m] towards a way point near the floor, held up by the minimum altitude alone.
 
     relief: a name in `uvms_ocp.sim.height_field.RELIEFS`. min_altitude [m]: h_min. The floor is drawn from `seed`. The

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import Point, checked
+from uvms_ocp.arguments import Finite, Point, checked
 from uvms_ocp.mission.conditions import Transition
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.scenario import Scenario, pose_at
@@ -19,7 +19,7 @@ _APPROACH = np.array([-1.4025, 0.0752, 1.886])  # [m] from a target to its way p
 
 
 @checked
-def two_targets(*, second: Point = (13.6, 36.2, -39.886), second_yaw: float = -0.7, **options: Any) -> Scenario:
+def two_targets(*, second: Point = (13.6, 36.2, -39.886), second_yaw: Finite = -0.7, **options: Any) -> Scenario:
     """Case 1 twice: tool pose 1, then the vehicle takes off, moves 1.8 m, lands again and reaches tool pose 2.
 
     second (3,) [m]: the second target in W, second_yaw [rad]: the heading of the vehicle at its way point. Phases are

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import numpy as np
 
-from uvms_ocp.arguments import Shape, checked
+from uvms_ocp.arguments import Positive, Shape, checked
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.collision_model import CollisionModel
 from uvms_ocp.model.shapes.obstacles import Obstacle
@@ -38,7 +38,7 @@ def closest_approach(
     *,
     self_collision: bool = False,
     floor: bool = True,
-    spacing: float = 0.25,
+    spacing: Positive = 0.25,
 ) -> ClosestApproach:
     """The closest approach of the whole robot to the floor and all obstacles over configurations q (n, n_q) [m, rad], by coal.
 

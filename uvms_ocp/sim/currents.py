@@ -9,7 +9,7 @@ from typing import Annotated, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import Count, Shape, checked, late
+from uvms_ocp.arguments import DAY, Count, Shape, checked, late
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.water.hydrodynamics import Water
 
@@ -111,10 +111,10 @@ class ShearedCurrent(Current):
     def __post_init__(self) -> None:
         n_heights = max(np.size(self.z), 1)
         object.__setattr__(self, "z", _finite("z of a sheared current", self.z, (n_heights,)))
-        shape = (len(self.z), 3)
-        object.__setattr__(self, "velocities", _flow("velocities of a sheared current", self.velocities, shape))
         if (np.diff(self.z) <= 0).any():
             raise InvalidInput(f"z of a sheared current = {self.z.tolist()} m; give increasing heights")
+        shape = (len(self.z), 3)
+        object.__setattr__(self, "velocities", _flow("velocities of a sheared current", self.velocities, shape))
 
     @staticmethod
     def over_floor(velocity: ArrayLike, *, floor_z: float, thickness: float) -> ShearedCurrent:
@@ -235,8 +235,8 @@ class GustyCurrent(Current):
 
     def _around(self, t: float) -> tuple[float, np.ndarray]:
         """Where t is between two nodes, from 0 to 1, and the two nodes (4, 3) [m/s] on either side (Catmull-Rom)."""
-        if not (math.isfinite(t) and t >= 0):
-            raise InvalidInput(f"gust at t = {t} s; give a finite time >= 0")
+        if not 0 <= t <= DAY:
+            raise InvalidInput(f"gust at t = {t} s; give a time from 0 to {DAY:g} s, a day: all before it is drawn")
         k = int(t / self.step)
         return t / self.step - k, self._path.nodes(k, k + 4)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.arguments import Positive, checked, late, trusted
+from uvms_ocp.arguments import Period, checked, late, trusted
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.model.dynamics import Dynamics
@@ -68,7 +68,7 @@ class DynamicPlant(Plant):
         self.state = State(q=robot.check_configuration(q0), v=np.zeros(robot.n_v))
 
     @late
-    def step(self, command: Command, dt: Positive) -> None:
+    def step(self, command: Command, dt: Period) -> None:
         """Advance by dt [s]. Water and floor are sampled once, thrust and motion in steps of at most `max_step`.
 
         Raises `InvalidInput` for a command without thrust or torque.

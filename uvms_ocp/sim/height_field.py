@@ -16,6 +16,7 @@ from uvms_ocp.sim.seafloor import Seafloor
 _LEVEL = 1e-9  # sine of the angle to the horizon below which a ray counts as level
 _SAMPLES_PER_RADIUS = 12  # of the smallest protuberance, when a ray looks for the floor
 _MAX_SAMPLES = 20_000
+_MOST_BUMPS = 1_000_000
 _RANGE_TOLERANCE = 1e-10  # [m]
 
 
@@ -108,6 +109,10 @@ class HeightField(Seafloor):
             relief = RELIEFS[relief]
         if not (math.isfinite(extent) and extent > 0):
             raise InvalidInput(f"extent of a height field = {extent} m; give a finite length > 0")
+        if extent / relief.spacing > math.sqrt(_MOST_BUMPS):
+            raise InvalidInput(
+                f"extent of a height field = {extent} m; give less: more than {_MOST_BUMPS:,} protuberances"
+            )
         rng = np.random.default_rng(seed)
         n = max(1, round((extent / relief.spacing) ** 2))
         return HeightField(

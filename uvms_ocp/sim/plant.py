@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import checked, late, trusted
+from uvms_ocp.arguments import Period, checked, late, trusted
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, State
 
@@ -37,7 +37,7 @@ class KinematicPlant(Plant):
         self.state = State(q=robot.check_configuration(q0), v=np.zeros(robot.n_v))
 
     @late
-    def step(self, command: Command, dt: float) -> None:
+    def step(self, command: Command, dt: Period) -> None:
         self.state = _state(q=pin.integrate(self._model, self.state.q, command.v * dt), v=command.v)
 
     def telemetry(self) -> dict[str, Any]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import coal
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import Vector3, checked, late
+from uvms_ocp.arguments import Positive, Range, Shape, Vector3, checked, late
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.meta_values import FloorRelief
 from uvms_ocp.model.shapes.obstacles import Obstacle, mesh_shape
@@ -19,6 +19,9 @@ _LEVEL = 1e-9  # sine of the angle to the horizon below which a ray counts as le
 _DEEPEST = 1e5  # [m]
 _RELIEF_POINTS = 81  # along each side
 _SLAB = 2.0  # [m] thickness of a flat floor as an obstacle
+
+Corner = Annotated[np.ndarray, Shape(2), Range(open=True)]
+"""(2,) [m] x, y in W."""
 
 
 class Seafloor(Protocol):
@@ -67,7 +70,7 @@ class FlatSeafloor(Seafloor):
 
 
 @checked
-def floor_relief(seafloor: Seafloor, low: np.ndarray, high: np.ndarray) -> FloorRelief | None:
+def floor_relief(seafloor: Seafloor, low: Corner, high: Corner) -> FloorRelief | None:
     """A rectangle of the floor from `low` (2,) to `high` (2,) [m], rounded to a millimetre, for records; `None` for a plane."""
     if isinstance(seafloor, FlatSeafloor):
         return None
@@ -81,7 +84,7 @@ _FINEST = 3000  # cells a side of a mesh, more than can be drawn
 
 @checked
 def floor_mesh(
-    seafloor: Seafloor, *, centre: tuple[float, float], extent: float, spacing: float
+    seafloor: Seafloor, *, centre: tuple[float, float], extent: Positive, spacing: Positive
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (n, 3) [m] in W and triangles (m, 3), counter-clockwise from above, of a square of the floor.
 
@@ -105,7 +108,7 @@ def floor_mesh(
 
 @checked
 def floor_obstacle(
-    seafloor: Seafloor, *, centre: tuple[float, float], extent: float, spacing: float = 0.25
+    seafloor: Seafloor, *, centre: tuple[float, float], extent: Positive, spacing: Positive = 0.25
 ) -> Obstacle:
     """A square of the floor as an obstacle named ``seafloor``: a slab if it is flat, else a mesh.
 

@@ -9,7 +9,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Finite, checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.axis_reach import point_reach
 from uvms_ocp.model.kinematics import AltimeterBeam
@@ -139,7 +139,7 @@ class LandingAltitude(Task):
     task_class: TaskClass = TaskClass.ACTION
     frame: str | None = None
     """Of the range sensor; by default the altimeter of the robot's file."""
-    landing_distance: float = -0.02
+    landing_distance: Finite = -0.02
     """[m] d_landing; below 0 so that the safeguard's height is crossed."""
     safeguard: float = 0.17
     """[m] Delta_safeguard"""

@@ -137,11 +137,16 @@ class PiecewisePolynomial:
         return PiecewisePolynomial(breaks=breaks, coefficients=self.coefficients)
 
     def shifted(self, delay: Finite) -> PiecewisePolynomial:
-        """The same curve, ``delay`` [s] later."""
-        return PiecewisePolynomial(breaks=self.breaks + delay, coefficients=self.coefficients)
+        """The same curve, ``delay`` [s] later. Raises `InvalidInput` where no clock could tell its breaks apart."""
+        breaks = self.breaks + delay
+        if not (np.diff(breaks) > 0.0).all():
+            raise InvalidInput(f"delay = {delay} s; give less: at so late a time the breaks cannot be told apart")
+        return PiecewisePolynomial(breaks=breaks, coefficients=self.coefficients)
 
     def axes(self, indices: Sequence[int]) -> PiecewisePolynomial:
-        """The curve of the chosen axes only."""
+        """The curve of the chosen axes only. Raises `InvalidInput` for none."""
+        if not len(indices):
+            raise InvalidInput("indices = (); give at least one axis")
         return PiecewisePolynomial(breaks=self.breaks, coefficients=self.coefficients[:, :, list(indices)])
 
     def table(

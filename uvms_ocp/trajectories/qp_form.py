@@ -51,6 +51,8 @@ def min_snap_qp(
     Raises `InvalidInput` as ``min_snap``, for a bound that does not exist, and where the solver finds no solution, as with
     bounds that contradict each other.
     """
+    if not (plugin.isidentifier() and ca.has_conic(plugin)):
+        raise InvalidInput(f"plugin = {plugin!r}; give a QP solver that CasADi has, such as {' or '.join(_QUIET)}")
     problem = node_problem(waypoints, times, specification)
     qp = _Qp(problem.k, np.diff(problem.times), tuple(bounds), plugin, dict(options or _QUIET.get(plugin, {})))
     values = np.stack([qp.solve(problem, axis) for axis in range(problem.values.shape[2])], axis=2)
@@ -76,7 +78,10 @@ class _Qp:
         self.H = ca.diagcat(*[ca.DM(2.0 * t ** (1 - 2 * k) * monomial_cost(k)) for t in self.tau])
         self.A = self._rows()
         structure = {"h": self.H.sparsity(), "a": self.A.sparsity()}
-        self.solver = ca.conic("min_snap", plugin, structure, options)
+        try:
+            self.solver = ca.conic("min_snap", plugin, structure, options)
+        except RuntimeError as error:
+            raise InvalidInput(f"options of {plugin} = {options}: it takes no such options") from error
 
     def solve(self, problem: NodeProblem, axis: int) -> Array:
         """(k, n + 1) optimal node derivatives of one axis."""

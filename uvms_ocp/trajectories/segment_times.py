@@ -12,12 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
-from uvms_ocp.arguments import Shape, checked
+from uvms_ocp.arguments import Count, Finite, Positive, Shape, checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.trajectories.min_snap import MinSnap, min_snap
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.trajectories.specification import MINIMUM_SNAP, CurveSpecification, checked_waypoints
+
+_LARGEST_WEIGHT = 1e12  # beyond it the optimal durations are lost in rounding
 
 
 @checked
@@ -44,7 +46,7 @@ class MotionLimits:
             limit.flags.writeable = False
             object.__setattr__(self, name, limit)
 
-    def rows(self, n_axes: int) -> Array:
+    def rows(self, n_axes: Count) -> Array:
         """(3, n_axes) [axis/s^d] limits of derivatives d = 1, 2, 3. Raises `InvalidInput` where they are of other shape."""
         given = (np.asarray(self.velocity), np.asarray(self.acceleration), np.asarray(self.jerk))
         for name, limit in zip(("velocity", "acceleration", "jerk"), given, strict=True):
@@ -97,8 +99,8 @@ def optimal_times(
     times: Annotated[ArrayLike, Shape("n")],
     specification: CurveSpecification = MINIMUM_SNAP,
     *,
-    time_weight: float,
-    tolerance: float = 1e-9,
+    time_weight: Finite,
+    tolerance: Positive = 1e-9,
     max_iterations: int = 500,
 ) -> MinSnap:
     """Minimise ``time_weight * total time + cost`` over the durations and all free derivatives together.
@@ -110,8 +112,8 @@ def optimal_times(
     tolerance [-]: largest slope of the cost, as a share of its first value, by the logarithm of a duration. Raises
     `InvalidInput` as ``min_snap``, and for a time weight that is not positive.
     """
-    if not 0.0 < time_weight < np.inf:
-        raise InvalidInput(f"time_weight is {time_weight}; it must be positive and finite.")
+    if not 0.0 < time_weight <= _LARGEST_WEIGHT:
+        raise InvalidInput(f"time_weight is {time_weight}; it must be positive, and at most {_LARGEST_WEIGHT:g}.")
     if not np.size(times):
         raise InvalidInput("times are empty; give one for each way point.")
     start = float(np.asarray(times, dtype=float).flat[0])

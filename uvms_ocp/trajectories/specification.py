@@ -6,11 +6,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Range, checked
 from uvms_ocp.arguments.frozen import read_only
 from uvms_ocp.arrays import Array, Mask
 from uvms_ocp.exceptions import InvalidInput
@@ -24,9 +25,9 @@ class Boundary:
     Rows give velocity, acceleration, ... in this order; derivatives beyond the last row are free.
     """
 
-    start: ArrayLike | None = 0.0
+    start: Annotated[ArrayLike, Range(open=True)] | None = 0.0
     """() or (n_given, n_axes) [axis/s^d]"""
-    end: ArrayLike | None = 0.0
+    end: Annotated[ArrayLike, Range(open=True)] | None = 0.0
     """() or (n_given, n_axes) [axis/s^d]"""
 
 
@@ -39,7 +40,7 @@ class Constraint:
     """Index of the way point; negative counts from the end."""
     derivative: int
     """1 .. k - 1."""
-    value: ArrayLike = 0.0
+    value: Annotated[ArrayLike, Range(open=True)] = 0.0
     """() or (n_listed,) [axis/s^derivative]: for all axes concerned, or one per axis."""
     axes: tuple[int, ...] | None = None
     """Axes concerned; None is all of them."""
@@ -161,8 +162,6 @@ def _set_end(values: Array, fixed: Mask, given: ArrayLike | None, name: str) -> 
             f"the {name} boundary has shape {rows.shape}; allowed is a number or (n_given, {values.shape[1]}) "
             f"with n_given <= {values.shape[0]}."
         )
-    if not np.isfinite(rows).all():
-        raise InvalidInput(f"the {name} boundary is not finite; use None or fewer rows for free derivatives.")
     values[:n_given] = rows
     fixed[:n_given] = True
 
@@ -179,8 +178,8 @@ def _set_constraint(values: Array, fixed: Mask, constraint: Constraint, index: i
     if not set(axes) <= set(range(n_axes)):
         raise InvalidInput(f"constraint {index} is on axes {axes}; there are axes 0 to {n_axes - 1}.")
     given = np.asarray(constraint.value, dtype=float)
-    if given.shape not in ((), (len(axes),)) or not np.isfinite(given).all():
-        raise InvalidInput(f"constraint {index} has value {given}; allowed is a finite number or one per axis.")
+    if given.shape not in ((), (len(axes),)):
+        raise InvalidInput(f"constraint {index} has value {given}; allowed is a number or one per axis.")
     if np.any(fixed[d, node, axes] & (values[d, node, axes] != given)):
         raise InvalidInput(f"constraint {index} contradicts another on derivative {d} of way point {node}.")
     values[d, node, axes] = given

@@ -10,14 +10,13 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import checked, late, trusted
+from uvms_ocp.arguments import Period, checked, late, trusted
 from uvms_ocp.control.navigation.last_known import LastEcho, LastSound
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.parameters import mission_parameters
 from uvms_ocp.control.velocity.tick_state import Motion, TickState
 from uvms_ocp.control.velocity.viability import Viability
-from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Event, MissionState
 from uvms_ocp.model.robot import Robot
@@ -50,15 +49,13 @@ class KinematicController:
         robot: Robot,
         mission: Mission,
         solver: HierarchySolver,
-        dt: float,
+        dt: Period,
         watchdog: Watchdog | None = None,
     ) -> None:
         """dt [s]: control period.
 
         Raises `InvalidInput` where it is not > 0, and what `build_levels` and `Mission.check_quantities` raise.
         """
-        if not (np.isfinite(dt) and dt > 0):
-            raise InvalidInput(f"control period dt = {dt} s; give a finite time > 0")
         self.robot, self.mission, self.dt = robot, mission, dt
         self.problem: LevelsProblem = build_levels(robot, mission.hierarchy, dt)
         mission.check_quantities(self.problem.quantity_names)

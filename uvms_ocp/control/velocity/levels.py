@@ -10,7 +10,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Period, checked
 from uvms_ocp.control.velocity.easing import easing_rows
 from uvms_ocp.control.velocity.reachable_rows import reachable_rows
 from uvms_ocp.model.limits import bounded_joints
@@ -46,7 +46,7 @@ class LevelsProblem:
 
 
 @checked
-def build_levels(robot: Robot, hierarchy: Hierarchy, dt: float) -> LevelsProblem:
+def build_levels(robot: Robot, hierarchy: Hierarchy, dt: Period) -> LevelsProblem:
     """Stack the velocity limits of `robot`, the tasks of `hierarchy` and minimum velocity, for control period dt [s].
 
     Raises `FrameNotFound` or `NameNotFound` where a task names a frame or joint that the robot does not have.

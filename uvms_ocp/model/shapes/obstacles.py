@@ -36,7 +36,7 @@ def obstacle(
     name: str,
     shape: coal.CollisionGeometry,
     position: Annotated[ArrayLike, Range(open=True)],
-    rotation: ArrayLike | None = None,
+    rotation: Annotated[ArrayLike, Range(open=True)] | None = None,
 ) -> Obstacle:
     """An obstacle at `position` (3,) [m] p_WO with `rotation` (3, 3) [-] R_WO, identity by default.
 

@@ -107,7 +107,7 @@ class SymbolicModel:
 
     def joint_poses(self, local_poses: Sequence[Pose]) -> tuple[Pose, ...]:
         """Pose X_WJ of every joint body; index 0 is the universe. Raises InvalidInput for another number of poses."""
-        self._check_poses(local_poses)
+        self._check_bodies(local_poses=local_poses)
         poses = [local_poses[0]]
         for joint, local in zip(self.joints, local_poses[1:], strict=True):
             poses.append(poses[joint.parent].then(local.R, local.p) if joint.parent else local)
@@ -158,11 +158,12 @@ class SymbolicModel:
         ]
         return self.generalized_force(local, wrenches) + self.model.armature * a
 
-    def _check_poses(self, local_poses: Sequence[Pose]) -> None:
-        if len(local_poses) != self.model.njoints:
-            raise InvalidInput(
-                f"local_poses has {len(local_poses)} poses; give the {self.model.njoints} of local_poses(q)"
-            )
+    def _check_bodies(self, **given: Sequence[object]) -> None:
+        for name, values in given.items():
+            if len(values) != self.model.njoints:
+                raise InvalidInput(
+                    f"{name}: {len(values)} given, {self.model.njoints} wanted: the universe and each joint"
+                )
 
     def body_motions(
         self, local_poses: Sequence[Pose], v: ca.SX, a: ca.SX, gravity: Point | None = None
@@ -171,7 +172,7 @@ class SymbolicModel:
 
         gravity: (3,) [m/s2] in W, default the model's. Raises InvalidInput for another size of v or a, or number of poses.
         """
-        self._check_poses(local_poses)
+        self._check_bodies(local_poses=local_poses)
         self._check_rows("v", v, self.model.nv)
         self._check_rows("a", a, self.model.nv)
         g = self.model.gravity.linear if gravity is None else np.asarray(gravity, dtype=float)
@@ -190,7 +191,8 @@ class SymbolicModel:
         )
 
     def generalized_force(self, local_poses: Sequence[Pose], wrenches: Sequence[Wrench]) -> ca.SX:
-        """Generalized force (n_v,) that balances a wrench on every joint body: the inward pass."""
+        """Generalized force (n_v,) that balances a wrench on every joint body, else InvalidInput: the inward pass."""
+        self._check_bodies(local_poses=local_poses, wrenches=wrenches)
         carried = list(wrenches)
         rows = []
         for index in range(len(self.joints), 0, -1):
@@ -210,7 +212,8 @@ class SymbolicModel:
         return M + ca.diag(sparse(np.asarray(self.model.armature)))
 
     def congruence(self, local_poses: Sequence[Pose], matrices: Sequence[ca.DM | ca.SX]) -> ca.SX:
-        """``sum J_i.T X_i J_i`` (n_v, n_v) over the joint bodies, for symmetric X_i (6, 6) in their frames."""
+        """``sum J_i.T X_i J_i`` (n_v, n_v) over the joint bodies, for symmetric X_i (6, 6) in their frames, else InvalidInput."""
+        self._check_bodies(local_poses=local_poses, matrices=matrices)
         carried = [TwistToWrench.of(matrix) for matrix in matrices]
         total = ca.SX(self.model.nv, self.model.nv)
         for index in range(len(self.joints), 0, -1):
@@ -232,10 +235,7 @@ class SymbolicModel:
     def _inertias(self, inertias: Inertias | None) -> list[np.ndarray]:
         if inertias is None:
             return [np.zeros((6, 6)), *(Y.matrix() for Y in list(self.model.inertias)[1:])]
-        if len(inertias) != self.model.njoints:
-            raise InvalidInput(
-                f"inertias: {len(inertias)} given, {self.model.njoints} wanted: the universe and each joint"
-            )
+        self._check_bodies(inertias=inertias)
         return list(inertias)
 
     def _check_rows(self, name: str, value: ca.SX, n_rows: int) -> None:

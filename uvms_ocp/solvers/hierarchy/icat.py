@@ -76,7 +76,12 @@ class Icat:
         activation: Annotated[Array, Shape("m")],
         sizes: Sequence[int],
     ) -> Array:
-        """(n,) [velocity] from J (M, n) [rate/velocity], rate (M,) [rate] and activation (M,) [-], all finite."""
+        """(n,) [velocity] from J (M, n) [rate/velocity], rate (M,) [rate] and activation (M,) [-], all finite.
+
+        Raises `InvalidInput` for sizes of levels that do not add up to M.
+        """
+        if sum(sizes) != len(J):
+            raise InvalidInput(f"sizes = {sizes} of levels; give some that add up to the {len(J)} rows of J")
         n = J.shape[1]
         rho, Q = np.zeros(n), np.eye(n)
         for rows in row_slices(sizes):

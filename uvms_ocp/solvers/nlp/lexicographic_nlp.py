@@ -17,7 +17,7 @@ from time import perf_counter
 
 import numpy as np
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Bound, checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.nlp.level_solver import Deadline, LevelSolver, NlpPoint, Outcome
 from uvms_ocp.solvers.nlp.nlp_options import NlpOptions as NlpOptions
@@ -76,7 +76,7 @@ class LexicographicNlp:
         x_lower: Variables | float = -np.inf,
         x_upper: Variables | float = np.inf,
         ranges: RowRanges | None = None,
-        time_limit: float | None = None,
+        time_limit: Bound | None = None,
     ) -> LexicographicResult:
         """Solve from a start that is a guess (n,) [unit of x], cold, or an earlier result, warm in primal and dual variables.
 

@@ -18,7 +18,7 @@ from typing import Annotated, TypeAlias
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.arguments import Shape, checked
+from uvms_ocp.arguments import Bound, Positive, Range, Shape, checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.intervals import distance
 
@@ -37,11 +37,11 @@ class NlpLevel:
 
     y: Expression
     """(m,) [unit of the row]"""
-    lower: float | np.ndarray = 0.0
+    lower: Bound | Annotated[np.ndarray, Range()] = 0.0
     """(m,), or one for all rows [unit of the row]."""
-    upper: float | np.ndarray = 0.0
+    upper: Bound | Annotated[np.ndarray, Range()] = 0.0
     """(m,), or one for all rows [unit of the row]."""
-    relax: float | None = None
+    relax: Positive | None = None
     """[-] None freezes the rows of the level; a share such as 0.01 freezes its cost at ``(1 + relax)`` times the best, which
     leaves lower levels some freedom below costs that fix every variable, such as energy."""
     name: str = ""
@@ -208,8 +208,8 @@ def lexicographic_program(
     *,
     p: Expression | None = None,
     g: Expression | None = None,
-    g_lower: np.ndarray | float = 0.0,
-    g_upper: np.ndarray | float = 0.0,
+    g_lower: Annotated[np.ndarray, Range()] | Bound = 0.0,
+    g_upper: Annotated[np.ndarray, Range()] | Bound = 0.0,
 ) -> LexicographicProgram:
     """Program of a few expressions in x (n,): levels from the highest to the lowest, subject to g in its bounds.
 

@@ -16,7 +16,7 @@ from time import perf_counter
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.arguments import checked, late
+from uvms_ocp.arguments import Bound, checked, late
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.program import LevelNlp, LexicographicProgram, Parameters, Variables
@@ -90,7 +90,7 @@ class RealTimeSqp:
         p: Parameters,
         x_lower: Variables | float = -np.inf,
         x_upper: Variables | float = np.inf,
-        time_limit: float = np.inf,
+        time_limit: Bound = np.inf,
         clock: Callable[[], float] = perf_counter,
     ) -> SqpResult:
         """From x (n,) [unit of x]: one step, and more while the constraints are broken and `time_limit` [s] allows another.

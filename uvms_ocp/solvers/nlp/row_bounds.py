@@ -39,8 +39,11 @@ class RowBounds:
 def row_bounds(ranges: RowRanges, x_lower: np.ndarray | float, x_upper: np.ndarray | float, n_x: int) -> RowBounds:
     """Bounds with no level frozen; x_lower and x_upper (n_x,), or one for all variables [unit of x].
 
-    Raises `InvalidInput` for bounds that no x keeps.
+    Raises `InvalidInput` for bounds that are NaN or that no x keeps.
     """
+    for name, bound in (("x_lower", x_lower), ("x_upper", x_upper)):
+        if np.isnan(np.asarray(bound, dtype=float)).any():
+            raise InvalidInput(f"{name} has NaN; give numbers, or an infinity where there is no bound")
     if (np.less_equal(x_upper, -np.inf) | np.greater_equal(x_lower, np.inf) | np.greater(x_lower, x_upper)).any():
         raise InvalidInput("x_lower and x_upper exclude every x; give x_lower <= x_upper, and infinity only outwards")
     lower, upper = np.full(ranges.n_rows, -np.inf), np.full(ranges.n_rows, np.inf)

@@ -17,6 +17,8 @@ from uvms_ocp.viz.scene.surroundings import draw_goals, draw_obstacles, draw_tra
 from uvms_ocp.viz.scene.viewer import CommandLog, ScenePage, build_page
 from uvms_ocp.viz.series import require_rows
 
+_MOST_FPS = 1000  # [Hz]
+
 
 @checked
 def write_scene(record: Record, robot: Robot, path: Path | str, fps: float = 25) -> Path:
@@ -55,8 +57,8 @@ def show(record: Record, robot: Robot, *, fps: float = 25, height: int = 520) ->
 
 def _check(record: Record, robot: Robot, fps: float) -> None:
     require_rows(record)
-    if not (np.isfinite(fps) and fps > 0):
-        raise InvalidInput(f"fps = {fps}; give a finite number > 0")
+    if not 0 < fps <= _MOST_FPS:
+        raise InvalidInput(f"fps = {fps}; give a number > 0, of {_MOST_FPS} at most")
     if record["q"].shape[1] != robot.n_q:
         given = record["q"].shape[1]
         raise InvalidInput(f"record has {given} configuration values, {robot.name} has {robot.n_q}; give its own robot")
