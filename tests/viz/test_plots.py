@@ -164,9 +164,7 @@ def test_an_altitude_with_some_echoes_is_drawn(record: Record) -> None:
 def test_joints_of_another_robot_are_not_compared(record: Record) -> None:
     other = replace(record, meta=record.meta.model_copy(update={"joints": tuple("abcdefg")}))
     for records in ({"one": record, "two": other}, {}):
-        with pytest.raises(
-            InvalidInput, match=f"{len(records)} runs to compare; give one or more with the same joints"
-        ):
+        with pytest.raises(InvalidInput, match=f"records = {len(records)} runs; give one or more with the same joints"):
             figure_joint_comparison(records)
 
 

@@ -64,7 +64,7 @@ def _joints_of(records: Mapping[str, Record]) -> tuple[str, ...]:
     """The names that all records have for the columns of their joints."""
     named = {record.meta.joints if n_joints(record) == len(record.meta.joints) else () for record in records.values()}
     if len(named) != 1 or () in named:
-        raise InvalidInput(f"{len(records)} runs to compare; give one or more with the same joints, of one axis each")
+        raise InvalidInput(f"records = {len(records)} runs; give one or more with the same joints, of one axis each")
     return named.pop()
 
 
