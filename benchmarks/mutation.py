@@ -30,11 +30,11 @@ PROSE = """
 source of {rooms}: places drawn with seed {seed}, then one change of each. Of {judgeable} that change something, the tests
 notice **{killed} ({share:.1f} %)**; {equivalent} are equivalent.
 
-Annotations and decorators are left as they are. A mutant meets the tests that run its line, the quick ones first, then
-the others of their files, until one fails or {budget:.0f} s of tests have passed; a crash, or three times the usual time,
-counts as noticed. Compiled code comes from the cache; what a mutant changes is not compiled. {left_out} tests are left out:
-they take more than {slow:.0f} s, or do not pass without a compiler. Tests that start other processes are left out too. The
-C source is not mutated.
+Annotations, decorators and ``zip(strict=...)`` are left as they are. A mutant meets the tests that run its line, the quick
+ones first, then the others of their files, until one fails or {budget:.0f} s of tests have passed; a crash, or three times
+the usual time, counts as noticed. Compiled code comes from the cache; what a mutant changes is not compiled. {left_out}
+tests are left out: they take more than {slow:.0f} s, or do not pass without a compiler. Tests that start other processes
+are left out too. The C source is not mutated.
 """
 
 

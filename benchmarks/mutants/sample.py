@@ -116,7 +116,7 @@ def _positions(nodes: Sequence[Any], name: str) -> Iterator[tuple[int, int]]:
 
 
 def _mutant(root: Path, file: str, operator: str, occurrence: int, line: int) -> Mutant | None:
-    """`None` for what is no Python any more, and for a change of annotations, texts and decorators alone."""
+    """`None` for what is no Python any more, and for a change of what `_what_runs` leaves out alone."""
     from cosmic_ray.mutating import mutate_code
     from cosmic_ray.plugins import get_operator
 
@@ -130,7 +130,7 @@ def _mutant(root: Path, file: str, operator: str, occurrence: int, line: int) ->
 
 
 def _what_runs(source: str) -> str | None:
-    """The syntax tree without annotations and decorators; `None` for what is no Python."""
+    """The syntax tree without annotations, decorators and ``zip(strict=...)``, which only asserts; `None` for no Python."""
     try:
         tree = ast.parse(source)
     except SyntaxError:
@@ -144,6 +144,8 @@ def _what_runs(source: str) -> str | None:
             node.returns, node.decorator_list = None, []
         elif isinstance(node, ast.ClassDef):
             node.decorator_list = []
+        elif isinstance(node, ast.Call):
+            node.keywords = [keyword for keyword in node.keywords if keyword.arg != "strict"]
     return ast.dump(tree)
 
 

@@ -141,26 +141,39 @@ def with_dead_zone(allocation: Allocation, share: float) -> Allocation:
     return Allocation(**{name: getattr(allocation, name) for name in names}, dead_zone=share * allocation.upper)
 
 
+@pytest.fixture(params=["equal", "unequal", "of other kinds"])
+def powered(request: pytest.FixtureRequest, allocation: Allocation) -> Allocation:
+    """The same layout, where some thrusters take more power than others."""
+    n = len(allocation.upper)
+    names = ("matrix", "lower", "upper", "power_factor", "power_exponent", "dead_zone", "wrench_weight")
+    values = {name: getattr(allocation, name) for name in names}
+    if request.param != "equal":
+        values["power_factor"] = allocation.power_factor * np.geomspace(0.4, 2.5, n)
+    if request.param == "of other kinds":
+        values["power_exponent"] = np.linspace(1.4, 2.0, n)
+    return Allocation(**values)
+
+
 def power(allocation: Allocation, thrust: np.ndarray) -> float:
     return float(allocation.power_factor @ np.abs(thrust) ** allocation.power_exponent)
 
 
-def test_no_other_thrust_gives_the_same_wrench_for_less_power(allocation: Allocation) -> None:
-    free = null_space(allocation.matrix)
+def test_no_other_thrust_gives_the_same_wrench_for_less_power(powered: Allocation) -> None:
+    free = null_space(powered.matrix)
     rng = np.random.default_rng(2)
     for size in np.linspace(0.1, 1.0, 20):
-        wrench = allocation.matrix @ (size * rng.uniform(allocation.lower, allocation.upper))
-        thrust = allocation.allocate(wrench).thrust
-        assert power(allocation, thrust) <= 1.005 * least_power(allocation, thrust, free)
+        wrench = powered.matrix @ (size * rng.uniform(powered.lower, powered.upper))
+        thrust = powered.allocate(wrench).thrust
+        assert power(powered, thrust) <= 1.005 * least_power(powered, thrust, free)
 
 
-def test_gentle_thrust_is_within_a_ten_thousandth_of_the_least_power(allocation: Allocation) -> None:
-    free = null_space(allocation.matrix)
+def test_gentle_thrust_is_within_a_ten_thousandth_of_the_least_power(powered: Allocation) -> None:
+    free = null_space(powered.matrix)
     rng = np.random.default_rng(3)
     for _ in range(20):
-        wrench = allocation.matrix @ (0.2 * rng.uniform(allocation.lower, allocation.upper))
-        thrust = allocation.allocate(wrench).thrust
-        assert power(allocation, thrust) <= (1.0 + 1e-4) * least_power(allocation, thrust, free)
+        wrench = powered.matrix @ (0.2 * rng.uniform(powered.lower, powered.upper))
+        thrust = powered.allocate(wrench).thrust
+        assert power(powered, thrust) <= (1.0 + 1e-4) * least_power(powered, thrust, free)
 
 
 def least_power(allocation: Allocation, thrust: np.ndarray, free: np.ndarray) -> float:
