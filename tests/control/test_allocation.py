@@ -150,7 +150,7 @@ def powered(request: pytest.FixtureRequest, allocation: Allocation) -> Allocatio
     if request.param != "equal":
         values["power_factor"] = allocation.power_factor * np.geomspace(0.4, 2.5, n)
     if request.param == "of other kinds":
-        values["power_exponent"] = np.linspace(1.4, 2.0, n)
+        values["power_exponent"] = np.linspace(1.6, 2.0, n)
     return Allocation(**values)
 
 

@@ -20,6 +20,8 @@ from uvms_ocp.arguments.names import DAY as DAY
 from uvms_ocp.arguments.names import Bound as Bound
 from uvms_ocp.arguments.names import Count as Count
 from uvms_ocp.arguments.names import Finite as Finite
+from uvms_ocp.arguments.names import Length as Length
+from uvms_ocp.arguments.names import Many as Many
 from uvms_ocp.arguments.names import Period as Period
 from uvms_ocp.arguments.names import Point as Point
 from uvms_ocp.arguments.names import Positive as Positive

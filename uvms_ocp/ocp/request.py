@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import Bound, Range, Shape, checked
+from uvms_ocp.arguments import Length, Many, Period, Range, Shape, checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import CollisionScene, Nearest, collision_scene
@@ -40,15 +40,15 @@ class OcpRequest:
     """(n_q,) [m, rad] configuration."""
     goal: Goal
     obstacles: tuple[ObstacleData, ...] = ()
-    clearance: Bound = 0.06
+    clearance: Length = 0.06
     """[m] kept from obstacles by the capsules that cover the links."""
-    duration: Bound = 8.0
+    duration: Period = 8.0
     """[s]"""
-    n_steps: int = 40
+    n_steps: Many = 40
     current: FiniteTriple = (0.0, 0.0, 0.0)
     """[m/s] of the water in W."""
     plugin: str = "ipopt"
-    time_limit: Bound = 20.0
+    time_limit: Period = 20.0
     """[s] for the solver."""
 
 

@@ -1,4 +1,4 @@
-"""The defaults of everything public, on which users rely. New ones: ``python tests/arguments/defaults.py --reason WHY``."""
+"""What users rely on: defaults, and which numbers settings take: ``python tests/arguments/settings.py --reason WHY``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ import argparse
 import dataclasses
 import inspect
 import json
+import math
 import re
+from collections.abc import Mapping
 from enum import Enum
 from pathlib import Path
 from typing import Any
@@ -14,8 +16,17 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 from public_surface import Call, surface
+from valid_calls import EXPENSIVE, right_arguments
 
-RECORDED = Path(__file__).with_name("defaults.json")
+from uvms_ocp.exceptions import UvmsError
+
+RECORDED = Path(__file__).with_name("settings.json")
+FLOATS = (
+    *(-math.inf, -1e9, -2.0, -1.0, -0.5, -1e-9, 0.0, 1e-9, 0.5, 1.0 - 1e-9, 1.0, 1.0 + 1e-9, 1.5, 2.0, 3.0, 10.0),
+    *(1e3, 1e6, 1e9, 1e30, math.inf),
+)
+WHOLE = (-1, 0, 1, 2, 3, 4, 10, 1000, 10**6, 10**12)
+"""Numbers that are tried on settings."""
 
 
 def defaults() -> dict[str, str]:
@@ -27,6 +38,34 @@ def defaults() -> dict[str, str]:
             if value is not inspect.Parameter.empty:
                 found[f"{call.title}({name})"] = _text(value)
     return found
+
+
+def ranges() -> dict[str, str]:
+    """``dataclass(field)`` to those of the numbers above that it takes, all other fields being right."""
+    found = {}
+    for call in surface():
+        if dataclasses.is_dataclass(call.function) and call.title not in EXPENSIVE:
+            right = right_arguments(call)
+            for name, parameter in call.parameters.items():
+                numbers = _numbers(right.get(name, parameter.default))
+                if numbers:
+                    taken = (f"{value:.10g}" for value in numbers if _takes(call, right, name, value))
+                    found[f"{call.title}({name})"] = " ".join(taken)
+    return found
+
+
+def _numbers(value: Any) -> tuple[float, ...]:
+    if isinstance(value, (bool, Enum)) or not isinstance(value, (int, float)):
+        return ()
+    return WHOLE if isinstance(value, int) else FLOATS
+
+
+def _takes(call: Call, right: Mapping[str, Any], name: str, value: float) -> bool:
+    try:
+        call.function(**{**right, name: value})
+    except UvmsError:
+        return False
+    return True
 
 
 def _default(call: Call, parameter: inspect.Parameter) -> Any:
@@ -60,7 +99,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--reason", required=True, help="why they move; it belongs into CHANGELOG too")
     given = parser.parse_args()
-    RECORDED.write_text(json.dumps({"reason": given.reason, "defaults": defaults()}, indent=1) + "\n", encoding="utf-8")
+    found = {"reason": given.reason, "defaults": defaults(), "ranges": ranges()}
+    RECORDED.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
