@@ -113,6 +113,9 @@ def test_misuse_is_refused(robot: Robot) -> None:
         reach(robot, n_steps=0)
     with pytest.raises(InvalidInput, match="three finite numbers"):
         reach(robot, current=np.array([np.nan, 0, 0]))
+    for nothing in ("phases", "levels"):
+        with pytest.raises(InvalidInput, match="needs phases and levels"):
+            replace(reach(robot), **{nothing: ()})
     with pytest.raises(InvalidInput, match="no residual over a horizon"):
         Transcription(reach(robot, constraints=(TaskTerm(task=UnderActuation(axes=(3,))),)))
     with pytest.raises(NameNotFound, match="phase"):
