@@ -32,7 +32,7 @@ class QuantityMeta(MetaValue):
     name: str
     """``task.quantity``"""
     value: float
-    """[m] or [rad]"""
+    """[m] or [rad]; NaN where it was not known"""
 
 
 class ConditionMeta(MetaValue):

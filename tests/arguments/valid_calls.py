@@ -245,7 +245,14 @@ def tick() -> TickState:
     state = controller().mission.start()
     gates = controller().mission.gates(state, 0.0)
     return TickState(
-        begin=0.0, t=0.0, measurement=measurement(), echo=3.0, mission=state, gates=gates, freshness=Freshness.FRESH
+        begin=0.0,
+        t=0.0,
+        measurement=measurement(),
+        echo=3.0,
+        altitude_known=True,
+        mission=state,
+        gates=gates,
+        freshness=Freshness.FRESH,
     )
 
 

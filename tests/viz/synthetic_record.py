@@ -45,6 +45,14 @@ def synthetic_record(robot: Robot, *, duration: float = 6.0, dt: float = 0.02, *
     return Record(series=series, meta=RunMeta(**{**_meta(robot), **meta}))
 
 
+def without(record: Record, *names: str, rows: slice = slice(None)) -> Record:
+    """The record with quantities that are not known in some rows."""
+    values = record["quantities"].copy()
+    for name in names:
+        values[rows, record.meta.quantities.index(name)] = np.nan
+    return Record(series={**record.series, "quantities": values}, meta=record.meta)
+
+
 def _efforts(robot: Robot, t: np.ndarray) -> dict[str, np.ndarray]:
     """What the physical plant and the dynamic layer add."""
     wave = np.sin(np.outer(t, np.arange(1, robot.n_v + 1)))

@@ -11,7 +11,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from synthetic_record import synthetic_record
+from synthetic_record import QUANTITIES, synthetic_record, without
 
 from uvms_ocp.exceptions import InvalidInput, OutputError
 from uvms_ocp.model.loading import load_robot
@@ -85,6 +85,15 @@ def test_every_panel_has_units_or_a_task_and_every_phase_is_named(record: Record
     )
     assert "A way point" in named
     assert "B tool frame" in named
+
+
+@pytest.mark.parametrize("rows", [slice(None), slice(0, 20), slice(-20, None)], ids=["all", "first", "last"])
+@pytest.mark.parametrize("names", [("LA.altitude",), QUANTITIES], ids=["altitude", "everything"])
+def test_every_figure_bears_quantities_that_are_not_known(
+    record: Record, names: tuple[str, ...], rows: slice, tmp_path: Path
+) -> None:
+    written = {path.stem for path in write_figures(without(record, *names, rows=rows), tmp_path)}
+    assert written == set(FIGURES) - ({"altitude"} if rows == slice(None) else set())
 
 
 def test_thresholds_of_the_mission_are_drawn_with_their_value(record: Record) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import umsgpack
-from synthetic_record import SURROUNDINGS, synthetic_record
+from synthetic_record import SURROUNDINGS, synthetic_record, without
 
 from uvms_ocp.exceptions import InvalidInput, OutputError
 from uvms_ocp.meta_values import FloorRelief, FrameMeta, MarkerMeta, SurroundingsMeta
@@ -184,6 +184,15 @@ def test_text_of_a_user_cannot_break_out_of_the_page(robot: Robot) -> None:
     parser = _References()
     parser.feed(show(record, robot).html)
     assert all(reference.startswith("data:") for reference in parser.found)
+
+
+def test_what_is_not_known_is_no_number_in_the_readouts(record: Record, robot: Robot) -> None:
+    html = show(without(record, "LA.altitude", rows=slice(0, 40)), robot).html
+    readouts = {item["label"]: item["values"] for item in _details(html)["readouts"]}
+    altitude, times = readouts["altitude"], np.array(readouts[""])
+    assert [value is None for value in altitude] == (times < record["t"][40] - 1e-9).tolist()
+    assert None not in readouts["tool error"]
+    assert 'value === null ? "-"' in html
 
 
 def test_a_notebook_gets_the_page_in_a_frame(record: Record, robot: Robot) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -43,7 +44,7 @@ def table_of(title: str, rows: Sequence[Mapping[str, Any]], columns: tuple[str, 
 
 def cell(value: Any) -> str:
     """A value as a table shows it."""
-    if value is None:
+    if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
     return f"{value:.4g}" if isinstance(value, float) else plain_line(str(value))
 

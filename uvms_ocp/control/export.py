@@ -150,6 +150,7 @@ def _header(problem: LevelsProblem, levels: ca.Function) -> str:
             f"/* in: {inputs}.",
             f"   levels: {_comment(f'{n} ({m})' for n, m in zip(problem.names, problem.sizes, strict=True))}.",
             f"   quantities: {_comment(problem.quantity_names)}.",
+            f"   Without an echo something finite stands in for altimeter_range, and unknown are: {_unknown(problem)}.",
             "   active_set: zeros before the first tick, then what the tick before left in it.",
             "   v: the velocity to command, whatever the status, which is returned. The viability rule and the mission are not",
             "   part of the tick. Where a status is not TICK_SOLVED the time is that of one solution per level at most. */",
@@ -159,6 +160,11 @@ def _header(problem: LevelsProblem, levels: ca.Function) -> str:
             "",
         ]
     )
+
+
+def _unknown(problem: LevelsProblem) -> str:
+    names = zip(problem.quantity_names, problem.ranged, strict=True)
+    return _comment(name for name, ranged in names if ranged) or "none"
 
 
 def _statuses() -> list[str]:

@@ -136,8 +136,11 @@ def _measured(quantity: str, quantities: Mapping[str, float]) -> float:
 
 
 def _described(condition: Condition, quantities: Mapping[str, float]) -> str:
-    sign = condition.sign if condition.holds(quantities) else f"not {condition.sign}"
-    return f"{condition.quantity} = {quantities[condition.quantity]:.4g} {sign} {condition.limit:g}"
+    sign, value = (
+        condition.sign if condition.holds(quantities) else f"not {condition.sign}",
+        quantities[condition.quantity],
+    )
+    return f"{condition.quantity} = {'-' if math.isnan(value) else f'{value:.4g}'} {sign} {condition.limit:g}"
 
 
 def _check_threshold(quantity: str, limit: float) -> None:

@@ -8,8 +8,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.model.kinematics import STEEP, AltimeterBeam
 from uvms_ocp.preflight.findings import Finding, Severity
-from uvms_ocp.preflight.forecast import Visit, ball, limit_of
+from uvms_ocp.preflight.forecast import Visit, ball, limit_of, main_path
 from uvms_ocp.preflight.setup import Setup
 from uvms_ocp.preflight.tool import goals_of
 from uvms_ocp.tasks.altitude import LandingAltitude, MinimumAltitude
@@ -17,7 +18,7 @@ from uvms_ocp.tasks.attitude import HorizontalAttitude
 from uvms_ocp.tasks.pose import PoseTask, ToolPosition, VehiclePose
 from uvms_ocp.tasks.reference import evaluate_pose
 
-CHECK = "minimum altitude"
+CHECK, ECHO = "minimum altitude", "echo"
 
 
 def check_altitude(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
@@ -33,6 +34,39 @@ def check_altitude(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
             yield from _way_point(setup, visit, minimum)
         if visit.active(LandingAltitude) is not None:
             yield from _landing(visit, minimum)
+
+
+def check_echo(setup: Setup) -> Iterator[Finding]:
+    """Findings on phases that go by an altitude which no echo tells: without an altimeter, or at the start."""
+    tasks = {task.name for task in setup.mission.hierarchy.tasks if task.needs_altimeter}
+    blind = setup.altimeter_frame is None or setup.sensors.altimeter_range is None
+    for index in main_path(setup.mission.phases) if blind else [0]:
+        phase = setup.mission.phases[index]
+        on = sorted(name for name in tasks if phase.gates.get(name, 0.0) > 0)
+        conditions = [condition for transition in phase.transitions for condition in transition.when]
+        awaited = {condition.quantity for condition in conditions if condition.quantity.rpartition(".")[0] in tasks}
+        if not (on or awaited):
+            continue
+        names = ", ".join([*on, *sorted(awaited)])
+        if blind:
+            text = f"{names}: there is no altimeter, so that no altitude is ever known; give one, or do without"
+            severity = Severity.ERROR if on else Severity.WARNING
+            yield Finding(severity=severity, check=ECHO, phase=phase.name, text=text)
+        else:
+            yield from _silent_start(setup, phase.name, names)
+
+
+def _silent_start(setup: Setup, phase: str, names: str) -> Iterator[Finding]:
+    beam = AltimeterBeam(setup.robot, setup.altimeter_frame or "").at(setup.start)
+    if beam.cosine > STEEP and math.isfinite(setup.environment.seafloor.range_along(beam.origin, beam.direction)):
+        return
+    tilt = math.acos(max(-1.0, min(1.0, beam.cosine)))
+    why = f"the altimeter looks {tilt:.2f} rad away from straight down, at most {math.acos(STEEP):.2f} rad tells an altitude"
+    text = (
+        f"{names}: the start has no echo ({why if beam.cosine <= STEEP else 'the floor returns none'}); until one comes "
+        "nothing sinks, no condition on altitude is met, and a task on it soon makes the robot hold; start elsewhere"
+    )
+    yield Finding(severity=Severity.WARNING, check=ECHO, phase=phase, text=text, figures={"tilt_rad": tilt})
 
 
 def check_goals(setup: Setup) -> Iterator[Finding]:

@@ -12,7 +12,7 @@ from uvms_ocp.control.velocity.parameters import parameters_of
 from uvms_ocp.model.files.unknowns import unknowns
 from uvms_ocp.model.trim import without_trim
 from uvms_ocp.preflight.accuracy import check_accuracy
-from uvms_ocp.preflight.altitude import check_altitude, check_goals
+from uvms_ocp.preflight.altitude import check_altitude, check_echo, check_goals
 from uvms_ocp.preflight.findings import Finding, PreflightReport, Severity
 from uvms_ocp.preflight.forces import check_forces
 from uvms_ocp.preflight.forecast import Visit, forecast
@@ -31,11 +31,12 @@ def check_mission(setup: Setup) -> PreflightReport:
     problem = build_levels(setup.robot, setup.mission.hierarchy, setup.dt)
     setup.mission.check_quantities(problem.quantity_names)
     if not setup.robot.n_vehicle:
-        findings = [*check_structure(setup.mission), *check_goals(setup), *check_accuracy(setup)]
+        findings = [*check_structure(setup.mission), *check_echo(setup), *check_goals(setup), *check_accuracy(setup)]
         return PreflightReport(findings=(*findings, *check_unknowns(setup)))
     visits = forecast(setup)
     findings = [
         *check_structure(setup.mission),
+        *check_echo(setup),
         *check_altitude(setup, visits),
         *check_goals(setup),
         *check_obstacles(setup, visits),

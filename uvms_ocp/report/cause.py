@@ -37,7 +37,8 @@ def cause_of_end(record: Record) -> dict[str, str]:
 
 def _missed(row: dict[str, Any]) -> str:
     allowed = "" if row["sensors_allow"] is None else f", and the sensors allow {row['sensors_allow']:.2g}"
-    was = f"estimated at {row['estimated']:.3g} but truly {row['true']:.3g}"
+    estimated = "-" if row["estimated"] is None else f"{row['estimated']:.3g}"
+    was = f"estimated at {estimated} but truly {row['true']:.3g}"
     return f"phase {row['phase']}: {row['quantity']} was {was} against a limit of {row['limit']:g}{allowed}"
 
 
@@ -47,6 +48,9 @@ def _unfinished(record: Record) -> dict[str, str]:
     waiting = [item for item in _conditions(record, phase) if not _fulfilled(record, item)]
     if not waiting:
         return {"kind": "slow", "text": f"phase {phase}: its conditions hold, but not yet for long enough"}
+    unknown = [item.quantity for item in waiting if np.isnan(_trend(record, item)[0])]
+    if unknown:
+        return {"kind": "stalled", "text": f"phase {phase}: {unknown[0]} is not known, and its condition not met"}
     trends = [(item, *_trend(record, item)) for item in waiting]
     item, now, gained = min(trends, key=lambda trend: trend[2])
     what = f"phase {phase}: {item.quantity} = {now:.4g} against a limit of {item.limit:g}"

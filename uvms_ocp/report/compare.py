@@ -11,7 +11,7 @@ from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.record import Record
 from uvms_ocp.report.resources import resources
-from uvms_ocp.report.series import max_velocity_step, quantities_at, quantity
+from uvms_ocp.report.series import known, largest, max_velocity_step, quantities_at, quantity
 
 
 @checked
@@ -33,12 +33,11 @@ def _run_figures(record: Record) -> Iterator[tuple[str, Any]]:
     yield "completed", meta.completed
     yield "phases", " ".join(row["phase"] for row in resources(record)[:-1])
     yield from ((name, value) for name, value in resources(record)[-1].items() if name != "phase")
-    yield "tool_position_error_m", meta.true_quantity(f"{meta.tool_task}.position_error")
+    yield "tool_position_error_m", known(meta.true_quantity(f"{meta.tool_task}.position_error"))
     estimated = quantities_at(record, float(record["t"][-1]))
-    yield "estimated_tool_position_error_m", estimated.get(f"{meta.tool_task}.position_error")
+    yield "estimated_tool_position_error_m", known(estimated.get(f"{meta.tool_task}.position_error"))
     yield "sensors_allow_tool_position_m", meta.allowance.get(f"{meta.tool_task}.position_error")
-    tilt = quantity(record, "HA.tilt")
-    yield "largest_tilt_rad", None if tilt is None else float(tilt.max())
+    yield "largest_tilt_rad", largest(quantity(record, "HA.tilt"))
     yield "max_velocity_step", max_velocity_step(record)
 
 

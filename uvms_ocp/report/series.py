@@ -16,6 +16,16 @@ def max_velocity_step(record: Record) -> float:
     return float(np.abs(steps).max(initial=0.0))
 
 
+def known(value: float | None) -> float | None:
+    """The value [in its unit]; `None` for what is no number, such as an altitude without an echo."""
+    return None if value is None or np.isnan(value) else value
+
+
+def largest(values: np.ndarray | None) -> float | None:
+    """Of the values (n,) [in their unit] that are known; `None` where none is."""
+    return None if values is None or np.isnan(values).all() else float(np.nanmax(values))
+
+
 def quantities_at(record: Record, t: float) -> dict[str, float]:
     """All quantities [in their units] at time t [s], as estimated."""
     row = record["quantities"][min(int(np.searchsorted(record["t"], t - 1e-9)), len(record) - 1)]

@@ -13,7 +13,7 @@ from uvms_ocp.report.cause import cause_of_end
 from uvms_ocp.report.goals import ended_too_early, goal_table
 from uvms_ocp.report.meta import versions
 from uvms_ocp.report.resources import figures_between, resources
-from uvms_ocp.report.series import max_velocity_step, quantities_at, quantity
+from uvms_ocp.report.series import known, largest, max_velocity_step, quantities_at, quantity
 
 _SETTLING = 0.5  # [s] after the start of a phase, before its drift counts
 
@@ -25,8 +25,8 @@ def summarize(record: Record) -> dict[str, Any]:
 
     Lengths in m, angles in rad, times in s unless the key says otherwise. Raises `InvalidInput` for the record of a plan.
     """
-    meta, tilt = record.run_meta, quantity(record, "HA.tilt")
-    estimated = quantities_at(record, float(record["t"][-1]))
+    meta, task = record.run_meta, record.run_meta.tool_task
+    estimated = _known(quantities_at(record, float(record["t"][-1])))
     return {
         "scenario": meta.scenario,
         "robot": meta.robot,
@@ -42,14 +42,14 @@ def summarize(record: Record) -> dict[str, Any]:
         "seed": meta.seed,
         "noise": meta.noise,
         "alarms": [alarm.model_dump() for alarm in meta.alarms],
-        "tool_position_error_m": meta.true_quantity(f"{meta.tool_task}.position_error"),
-        "tool_orientation_error_rad": meta.true_quantity(f"{meta.tool_task}.orientation_error"),
-        "estimated_tool_position_error_m": estimated.get(f"{meta.tool_task}.position_error"),
-        "estimated_tool_orientation_error_rad": estimated.get(f"{meta.tool_task}.orientation_error"),
-        "sensors_allow_tool_position_m": meta.allowance.get(f"{meta.tool_task}.position_error"),
-        "sensors_allow_tool_orientation_rad": meta.allowance.get(f"{meta.tool_task}.orientation_error"),
+        "tool_position_error_m": known(meta.true_quantity(f"{task}.position_error")),
+        "tool_orientation_error_rad": known(meta.true_quantity(f"{task}.orientation_error")),
+        "estimated_tool_position_error_m": estimated.get(f"{task}.position_error"),
+        "estimated_tool_orientation_error_rad": estimated.get(f"{task}.orientation_error"),
+        "sensors_allow_tool_position_m": meta.allowance.get(f"{task}.position_error"),
+        "sensors_allow_tool_orientation_rad": meta.allowance.get(f"{task}.orientation_error"),
         "vehicle_drift_in_last_phase_m": _drift_in_last_phase(record),
-        "largest_tilt_rad": None if tilt is None else float(tilt.max()),
+        "largest_tilt_rad": largest(quantity(record, "HA.tilt")),
         "min_altimeter_m": _smallest(record["altimeter_range"]),
         "max_velocity_step": max_velocity_step(record),
         "failed_ticks": _failed_ticks(record),
@@ -92,8 +92,7 @@ def phase_table(record: Record) -> list[dict[str, Any]]:
 
 
 def _known(quantities: dict[str, float]) -> dict[str, float | None]:
-    """`None` for what is no number, such as an altitude without an echo."""
-    return {name: None if np.isnan(value) else value for name, value in quantities.items()}
+    return {name: known(value) for name, value in quantities.items()}
 
 
 def _drift_in_last_phase(record: Record) -> float | None:

@@ -91,6 +91,11 @@ class MinimumAltitude(Task):
             saturation=self.saturation,
         )
 
+    @property
+    def rest_altitude(self) -> float:
+        """`threshold` [m]."""
+        return self.threshold
+
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """Altitude >= `threshold` [m]."""
         return bounded_residual(
@@ -151,10 +156,15 @@ class LandingAltitude(Task):
     def __post_init__(self) -> None:
         require_positive(self.name, safeguard=self.safeguard, gain=self.gain, saturation=self.saturation)
 
+    @property
+    def rest_altitude(self) -> float:
+        """``landing_distance + safeguard`` [m]."""
+        return self.landing_distance + self.safeguard
+
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """``landing_distance + safeguard - altitude`` = 0 [m]."""
         altitude = altitude_of(symbols, altimeter_of(self.name, symbols, self.frame))
-        return zero_residual(self.landing_distance + self.safeguard - altitude)
+        return zero_residual(self.rest_altitude - altitude)
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         frame = altimeter_of(self.name, symbols, self.frame)

@@ -124,6 +124,11 @@ class Task(ABC):
     """Whether it reads the range of the altimeter."""
 
     @property
+    def rest_altitude(self) -> float:
+        """[m] at which a task that reads the altimeter lets nothing sink; it stands in until the first echo has come."""
+        return 0.0
+
+    @property
     def nearest_pairs(self) -> NearestPairs | None:
         """The distances that this task asks to be measured at every tick, if any: the last of its parameters."""
         return None

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from uvms_ocp.arguments import changed
-from uvms_ocp.model.kinematics import STEEP, AltimeterBeam
+from uvms_ocp.model.kinematics import STEEP, AltimeterBeam, Beam
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Measurement
 
-NO_ECHO_RANGE = 100.0
-"""[m] stands in for the altimeter's range before the first echo."""
+_LEVEL = 1e-6  # cosine of a tilt; a beam nearer to the horizon has no range that stands for a height
 
 
 class LastSound:
@@ -37,37 +38,46 @@ class LastSound:
 
 
 class LastEcho:
-    """The range of the altimeter; without an echo the last one, carried along with the measured motion.
+    """How high the altimeter is above the floor: by its echo, or by the last one, carried along with the measured motion.
 
-    That takes the floor for level. A robot without an altimeter has `NO_ECHO_RANGE`.
+    Carrying takes the floor for level. An echo along a beam that does not look down tells no height.
     """
 
-    __slots__ = ("_beam", "_height", "_range", "since")
+    __slots__ = ("_beam", "_floor", "since")
 
-    def __init__(self, robot: Robot) -> None:
-        frame = robot.description.altimeter
+    def __init__(self, robot: Robot, frame: str | None) -> None:
+        """frame: that of the altimeter; `None` or one that the robot does not have: no altitude is ever known."""
         self._beam = None if frame is None or not robot.has_frame(frame) else AltimeterBeam(robot, frame)
-        self._range = NO_ECHO_RANGE
-        """[m] of the last echo."""
-        self._height = np.nan
-        """[m] z of the floor below it in W."""
+        self._floor = math.nan
+        """[m] z of the floor below the last echo in W."""
         self.since = 0.0
         """[s] time of the last echo, 0 before the first."""
 
-    def range(self, measurement: Measurement, t: float) -> float:
-        """[m] at the tick at time t [s]."""
-        echo = measurement.altimeter_range
-        if np.isfinite(echo):
-            self.since, self._range = t, echo
-            if self._beam is not None:
-                beam = self._beam.at(measurement.q)
-                self._height = float(beam.origin[2]) - beam.cosine * echo
-            return echo
-        return self.carried(measurement.q)
+    def range(self, measurement: Measurement, t: float, unknown: float) -> float:
+        """[m], always finite, at the tick at time t [s]; `unknown` [m] is the altitude to act on before the first echo."""
+        beam = None if self._beam is None else self._beam.at(measurement.q)
+        if beam is None or not _tells(beam, measurement.altimeter_range):
+            return self._carried(beam, unknown)
+        self.since, self._floor = t, float(beam.origin[2]) - beam.cosine * measurement.altimeter_range
+        return measurement.altimeter_range
 
-    def carried(self, q: np.ndarray) -> float:
-        """[m] at q (n_q,) [m, rad], from the last echo."""
-        if self._beam is None or not np.isfinite(self._height):
-            return self._range
-        beam = self._beam.at(q)
-        return max(0.0, float(beam.origin[2]) - self._height) / max(beam.cosine, STEEP)
+    def at(self, measurement: Measurement) -> tuple[float, bool]:
+        """Range [m], always finite, at a measurement that is not remembered, and whether its echo tells the altitude."""
+        beam = None if self._beam is None else self._beam.at(measurement.q)
+        if beam is None or not _tells(beam, measurement.altimeter_range):
+            return self._carried(beam, 0.0), False
+        return measurement.altimeter_range, True
+
+    def known(self, t: float, patience: float) -> bool:
+        """Whether the altitude at time t [s] rests on an echo that is no older than `patience` [s]."""
+        return math.isfinite(self._floor) and t - self.since <= patience
+
+    def _carried(self, beam: Beam | None, unknown: float) -> float:
+        if beam is None:
+            return 0.0
+        height = max(0.0, float(beam.origin[2]) - self._floor) if math.isfinite(self._floor) else unknown
+        return height / math.copysign(max(abs(beam.cosine), _LEVEL), beam.cosine)
+
+
+def _tells(beam: Beam, echo: float) -> bool:
+    return math.isfinite(echo) and beam.cosine > STEEP

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 from time import perf_counter
 from typing import Any, Protocol
@@ -23,6 +25,7 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, Measurement
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.solvers.hierarchy.tick import Tick, TickResult
+from uvms_ocp.tasks.task import Task
 
 _command = trusted(Command)
 
@@ -65,9 +68,10 @@ class KinematicController:
         self._solve = solver.bind(self.problem.function, self.problem.sizes)
         self.events: list[Event] = []
         self.state: MissionState = mission.start()
-        self.quantities: dict[str, float] = {}
+        self.quantities = dict.fromkeys(self.problem.quantity_names, math.nan)
+        """As last measured [in their units]; NaN where nothing tells."""
         self.watchdog = watchdog or Watchdog()
-        self._sound, self._echo = LastSound(robot), LastEcho(robot)
+        self._sound, self._echo = LastSound(robot), LastEcho(robot, _altimeter(robot, mission.hierarchy.tasks))
         rest = np.zeros(robot.n_v)
         self._motion = Motion(q=robot.configuration(), v=rest, change=rest, near=True, share=1.0)
         self._altitude_tasks = [index for index, task in enumerate(mission.hierarchy.tasks) if task.needs_altimeter]
@@ -82,12 +86,13 @@ class KinematicController:
         """What is known at time t [s]; what is missing of the measurement is replaced by what was known last."""
         begin, gates = perf_counter(), self.mission.gates(self.state, t)
         measurement = self._sound(measurement, t)
-        echo = self._echo.range(measurement, t)
+        echo = self._echo.range(measurement, t, self._lowest_rest(gates))
         return TickState(
             begin=begin,
             t=t,
             measurement=measurement,
             echo=echo,
+            altitude_known=self._echo.known(t, self.watchdog.hold_after),
             mission=self.state,
             gates=gates,
             freshness=self.watchdog.judge(max(measurement.age, self._echo_age(t, gates)), t),
@@ -97,17 +102,18 @@ class KinematicController:
     def command(self, tick: TickState) -> Command:
         """The command for what `observe` has found."""
         result = self._solve(*self._inputs(tick))
+        quantities = self._reported(result.extras[0], tick)
         if tick.blind:
             self._motion = self._stopping()
         else:
             self._motion = self._viable(tick, result)
-            self._advance(tick.t, self._named(result.extras[0]))
+            self._advance(tick.t, self._named(quantities))
         return _command(
             v=self._motion.v,
             hold=tick.blind,
             stop=tick.freshness is Freshness.LOST,
             finished=self.state.over,
-            telemetry=_telemetry(tick, result, self._motion.share),
+            telemetry=_telemetry(tick, result, quantities, self._motion.share),
         )
 
     def pending(self) -> str:
@@ -117,21 +123,24 @@ class KinematicController:
     def evaluate(self, measurement: Measurement, t: float, state: MissionState | None = None) -> dict[str, float]:
         """All quantities at a measurement at time t [s], such as the true state after a run; the mission stays where it is.
 
-        state: where the mission was then, for the goals of another phase than the present one.
+        An altitude is NaN unless the echo of the measurement itself tells it. state: where the mission was then, for the goals of
+        another phase than the present one.
         """
         state = state or self.state
-        echo = measurement.altimeter_range
+        echo, altitude_known = self._echo.at(measurement)
         tick = TickState(
             begin=perf_counter(),
             t=t,
             measurement=measurement,
-            echo=echo if np.isfinite(echo) else self._echo.carried(measurement.q),
+            echo=echo,
+            altitude_known=altitude_known,
             mission=state,
             gates=self.mission.gates(state, t),
             freshness=Freshness.FRESH,
         )
         outputs = self.problem.function(*self._inputs(tick))
-        return self._named(np.array(outputs[self.problem.function.index_out("quantities")]).ravel())
+        quantities = np.array(outputs[self.problem.function.index_out("quantities")]).ravel()
+        return self._named(self._reported(quantities, tick))
 
     def _inputs(self, tick: TickState) -> tuple[np.ndarray, ...]:
         """Of the levels function."""
@@ -167,6 +176,17 @@ class KinematicController:
         """Time [s] since the last echo while a task on altitude is on."""
         return t - self._echo.since if gates[self._altitude_tasks].any() else 0.0
 
+    def _lowest_rest(self, gates: np.ndarray) -> float:
+        """Altitude [m] at which no task that is on lets the robot sink."""
+        tasks = self.mission.hierarchy.tasks
+        return min((tasks[i].rest_altitude for i in self._altitude_tasks if gates[i] > 0), default=0.0)
+
+    def _reported(self, quantities: np.ndarray, tick: TickState) -> np.ndarray:
+        """NaN before the first measurement, and where they rest on an altitude that only stands in for one."""
+        if tick.measurement.age == math.inf:
+            return np.full(len(quantities), np.nan)
+        return quantities if tick.altitude_known else np.where(self.problem.ranged, np.nan, quantities)
+
     def _named(self, quantities: np.ndarray) -> dict[str, float]:
         return dict(zip(self.problem.quantity_names, quantities.tolist(), strict=True))
 
@@ -183,13 +203,18 @@ class KinematicController:
         return v - np.clip(v, -self.problem.step, self.problem.step)
 
 
-def _telemetry(tick: TickState, result: TickResult, share: float) -> dict[str, Any]:
+def _altimeter(robot: Robot, tasks: Sequence[Task]) -> str | None:
+    """The frame that tasks on altitude name, or that of the robot's file."""
+    named = (getattr(task, "frame", None) for task in tasks if task.needs_altimeter)
+    return next(filter(None, named), robot.description.altimeter)
+
+
+def _telemetry(tick: TickState, result: TickResult, quantities: np.ndarray, share: float) -> dict[str, Any]:
     """For the record."""
-    quantities, activity = result.extras
     return {
         "phase": tick.mission.phase,
         "gates": tick.gates,
-        "activity": activity,
+        "activity": result.extras[1],
         "residual": result.residual,
         "quantities": quantities,
         "status": _STATUS_CODE[result.status],

@@ -41,6 +41,8 @@ class LevelsProblem:
     """Rows of each level."""
     quantity_names: tuple[str, ...]
     """``task.quantity``, in the order of the output `quantities`."""
+    ranged: np.ndarray
+    """(n_quantities,) [-] which of them depend on the range of the altimeter, and are unknown without an echo."""
     step: np.ndarray
     """(n_v,) [m/s, rad/s] largest change of each velocity in one tick; infinite where the acceleration has no limit."""
 
@@ -80,6 +82,9 @@ def build_levels(robot: Robot, hierarchy: Hierarchy, dt: Period) -> LevelsProble
         names=tuple(level.name for level in levels),
         sizes=tuple(level.rows.n_rows for level in levels),
         quantity_names=tuple(quantities),
+        ranged=np.array(
+            [ca.depends_on(ca.SX(value), symbols.altimeter_range) for value in quantities.values()], dtype=bool
+        ),
         step=robot.limits.acceleration * dt,
     )
 

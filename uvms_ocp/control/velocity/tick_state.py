@@ -22,7 +22,10 @@ class TickState:
     measurement: Measurement
     """With finite q and v: the newest that is sound."""
     echo: float
-    """[m] range of the altimeter, carried along with the motion where there is no echo."""
+    """[m] range of the altimeter that tasks act on: carried along with the motion where there is no echo, cautious before the
+    first one."""
+    altitude_known: bool
+    """An echo supports it, of now or of not too long ago."""
     mission: MissionState
     """Where the mission is."""
     gates: np.ndarray

@@ -191,6 +191,8 @@ function lastBefore(times, t) {
   return Math.max(0, low - 1);
 }
 
+const digits = (value) => (value !== 0 && Math.abs(value) < 1e-3 ? value.toExponential(1) : value.toFixed(3));
+
 // Names are data: they become text, never markup.
 function showReadouts() {
   const phase = phaseAt(clock.t), [times, ...rows] = DETAILS.readouts, shown = byId("readouts");
@@ -199,9 +201,8 @@ function showReadouts() {
   const k = times ? lastBefore(times.values, clock.t) : 0;
   for (const row of rows) {
     const value = row.values[k], line = addElement(shown, "div", "");
-    const text = value !== 0 && Math.abs(value) < 1e-3 ? value.toExponential(1) : value.toFixed(3);
     addElement(line, "span", row.label);
-    addElement(line, "span", `${text} ${row.unit}`);
+    addElement(line, "span", value === null ? "-" : `${digits(value)} ${row.unit}`);
   }
 }
 

@@ -106,11 +106,11 @@ def _viewing_direction(record: Record, frames: Frames, *, forward: float) -> lis
 
 
 def _readouts(record: Record, frames: Frames) -> list[dict[str, Any]]:
-    """Measured quantities at the times of the frames, rounded for the page."""
+    """Measured quantities at the times of the frames, rounded for the page; `None` where not known."""
     shown = []
     for name, label, unit in _READOUTS:
         values = quantity(record, name)
         if values is not None:
-            rounded = [float(f"{value:.3g}") for value in np.nan_to_num(values[frames.row])]
+            rounded = [float(f"{value:.3g}") if np.isfinite(value) else None for value in values[frames.row]]
             shown.append({"label": label + as_known(record), "unit": unit, "values": rounded})
     return shown if not shown else [{"label": "", "unit": "", "values": frames.t.round(3).tolist()}, *shown]
