@@ -1,11 +1,14 @@
 """Laws of thrust allocation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import null_space
 from scipy.optimize import LinearConstraint, lsq_linear, minimize
 
 from uvms_ocp.control.force.allocation import Allocation, allocation_of
+from uvms_ocp.control.force.least_power import PowerLaw
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.files.library import list_robots
 from uvms_ocp.model.loading import load_robot
@@ -196,3 +199,28 @@ def test_without_thrusters_nothing_is_reached() -> None:
     result = allocation_of(load_robot("planar5")).allocate(np.ones(6))
     assert result.thrust.shape == (0,)
     np.testing.assert_array_equal(result.unreachable, np.ones(6))
+
+
+def test_parabolas_meet_the_power_at_the_largest_thrust_and_touch_it_elsewhere() -> None:
+    law = PowerLaw(
+        factor=np.array([0.4, 1.0, 3.0]), exponent=np.array([1.0, 1.5, 2.0]), largest=np.array([40.0, 5.0, 150.0])
+    )
+    full = law.largest**law.exponent * law.factor
+    np.testing.assert_allclose(law.quadratic() * law.largest**2, full, rtol=1e-12)
+    for share in (0.1, 0.5, 1.0):
+        thrust = share * law.largest
+        slope = law.factor * law.exponent * thrust ** (law.exponent - 1.0)
+        np.testing.assert_allclose(2.0 * law.touching(thrust) * thrust, slope, rtol=1e-3)
+
+
+def test_without_data_every_thruster_takes_the_same_power_at_its_larger_limit() -> None:
+    robot = load_robot("bluerov2_alpha5")
+    limits = [(-30.0 - i, 10.0 + 5.0 * i) for i in range(8)]
+    thrusters = tuple(
+        thruster.model_copy(update={"power": None, "minimum": low, "maximum": high, "curve": ()})
+        for thruster, (low, high) in zip(robot.description.thrusters, limits, strict=True)
+    )
+    bare = replace(robot, description=robot.description.model_copy(update={"thrusters": thrusters}))
+    allocation = allocation_of(bare)
+    largest = np.maximum(-allocation.lower, allocation.upper)
+    np.testing.assert_allclose(allocation.power_factor * largest**allocation.power_exponent, 1.0, rtol=1e-12)

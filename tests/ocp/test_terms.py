@@ -1,23 +1,28 @@
-"""What the costs are: electrical power, and nothing that depends on where the robot is."""
+"""What problems are made of: the cost that is electrical power, and guesses that are packed as they are."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.state import State
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
-from uvms_ocp.ocp.terms import AtRest, Energy, Term
+from uvms_ocp.ocp.terms import AtRest, Energy, Smoothness, Term
+from uvms_ocp.ocp.trajectory import hold, through
 from uvms_ocp.ocp.transcription.stage import StageModel
+from uvms_ocp.ocp.transcription.transcription import Transcription
 
 
 def _problem(name: str, term: Term) -> OcpProblem:
     robot = load_robot(name)
     start = State(q=robot.configuration(), v=np.zeros(robot.n_v))
     levels = [OcpLevel(name="cheap", terms=(term,))]
-    return single_phase(robot=robot, start=start, duration=1.0, n_steps=2, levels=levels, constraints=(AtRest(),))
+    return single_phase(robot=robot, start=start, duration=1.0, n_steps=4, levels=levels, constraints=(AtRest(),))
 
 
 @pytest.mark.parametrize("name", ["girona_maris7_full", "bluerov2_alpha5"])
@@ -35,3 +40,27 @@ def test_the_squares_of_the_rows_of_energy_are_powers_in_kilowatts(name: str) ->
         mechanical = np.abs(torque * v[robot.joint_v]) / robot.description.joint_efficiency
         np.testing.assert_allclose(found**2, 1e-3 * np.concatenate([electric, mechanical]), rtol=0.02, atol=0.02)
         np.testing.assert_array_equal(np.sign(found[: len(laws)]), np.sign(thrust))
+
+
+@pytest.mark.parametrize("name", ["girona_maris7_full", "planar5"])
+def test_a_guess_comes_out_of_the_variables_as_it_went_in(name: str) -> None:
+    problem, rng = _problem(name, Smoothness()), np.random.default_rng(4)
+    guess = hold(problem)
+    parts = {part: rng.uniform(-0.1, 0.1, getattr(guess, part).shape) for part in ("v", "a", "thrust", "torque")}
+    guess = replace(guess, **parts)
+    transcription = Transcription(problem)
+    found = transcription.unpack(transcription.pack(guess))
+    for part in ("t", "q", *parts):
+        np.testing.assert_allclose(getattr(found, part), getattr(guess, part), atol=1e-12)
+
+
+def test_a_guess_through_a_steady_motion_has_its_velocity_and_no_acceleration() -> None:
+    problem = _problem("girona_maris7_full", Energy())
+    robot, times = problem.robot, np.linspace(0.0, 1.0, 7)
+    v = np.random.default_rng(5).uniform(-0.1, 0.1, robot.n_v)
+    v[:6] = 0.1, -0.05, 0.02, 0.0, 0.0, 0.08
+    problem = replace(problem, start=State(q=problem.start.q, v=v))
+    q = np.array([pin.integrate(robot.model, problem.start.q, t * v) for t in times])
+    guess = through(problem, times, q)
+    np.testing.assert_allclose(guess.v, np.tile(v, (len(guess.t), 1)), atol=1e-9)
+    np.testing.assert_allclose(guess.a, 0.0, atol=1e-8)

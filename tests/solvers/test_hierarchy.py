@@ -10,6 +10,7 @@ import pytest
 from hierarchies import random_hierarchy, reference
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.cascade.qp_tick import QpTick
 from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
 from uvms_ocp.solvers.hierarchy.daqp import Daqp
@@ -17,6 +18,7 @@ from uvms_ocp.solvers.hierarchy.icat import Icat
 from uvms_ocp.solvers.hierarchy.level import Level, stack
 from uvms_ocp.solvers.hierarchy.solution import Status
 
+AnySolver = Icat | LexicographicQp | Daqp | LexicographicActiveSet
 SOLVERS = [Icat(), LexicographicQp(), Daqp()]
 
 
@@ -52,6 +54,15 @@ def _tick_function(n: int, m: int, names: tuple[str, ...] = ()) -> ca.Function:
 def _arguments(levels: list[Level]) -> list[np.ndarray]:
     rows = stack(levels)
     return [rows.jacobian, rows.lower, rows.upper, rows.rate, rows.activation, rows.gate]
+
+
+@pytest.mark.parametrize("solver", [*SOLVERS, LexicographicActiveSet(), LexicographicActiveSet(compiled=False)])
+def test_a_level_without_rows_changes_nothing_below_it(solver: AnySolver) -> None:
+    levels = random_hierarchy(3, 5, (5, 2, 3))
+    nothing = Level(jacobian=np.zeros((0, 5)), lower=np.zeros(0), upper=np.zeros(0))
+    alone, among = solver.solve(levels), solver.solve([levels[0], nothing, *levels[1:], nothing])
+    np.testing.assert_allclose(among.v, alone.v, atol=1e-9)
+    assert among.status is alone.status
 
 
 @pytest.mark.parametrize("block", range(8))

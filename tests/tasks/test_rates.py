@@ -14,6 +14,7 @@ from task_values import random_configuration, task_function
 from uvms_ocp.control.velocity.parameters import parameters_of
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.tasks.attitude import Alignment, FieldOfView
 from uvms_ocp.tasks.task import Task
 
 STEP = 1e-6
@@ -86,3 +87,17 @@ def test_a_rate_saturates_with_its_direction_kept(name: str, robot: Robot) -> No
         ):
             share = min(1.0, bound / max(np.linalg.norm(before), 1e-12))
             np.testing.assert_allclose(after, share * before, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", [FieldOfView, Alignment])
+def test_a_target_that_one_is_at_or_below_asks_for_nothing_however_it_moves(kind: type[Task], robot: Robot) -> None:
+    data = robot.model.createData()
+    q = robot.configuration()
+    pin.framesForwardKinematics(robot.model, data, q)
+    frame = "tool" if kind is FieldOfView else "base_link"
+    place = data.oMf[robot.frame_id(frame)].translation - (0.0 if kind is FieldOfView else np.array([0.0, 0.0, 2.0]))
+    options = {"frame": frame, "axis": (0.0, 0.0, 1.0)} if kind is FieldOfView else {}
+    task = kind(goal=lambda t: (place, np.array([0.3, -0.2, 0.1])), **options)
+    J, rate = asked(robot, task_function(robot, task), task, q)
+    np.testing.assert_array_equal(J, 0.0)
+    np.testing.assert_array_equal(rate, 0.0)
