@@ -84,6 +84,8 @@ BOUNDED = [
     (("plan", "curve", "--tool", "0", "1e308", "0"), "from the start; give one within 10000 m"),
     ((*CURVE, "--seed", "-1"), "seed = -1; give a whole number >= 0"),
     ((*RUN, "--seed", "-1"), "seed = -1; give a whole number >= 0"),
+    ((*RUN, "--seed", "9" * 23), "give a whole number >= 0, of at most 9223372036854775807 in size"),
+    ((*CURVE, "--seed", "9" * 23), "give a whole number >= 0, of at most 9223372036854775807 in size"),
     ((*CURVE, "--position", "1e9", "0", "0"), "from the start; give one within 10000 m"),
     (("plan", "curve", "--to-rpy", "0", "0", "1e9"), "give angles within two turns, 12.57 rad"),
     ((*OCP, "--steps", "1000000"), "n_steps = 1000000; give at most 2000: each step takes"),

@@ -13,6 +13,7 @@ from uvms_ocp.arguments.extents import Range, Shape
 from uvms_ocp.arguments.frozen import read_only
 
 _SHOWN = 60  # characters of a wrong value
+_LARGEST = 2**63 - 1  # whole number that NumPy, C and files of ours can hold
 _REAL = ("numbers", "biuf")
 _OF_TYPE: dict[type | None, tuple[str, str]] = {np.bool_: ("truth values", "b"), np.intp: ("whole numbers", "iu")}
 """What arrays hold, in words and as NumPy's letters."""
@@ -165,13 +166,26 @@ class Whole(Kind):
         return f"a whole number{self.inside or ''}"
 
     def holds(self, value: object) -> bool:
-        if isinstance(value, (bool, np.bool_)):
-            return False
-        try:
-            number = operator.index(value)  # type: ignore[arg-type]
-        except TypeError:
-            return False
-        return abs(number) < 2**63 and (self.inside is None or self.inside.holds(number))
+        number = _whole(value)
+        return number is not None and abs(number) <= _LARGEST and self._inside(number)
+
+    def wrong(self, place: str, value: object) -> Wrong:
+        number = _whole(value)
+        if number is None or not self._inside(number):
+            return super().wrong(place, value)
+        return Wrong(place, f"is {short(value)}", f"{self.allowed}, of at most {_LARGEST} in size")
+
+    def _inside(self, number: int) -> bool:
+        return self.inside is None or self.inside.holds(number)
+
+
+def _whole(value: object) -> int | None:
+    if isinstance(value, (bool, np.bool_)):
+        return None
+    try:
+        return operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        return None
 
 
 @dataclass(frozen=True)

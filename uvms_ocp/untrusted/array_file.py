@@ -18,6 +18,7 @@ from zipfile import BadZipFile, ZipFile, ZipInfo
 import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.untrusted.regular_file import require_regular
 
 DENSEST = 400
 """[B/B] of all arrays of a file over the file, where they are more than `SMALL`.
@@ -59,8 +60,7 @@ def read_arrays(path: Path | str) -> Mapping[str, np.ndarray]:
     more than is ever written, or holds objects.
     """
     source = Path(path)
-    if source.exists() and not source.is_file():  # to open a pipe would wait for its writer
-        raise InvalidInput("no file but a folder or a device")
+    require_regular(source)
     try:
         with warnings.catch_warnings(), source.open("rb") as file, ZipFile(file) as archive:
             warnings.simplefilter("error")  # numpy's, of headers that it has to guess at

@@ -10,6 +10,8 @@ from yaml.composer import ComposerError
 from yaml.events import AliasEvent
 from yaml.nodes import Node, ScalarNode
 
+from uvms_ocp.untrusted.regular_file import read_text
+
 LARGEST = 16 << 20
 """[B] of a file."""
 MOST_VALUES = 500_000
@@ -58,17 +60,9 @@ class BoundedLoader(yaml.SafeLoader):
 
 def read_yaml(path: Path | str, loader: type[BoundedLoader] = BoundedLoader) -> object:
     """The content of a file. Raises `OSError`, or `ValueError` in one line for what is no YAML or beyond the bounds."""
-    source = Path(path)
-    if source.exists() and not source.is_file():
-        raise ValueError("no file but a folder or a device")
-    with source.open("rb") as file:
-        content = file.read(LARGEST + 1)
-    if len(content) > LARGEST:
-        raise ValueError(f"larger than {LARGEST >> 20} MB")
+    text = read_text(Path(path), LARGEST)
     try:
-        return yaml.load(content.decode("utf-8"), Loader=loader)
-    except UnicodeDecodeError as error:
-        raise ValueError(f"no text in UTF-8: {error.reason} at byte {error.start}") from None
+        return yaml.load(text, Loader=loader)
     except (yaml.YAMLError, ValueError, TypeError, OverflowError, AttributeError, LookupError) as error:
         # The constructors of PyYAML raise the latter for a date such as 2001-99-99.
         raise ValueError(" ".join(f"not valid YAML: {error}".split())[:400]) from None

@@ -14,9 +14,11 @@ from xml.etree import ElementTree
 
 import pinocchio as pin
 
-from uvms_ocp.exceptions import RobotDataError
+from uvms_ocp.exceptions import InvalidInput, RobotDataError
 from uvms_ocp.model.files.urdf_agreement import check_agreement
 from uvms_ocp.model.files.urdf_checks import check_urdf
+from uvms_ocp.model.files.urdf_words import unread_words
+from uvms_ocp.untrusted.xml_file import read_xml
 
 Element = ElementTree.Element
 
@@ -38,12 +40,17 @@ def read_urdf(
 ) -> UrdfModels:
     """Read a URDF file; every mistake in it is a one-line ``RobotDataError``, and so is a number that gets lost.
 
+    What the file holds beside a URDF is one warning, see `uvms_ocp.model.files.urdf_words`.
+
     ``package://name/...`` is searched as ``<dir>/name/...`` in ``package_dirs`` and in the folders above the
     file; other mesh paths are relative to the file. Joints that
     mimic another one are refused, unless ``let_mimic`` makes them joints of their own.
     """
     root = _parse(path)
+    unread = unread_words(path, root)
     check_urdf(path, root, let_mimic=let_mimic)
+    if unread:
+        _log.warning("%s: not read, since it is no part of URDF: %s", path, unread)
     for joint in root.findall("joint[mimic]"):
         _log.warning("%s: joint %r moves on its own, its <mimic> is not kept", path, joint.get("name"))
     _resolve_meshes(path, root, (*package_dirs, *path.resolve().parents))
@@ -52,11 +59,11 @@ def read_urdf(
 
 def _parse(path: Path) -> Element:
     try:
-        root = ElementTree.fromstring(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
+        root = read_xml(path)
+    except OSError as error:
         raise RobotDataError(path, f"cannot be read ({error})") from None
-    except ElementTree.ParseError as error:
-        raise RobotDataError(path, f"not a URDF, the XML is broken ({error})") from None
+    except InvalidInput as error:
+        raise RobotDataError(path, f"not a URDF, {error}") from None
     if root.tag != "robot":
         raise RobotDataError(path, f"not a URDF, the root element is <{root.tag}>; allowed: <robot>")
     return root

@@ -6,7 +6,8 @@ Pinocchio's parser writes to stderr, ignores what it does not understand and doe
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -28,6 +29,9 @@ _ONCE = {
     "joint": {"origin", "parent", "child", "axis", "limit", "dynamics", "mimic", "safety_controller", "calibration"},
 }
 """What an element may hold once. Of two, parsers take the first without a word."""
+_SHOWN = 10  # names in a message
+_MOST_LINKS = 1000  # a humanoid with hands has 150; Pinocchio's recursion ends the process at some thousands in a row
+_SCALES = (1e-6, 1e6)  # of meshes, from micrometres to metres and back; beyond it numbers get lost
 _SOFT_LIMIT = ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity")
 
 
@@ -57,7 +61,7 @@ def _check_repeats(path: Path, root: Element) -> None:
 
 def _check_materials(path: Path, root: Element) -> None:
     defined = _names(path, root, "material")
-    for material in root.iter("material"):
+    for material in (*root.findall("material"), *root.findall("link/visual/material")):  # elsewhere it is a simulator's
         name = material.get("name", "")
         drawn = [part for part in ("color", "texture") if material.find(part) is not None]
         if not name or not (drawn or name in defined) or (material in list(root) and not drawn):
@@ -78,6 +82,8 @@ def _check_links(path: Path, root: Element) -> None:
     names = _names(path, root, "link")
     if not names:
         raise RobotDataError(path, "no <link>; a robot needs at least one")
+    if len(names) > _MOST_LINKS:
+        raise RobotDataError(path, f"{len(names)} links; at most {_MOST_LINKS} are read")
     for link in root.findall("link"):
         _check_shapes(path, link)
     total = sum(_check_inertial(path, link) for link in root.findall("link"))
@@ -90,16 +96,24 @@ def _check_shapes(path: Path, link: Element) -> None:
         where = f"link {link.get('name')!r} {kind}"
         for element in link.findall(kind):
             _check_origin(path, element, where)
-            _check_shape(path, element.find("geometry/*"), where)
+            _check_shape(path, element.findall("geometry/*"), where)
 
 
-def _check_shape(path: Path, shape: Element | None, where: str) -> None:
+def _check_shape(path: Path, shapes: Sequence[Element], where: str) -> None:
+    given = ", ".join(f"<{element.tag}>" for element in shapes if element.tag in SHAPES)
+    if "," in given:
+        raise RobotDataError(path, f"{where} geometry: given {given}; allowed: one shape, for the others get lost")
+    shape = shapes[0] if shapes else None
     if shape is None or shape.tag not in SHAPES:
         given = "nothing" if shape is None else f"<{shape.tag}>"
         raise RobotDataError(path, f"{where} geometry: given {given}; allowed: {', '.join(SHAPES)}")
     sizes = read_sizes(path, shape, f"{where} {shape.tag}")
-    if shape.tag == "mesh" and 0.0 in sizes:
-        raise RobotDataError(path, f"{where} mesh scale: given {shape.get('scale')!r}; allowed: numbers other than 0")
+    if shape.tag == "mesh" and not all(_SCALES[0] <= abs(size) <= _SCALES[1] for size in sizes):
+        given, allowed = (
+            quoted(shape.get("scale", "")),
+            f"sizes from {_SCALES[0]:g} to {_SCALES[1]:g}, negative to mirror",
+        )
+        raise RobotDataError(path, f"{where} mesh scale: given {given}; allowed: {allowed}")
     if shape.tag != "mesh" and min(sizes) <= 0.0:
         raise RobotDataError(path, f"{where} {shape.tag}: given {dict(shape.attrib)}; allowed: sizes > 0 m")
 
@@ -191,7 +205,7 @@ def _check_limit(path: Path, joint: Element, where: str) -> None:
 
 
 def _check_tree(path: Path, root: Element) -> None:
-    links = [link.get("name") for link in root.findall("link")]
+    links = {link.get("name"): link for link in root.findall("link")}
     parent_of: dict[str | None, str | None] = {}
     for joint in root.findall("joint"):
         parent, child = (_linked(path, joint, end, links) for end in ("parent", "child"))
@@ -200,20 +214,24 @@ def _check_tree(path: Path, root: Element) -> None:
         parent_of[child] = parent
     roots = [link for link in links if link not in parent_of]
     if len(roots) != 1:
-        raise RobotDataError(path, f"{len(roots)} root links {roots}; allowed: exactly one, joints must form a tree")
+        problem = f"{len(roots)} root links, {roots[:_SHOWN]}"
+        raise RobotDataError(path, f"{problem}; allowed: exactly one, joints must form a tree")
     _check_acyclic(path, parent_of)
 
 
 def _check_acyclic(path: Path, parent_of: dict[str | None, str | None]) -> None:
+    rooted: set[str | None] = set()  # links from which the way up is known to end
     for start in parent_of:
-        link: str | None = start
-        for _ in parent_of:
-            link = parent_of.get(link)
-        if link is not None and link in parent_of:
-            raise RobotDataError(path, f"the joints form a loop through link {start!r}; allowed: a tree")
+        way, link = set[str | None](), start
+        while link in parent_of and link not in rooted:
+            if link in way:
+                raise RobotDataError(path, f"the joints form a loop through link {link!r}; allowed: a tree")
+            way.add(link)
+            link = parent_of[link]
+        rooted |= way
 
 
-def _linked(path: Path, joint: Element, end: str, links: Sequence[str | None]) -> str:
+def _linked(path: Path, joint: Element, end: str, links: Collection[str | None]) -> str:
     element = joint.find(end)
     name = None if element is None else element.get("link")
     if name is None or name not in links:
@@ -225,9 +243,9 @@ def _names(path: Path, root: Element, tag: str) -> list[str]:
     names = [element.get("name", "") for element in root.findall(tag)]
     if "" in names:
         raise RobotDataError(path, f"a <{tag}> has no name")
-    repeated = sorted({name for name in names if names.count(name) > 1})
+    repeated = sorted(name for name, n in Counter(names).items() if n > 1)
     if repeated:
-        raise RobotDataError(path, f"<{tag}> names must be unique; repeated: {', '.join(repeated)}")
+        raise RobotDataError(path, f"<{tag}> names must be unique; repeated: {', '.join(repeated[:_SHOWN])}")
     return names
 
 
