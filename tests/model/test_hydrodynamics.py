@@ -162,3 +162,33 @@ def test_an_axis_without_drag_of_its_own_bears_no_couplings() -> None:
         Q[i, j] = coupling
         with pytest.raises(InvalidInput, match="feeds"):
             LinkHydrodynamics(frame="fin", quadratic_drag=Q)
+
+
+@pytest.mark.parametrize("largest", [1.0, 1e3, 1e9, 1e30])
+@pytest.mark.parametrize("name", ["linear_drag", "quadratic_drag"])
+def test_a_small_axis_may_feed_nothing_however_large_the_others_are(name: str, largest: float) -> None:
+    for least in (0.9, 1e-9, 1e-30):
+        LinkHydrodynamics(frame="fin", **{name: np.array([largest, least, 0, 0, 0, 0])})
+        with pytest.raises(InvalidInput, match=f"{name} feeds {least:.3g} W at nu = \\(0, 1, 0"):
+            LinkHydrodynamics(frame="fin", **{name: np.array([largest, -least, 0, 0, 0, 0])})
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_linear_couplings_are_judged_in_the_units_of_their_axes(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    units, root = 10 ** rng.uniform(-8, 8, 6), rng.normal(size=(6, 4))
+    definite = root @ root.T  # of rank 4: on the edge of what is allowed
+    LinkHydrodynamics(frame="fin", linear_drag=units[:, None] * definite * units)
+    indefinite = definite - 1e-6 * np.diag(np.diag(definite))
+    with pytest.raises(InvalidInput, match="linear_drag feeds") as error:
+        LinkHydrodynamics(frame="fin", linear_drag=units[:, None] * indefinite * units)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(("own", "coupling"), [(0.0, 1e-9), (1e-320, 1.0), (1e-12, 1e-5), (0.0, 1e30)])
+def test_an_axis_with_hardly_any_linear_drag_bears_hardly_any_couplings(own: float, coupling: float) -> None:
+    for i, j in ((0, 1), (4, 2)):
+        D = np.eye(6)
+        D[i, i], D[i, j] = own, coupling
+        with pytest.raises(InvalidInput, match="linear_drag feeds"):
+            LinkHydrodynamics(frame="fin", linear_drag=D)

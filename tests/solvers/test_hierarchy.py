@@ -112,7 +112,6 @@ def test_a_tick_is_the_same_as_a_solve_and_passes_extras_on(solver: Icat | Lexic
     np.testing.assert_allclose(result.v, solution.v, atol=1e-6)
     np.testing.assert_allclose(result.residual, np.concatenate(solution.residuals), atol=1e-5)
     np.testing.assert_array_equal(result.extras[0], _arguments(levels)[1] + 1)
-    assert result.solve_time > 0.0
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
@@ -218,9 +217,9 @@ def test_an_unknown_plugin_is_refused_with_the_names_that_exist() -> None:
 
 
 def test_settings_out_of_range_are_refused() -> None:
-    with pytest.raises(InvalidInput, match="give positive numbers"):
+    with pytest.raises(InvalidInput, match="give positive, finite numbers"):
         LexicographicQp(proximal=0.0)
-    with pytest.raises(InvalidInput, match="give positive numbers"):
+    with pytest.raises(InvalidInput, match="give positive, finite numbers"):
         Icat(threshold=-1.0)
 
 
@@ -256,3 +255,19 @@ def test_misled_plugins_are_replaced_once(cured: int, status: Status, calls: int
     results = [tick(*_arguments(levels)) for _ in range(3)]
     assert {result.status for result in results} == {status}
     assert misled.calls == calls
+
+
+@pytest.mark.parametrize("number", [np.inf, np.nan, 0.0, -1.0])
+@pytest.mark.parametrize(
+    ("solver", "name"),
+    [
+        (Icat, "damping"),
+        (Icat, "threshold"),
+        (Icat, "weight"),
+        (LexicographicQp, "proximal"),
+        (LexicographicQp, "tolerance"),
+    ],
+)
+def test_a_setting_with_which_nothing_can_be_solved_is_refused_at_once(solver: type, name: str, number: float) -> None:
+    with pytest.raises(InvalidInput, match=f"{name} {number}.*; give positive, finite numbers"):
+        solver(**{name: number})

@@ -34,6 +34,30 @@ _PAIRS = np.array(
 )
 
 
+def least_dissipation(linear_drag: np.ndarray) -> tuple[np.ndarray, float]:
+    """A velocity nu (6,) [m/s, rad/s] and the power [W] that linear drag takes there, negative if any velocity is fed.
+
+    linear_drag (6, 6) [N/(m/s), N m/(rad/s)]. Its diagonal decides by its signs alone. The rest is judged in units in which
+    the diagonal is 1, as Sylvester's law of inertia allows, so that an axis with little drag is not lost in the rounding of
+    another; an axis without drag of its own bears no couplings at all.
+    """
+    S = (linear_drag + linear_drag.T) / 2
+    own, couplings = np.diag(S), S - np.diag(np.diag(S))
+    worst = int(np.argmin(own))
+    if own[worst] < 0.0 or not couplings.any():
+        return np.eye(6)[worst], float(own[worst])
+    root = np.sqrt(own)
+    fed = np.argwhere(np.abs(couplings) > (1.0 + _ROUNDING) * np.outer(root, root))
+    if len(fed):  # of these two axes alone; what is left below has couplings of at most 1
+        i, j = sorted(fed[0], key=lambda axis: own[axis])
+        nu = np.eye(6)[i] - np.eye(6)[j] * S[i, j] / max(own[j], abs(S[i, j]))
+        return nu, float(nu @ S @ nu)
+    units = 1.0 / np.where(own > 0.0, root, 1.0)
+    values, axes = np.linalg.eigh(units[:, None] * S * units)
+    nu = units * axes[:, 0] / np.abs(units * axes[:, 0]).max()
+    return nu, float(nu @ S @ nu) if values[0] < -_ROUNDING else 0.0
+
+
 def overload(quadratic_drag: np.ndarray) -> tuple[float, np.ndarray]:
     """By which factor [-] the couplings exceed what the diagonal is shown to bear, and d (6,) of the axes that they overload.
 

@@ -35,7 +35,7 @@ from uvms_ocp.arguments import checked, late
 from uvms_ocp.arguments.frozen import read_only
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.spatial import Array, column, cross, diagonal
-from uvms_ocp.model.water.dissipation import fed_velocity, overload
+from uvms_ocp.model.water.dissipation import fed_velocity, least_dissipation, overload
 
 _TOLERANCE = 1e-9  # of symmetry and of signs, relative to the largest entry
 
@@ -184,9 +184,9 @@ def _check_inertia(frame: str, matrix: np.ndarray) -> None:
 
 
 def _check_dissipates(frame: str, linear: np.ndarray, quadratic: np.ndarray) -> None:
-    values, axes = np.linalg.eigh((linear + linear.T) / 2)
-    if values[0] < -_TOLERANCE * max(1.0, float(np.abs(linear).max())):
-        found = _feeding((axes[:, 0], -values[0]))
+    axis, least = least_dissipation(linear)
+    if least < 0.0:
+        found = _feeding((axis, -least))
         raise InvalidInput(f"{frame}: linear_drag {found}; allowed: no eigenvalue below 0 in its symmetric part")
     worst = int(np.argmin(np.diag(quadratic)))
     if quadratic[worst, worst] < 0.0:

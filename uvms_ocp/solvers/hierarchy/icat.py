@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter
@@ -50,11 +51,10 @@ class Icat:
     """[rate^2/velocity^2] Cost of motion that the levels above have already used up."""
 
     def __post_init__(self) -> None:
-        """Raises `InvalidInput` for a number that is not positive."""
-        if not (self.damping > 0.0 and self.threshold > 0.0 and self.weight > 0.0):
-            raise InvalidInput(
-                f"damping {self.damping}, threshold {self.threshold}, weight {self.weight}; give positive numbers"
-            )
+        """Raises `InvalidInput` for a number that is not positive and finite."""
+        if not all(0.0 < number < math.inf for number in (self.damping, self.threshold, self.weight)):
+            given = f"damping {self.damping}, threshold {self.threshold}, weight {self.weight}"
+            raise InvalidInput(f"{given}; give positive, finite numbers")
 
     @late
     def solve(self, levels: Sequence[Level]) -> Solution:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
@@ -67,10 +68,9 @@ class LexicographicQp:
         """Raises `NameNotFound` for an unknown plugin, `InvalidInput` for a number out of range."""
         if not _exists(self.plugin):
             raise NameNotFound("conic plugin", self.plugin, conic_plugins())
-        if not (self.proximal > 0.0 and self.tolerance > 0.0 and self.attempts >= 1):
-            raise InvalidInput(
-                f"proximal {self.proximal}, tolerance {self.tolerance}, attempts {self.attempts}; give positive numbers"
-            )
+        if not (0.0 < self.proximal < math.inf and 0.0 < self.tolerance < math.inf and self.attempts >= 1):
+            given = f"proximal {self.proximal}, tolerance {self.tolerance}, attempts {self.attempts}"
+            raise InvalidInput(f"{given}; give positive, finite numbers")
 
     @late
     def solve(self, levels: Sequence[Level]) -> Solution:
