@@ -156,8 +156,8 @@ def test_mistakes_are_refused_in_one_line(planar: Robot) -> None:
         ({"obstacles": (sheet,)}, "cover 'sheet'"),
         ({"obstacles": (BALL, BALL)}, "two obstacles are called 'ball'"),
         ({"obstacles": (BALL,), "clearance": -1.0}, "clearance = -1.0; give a number from 0"),
-        ({"duration": 0.0}, "give a time > 0"),
-        ({"n_steps": 0}, "give at least 1"),
+        ({"duration": 0.0}, "duration = 0.0; give a number > 0"),
+        ({"n_steps": 0}, "n_steps = 0; give a whole number >= 1"),
         ({"current": (np.nan, 0.0, 0.0)}, "current\\[0\\] = nan; give a number, finite"),
     ):
         with pytest.raises(InvalidInput, match=message):
