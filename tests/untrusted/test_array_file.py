@@ -117,14 +117,6 @@ def test_nothing_is_unpickled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert not (tmp_path / "trap").exists()
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
-def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "a.npz")
-    for path in (tmp_path / "a.npz", tmp_path):
-        with pytest.raises(InvalidInput, match="no file but a folder or a device"):
-            read_arrays(path)
-
-
 def test_other_members_two_of_one_name_and_very_many_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match=r"'a\.txt' in it is no array"):
         read_arrays(archive(tmp_path / "a.npz", a__txt=b"x"))

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput, RobotDataError
+from uvms_ocp.exceptions import RobotDataError
 from uvms_ocp.model.files.urdf import read_urdf
-from uvms_ocp.untrusted.xml_file import MOST_ELEMENTS, read_xml
+from uvms_ocp.untrusted.xml_file import MOST_ELEMENTS
 
 _LINK = "<link name='{0}'/><joint name='{0}' type='fixed'><parent link='{0}'/><child link='{1}'/></joint>"
 BEYOND = {
@@ -31,19 +30,3 @@ def test_what_is_beyond_the_bounds_is_said_in_one_line(case: str, tmp_path: Path
         read_urdf(path, free_flyer=True)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 300
-
-
-def test_a_large_file_is_not_read(tmp_path: Path) -> None:
-    path = tmp_path / "a.urdf"
-    with path.open("wb") as file:
-        file.truncate(1 << 34)  # takes no place on the disk
-    with pytest.raises(InvalidInput, match="larger than 16 MB"):
-        read_xml(path)
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
-def test_a_pipe_is_not_waited_for_and_a_device_not_read(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "a.urdf")
-    for path in (tmp_path / "a.urdf", tmp_path, Path("/dev/zero")):
-        with pytest.raises(RobotDataError, match="no file but a folder or a device"):
-            read_urdf(path, free_flyer=True)

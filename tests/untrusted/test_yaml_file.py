@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -88,22 +87,6 @@ def test_anchors_count_as_often_as_they_are_used(tmp_path: Path) -> None:
 
     with pytest.raises(ValueError, match="more than 20 values"):
         read_yaml(path, Few)
-
-
-def test_a_large_file_is_not_read(tmp_path: Path) -> None:
-    path = tmp_path / "a.yaml"
-    with path.open("wb") as file:
-        file.truncate(1 << 34)  # takes no place on the disk
-    with pytest.raises(ValueError, match="larger than 16 MB"):
-        read_yaml(path)
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes here")
-def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "a.yaml")
-    for reader in READERS:
-        with pytest.raises(InvalidInput, match="no file but a folder or a device"):
-            reader(tmp_path / "a.yaml")
 
 
 @pytest.mark.parametrize("key", ["a[b]", "[", "a.b", "a\nb", "\u202e", "k" * 900, ""])
