@@ -20,6 +20,7 @@ from public_surface import Call
 from uvms_ocp import collision, control, mission, ocp, planning, report, sim, solvers, tasks, trajectories, without_arm
 from uvms_ocp.collision.conservative_advancement import ClearanceReport
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
+from uvms_ocp.control.velocity import levels
 from uvms_ocp.control.velocity.tick_state import TickState
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.model.kinematics import Kinematics
@@ -104,9 +105,7 @@ def symbolic() -> SymbolicModel:
 
 @cache
 def tick_symbols() -> TickSymbols:
-    q, v, h = ca.SX.sym("q", robot().model.nq), ca.SX.sym("v", robot().n_v), ca.SX.sym("h")
-    kinematics = symbolic().forward_kinematics(q)
-    return TickSymbols(robot=robot(), kinematics=kinematics, q=q, velocity=v, altimeter_range=h, dt=0.005)
+    return levels.tick_symbols(robot(), 0.005)
 
 
 @cache

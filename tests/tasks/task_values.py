@@ -6,31 +6,23 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.control.velocity.levels import tick_symbols
 from uvms_ocp.control.velocity.parameters import parameters_of
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.symbolic.tree import SymbolicModel
-from uvms_ocp.tasks.task import Task, TickSymbols
+from uvms_ocp.tasks.task import Task
 
 OUTPUTS = ("jacobian", "rate", "lower", "upper", "activation")
 
 
 def task_function(robot: Robot, task: Task, dt: float = 0.005) -> ca.Function:
-    q = ca.SX.sym("q", robot.n_q)
-    symbols = TickSymbols(
-        robot=robot,
-        kinematics=SymbolicModel(robot.model).forward_kinematics(q),
-        q=q,
-        velocity=ca.SX.sym("v", robot.n_v),
-        altimeter_range=ca.SX.sym("range"),
-        dt=dt,
-    )
+    symbols = tick_symbols(robot, dt)
     parameters = ca.SX.sym("parameters", task.n_parameters(robot))
     rows = task.rows(symbols, parameters)
     outputs = [getattr(rows, name) for name in OUTPUTS]
     names = [*OUTPUTS, *rows.quantities]
     return ca.Function(
         "task",
-        [q, symbols.velocity, symbols.altimeter_range, parameters],
+        [symbols.q, symbols.velocity, symbols.altimeter_range, parameters],
         [*outputs, *rows.quantities.values()],
         ["q", "v", "range", "parameters"],
         names,

@@ -9,16 +9,16 @@ import pytest
 from task_registry import GOAL, REGISTRY, TARGET
 from task_values import OUTPUTS, evaluate, random_configuration, task_function
 
+from uvms_ocp.control.velocity.levels import tick_symbols
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.symbolic.tree import SymbolicModel
 from uvms_ocp.tasks.activation import Bell
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.attitude import Alignment, HorizontalAttitude
 from uvms_ocp.tasks.joints import JointLimits, JointTracking, Manipulability
 from uvms_ocp.tasks.pose import ToolPose, VehiclePose
-from uvms_ocp.tasks.task import Task, TickSymbols
+from uvms_ocp.tasks.task import Task
 from uvms_ocp.tasks.velocity import NullVelocity
 
 STEP = 1e-6
@@ -92,18 +92,10 @@ def test_a_range_is_the_same_over_a_horizon_as_in_the_hierarchy(name: str, robot
 
 
 def residual_function(robot: Robot, task: Task) -> ca.Function:
-    q, reach, goals = ca.SX.sym("q", robot.n_q), ca.SX.sym("range"), ca.SX.sym("goals", task.n_parameters(robot))
-    kinematics = SymbolicModel(robot.model).forward_kinematics(q)
-    symbols = TickSymbols(
-        robot=robot,
-        kinematics=kinematics,
-        q=q,
-        velocity=ca.SX(robot.n_v, 1),
-        altimeter_range=reach,
-        dt=0.005,
-    )
+    symbols, goals = tick_symbols(robot, 0.005), ca.SX.sym("goals", task.n_parameters(robot))
     residual = task.residual(symbols, goals)
-    return ca.Function("residual", [q, reach, goals], [residual.value, ca.DM(residual.lower), ca.DM(residual.upper)])
+    inputs = [symbols.q, symbols.altimeter_range, goals]
+    return ca.Function("residual", inputs, [residual.value, ca.DM(residual.lower), ca.DM(residual.upper)])
 
 
 def test_rpy_of_the_start_is_the_tilt(robot: Robot) -> None:

@@ -53,7 +53,7 @@ def build_levels(robot: Robot, hierarchy: Hierarchy, dt: Period) -> LevelsProble
 
     Raises `FrameNotFound` or `NameNotFound` where a task names a frame or joint that the robot does not have.
     """
-    symbols = _symbols(robot, dt)
+    symbols = tick_symbols(robot, dt)
     previous, change = ca.SX.sym("previous", robot.n_v), ca.SX.sym("change", robot.n_v)
     parameters = ca.SX.sym("parameters", sum(task.n_parameters(robot) for task in hierarchy.tasks))
     gates = ca.SX.sym("gates", len(hierarchy.tasks))
@@ -123,7 +123,8 @@ def _stacked(levels: Sequence[_Level], quantities: dict[str, ca.SX]) -> dict[str
     return {name: ca.densify(value) for name, value in outputs.items()}
 
 
-def _symbols(robot: Robot, dt: float) -> TickSymbols:
+def tick_symbols(robot: Robot, dt: float) -> TickSymbols:
+    """What tasks are written in, at a control period dt [s]."""
     q = ca.SX.sym("q", robot.n_q)
     return TickSymbols(
         robot=robot,
