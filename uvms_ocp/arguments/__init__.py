@@ -17,11 +17,11 @@ from uvms_ocp.arguments.checked import unchecked as unchecked
 from uvms_ocp.arguments.extents import Range as Range
 from uvms_ocp.arguments.extents import Shape as Shape
 from uvms_ocp.arguments.names import DAY as DAY
+from uvms_ocp.arguments.names import AtLeastOne as AtLeastOne
 from uvms_ocp.arguments.names import Bound as Bound
 from uvms_ocp.arguments.names import Count as Count
 from uvms_ocp.arguments.names import Finite as Finite
-from uvms_ocp.arguments.names import Length as Length
-from uvms_ocp.arguments.names import Many as Many
+from uvms_ocp.arguments.names import Magnitude as Magnitude
 from uvms_ocp.arguments.names import Period as Period
 from uvms_ocp.arguments.names import Point as Point
 from uvms_ocp.arguments.names import Positive as Positive

@@ -12,9 +12,9 @@ from uvms_ocp.arguments.extents import Range, Shape
 Finite = Annotated[float, Range(open=True)]
 Positive = Annotated[float, Range(0.0, open=True)]
 Count = Annotated[int, Range(0)]
-Many = Annotated[int, Range(1)]
-Length = Annotated[float, Range(0.0, 1e6)]
-"""[m] Or an angle [rad], a time [s]: never negative, and finite."""
+AtLeastOne = Annotated[int, Range(1)]
+Magnitude = Annotated[float, Range(0.0, 1e6)]
+"""[m], [rad], [s] Never negative, and finite."""
 DAY = 86_400.0
 """[s] Beyond it no run, plan or solution is waited for."""
 Bound = Annotated[float, Range()]

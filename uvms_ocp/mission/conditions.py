@@ -136,10 +136,8 @@ def _measured(quantity: str, quantities: Mapping[str, float]) -> float:
 
 
 def _described(condition: Condition, quantities: Mapping[str, float]) -> str:
-    sign, value = (
-        condition.sign if condition.holds(quantities) else f"not {condition.sign}",
-        quantities[condition.quantity],
-    )
+    sign = condition.sign if condition.holds(quantities) else f"not {condition.sign}"
+    value = quantities[condition.quantity]
     return f"{condition.quantity} = {'-' if math.isnan(value) else f'{value:.4g}'} {sign} {condition.limit:g}"
 
 

@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import Length, Many, Positive, Range, Shape, checked
+from uvms_ocp.arguments import AtLeastOne, Magnitude, Positive, Range, Shape, checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import CollisionScene, Nearest, collision_scene
@@ -40,11 +40,11 @@ class OcpRequest:
     """(n_q,) [m, rad] configuration."""
     goal: Goal
     obstacles: tuple[ObstacleData, ...] = ()
-    clearance: Length = 0.06
+    clearance: Magnitude = 0.06
     """[m] kept from obstacles by the capsules that cover the links."""
     duration: Positive = 8.0
     """[s]"""
-    n_steps: Many = 40
+    n_steps: AtLeastOne = 40
     current: FiniteTriple = (0.0, 0.0, 0.0)
     """[m/s] of the water in W."""
     plugin: str = "ipopt"

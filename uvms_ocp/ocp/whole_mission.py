@@ -12,7 +12,7 @@ from typing import Annotated
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import Bound, Length, Many, Range, Vector3, checked
+from uvms_ocp.arguments import AtLeastOne, Bound, Magnitude, Range, Vector3, checked
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
 from uvms_ocp.ocp.problem import OcpLevel, OcpPhase, OcpProblem
@@ -34,18 +34,18 @@ class WholeMission:
     """(3,) [m] in W"""
     tool_goal: pin.SE3
     """X_WT"""
-    durations: tuple[tuple[Length, Length], ...]
+    durations: tuple[tuple[Magnitude, Magnitude], ...]
     """[s] shortest and longest of A, B, C, D"""
-    n_steps: tuple[Many, Many, Many, Many] = (24, 8, 16, 16)
-    arrival: Length = 0.1
+    n_steps: tuple[AtLeastOne, AtLeastOne, AtLeastOne, AtLeastOne] = (24, 8, 16, 16)
+    arrival: Magnitude = 0.1
     """[m] distance to the way point that ends A"""
-    misalignment: Length = 0.07
+    misalignment: Magnitude = 0.07
     """[rad] that ends B, and holds through C"""
-    altitude: Length = 0.19
+    altitude: Magnitude = 0.19
     """[m] on the altimeter that ends C; the hull touches at 0.17"""
-    minimum_altitude: Length = 1.0
+    minimum_altitude: Magnitude = 1.0
     """[m] in A and B"""
-    tilt: Length = 0.1
+    tilt: Magnitude = 0.1
     """[rad] at most"""
     current: Annotated[Vector3, Range(open=True)] | None = None
     """(3,) [m/s]"""

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import numpy as np
 
-from uvms_ocp.arguments import Count, Length, Range, Shape, checked
+from uvms_ocp.arguments import Count, Magnitude, Range, Shape, checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import CollisionScene, collision_scene
@@ -41,7 +41,7 @@ class PlanRequest:
     goal: Goal
     obstacles: tuple[ObstacleData, ...] = ()
     axes: str = AXES[0]
-    clearance: Length = 0.06
+    clearance: Magnitude = 0.06
     """[m] wanted from everything; what is verified is that nothing touches."""
     seed: Count = 0
 

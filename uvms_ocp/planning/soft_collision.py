@@ -10,7 +10,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import Count, Length, Many, checked
+from uvms_ocp.arguments import AtLeastOne, Count, Magnitude, checked
 from uvms_ocp.arrays import Array, Indices, Mask
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import CollisionScene
@@ -49,7 +49,7 @@ class PlanStatus(AdvisedStatus):
 class SoftCollisionOptions:
     """Settings of ``plan_soft_collision``."""
 
-    pieces: Many = 10
+    pieces: AtLeastOne = 10
     weights: CostWeights = field(default_factory=CostWeights)
     solver: DescentSolver = field(default_factory=TrustRegion)
     """On the banded structure; or `Ipopt`, with joint limits as hard bounds on the nodes."""
@@ -57,7 +57,7 @@ class SoftCollisionOptions:
     """Further attempts, from randomly bent starts, while the result collides."""
     sampling: SamplingOptions | None = field(default_factory=SamplingOptions)
     """Then one attempt through way points found by sampling, unless None or way points are kept."""
-    bend: Length = 0.5
+    bend: Magnitude = 0.5
     """[m or rad] size of the first bend; it grows with each attempt."""
     free_waypoints: bool = True
     """Move interior way points too; otherwise only their derivatives."""

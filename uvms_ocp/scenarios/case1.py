@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import Length, Point, checked
+from uvms_ocp.arguments import Magnitude, Point, checked
 from uvms_ocp.mission.conditions import DONE, Below, Transition
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.model.robot import Robot
@@ -32,19 +32,19 @@ _N_POSTURE_JOINTS = 4  # MP holds the last four joints ([Gao2022] Case 2)
 class Thresholds:
     """What ends the phases of Case 1."""
 
-    way_point: Length = 0.1
+    way_point: Magnitude = 0.1
     """[m] A to B."""
-    misalignment: Length = 0.07
+    misalignment: Magnitude = 0.07
     """[rad] B to C, and held through C."""
-    landing_altitude: Length = 0.17
+    landing_altitude: Magnitude = 0.17
     """[m] C to D."""
-    landing_hold: Length = 0.2
+    landing_hold: Magnitude = 0.2
     """[s] for which the landing altitude is held."""
-    tool_position: Length = 1e-3
+    tool_position: Magnitude = 1e-3
     """[m] end of D."""
-    tool_orientation: Length = 1e-3
+    tool_orientation: Magnitude = 1e-3
     """[rad] end of D."""
-    tool_hold: Length = 1.0
+    tool_hold: Magnitude = 1.0
     """[s] for which the tool is held."""
 
     @staticmethod

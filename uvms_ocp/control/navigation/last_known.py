@@ -55,29 +55,30 @@ class LastEcho:
 
     def range(self, measurement: Measurement, t: float, unknown: float) -> float:
         """[m], always finite, at the tick at time t [s]; `unknown` [m] is the altitude to act on before the first echo."""
-        beam = None if self._beam is None else self._beam.at(measurement.q)
-        if beam is None or not _tells(beam, measurement.altimeter_range):
+        beam, echo = self._look(measurement)
+        if beam is None or echo is None:
             return self._carried(beam, unknown)
-        self.since, self._floor = t, float(beam.origin[2]) - beam.cosine * measurement.altimeter_range
-        return measurement.altimeter_range
+        self.since, self._floor = t, float(beam.origin[2]) - beam.cosine * echo
+        return echo
 
     def at(self, measurement: Measurement) -> tuple[float, bool]:
         """Range [m], always finite, at a measurement that is not remembered, and whether its echo tells the altitude."""
-        beam = None if self._beam is None else self._beam.at(measurement.q)
-        if beam is None or not _tells(beam, measurement.altimeter_range):
-            return self._carried(beam, 0.0), False
-        return measurement.altimeter_range, True
+        beam, echo = self._look(measurement)
+        return (self._carried(beam, 0.0), False) if echo is None else (echo, True)
 
     def known(self, t: float, patience: float) -> bool:
         """Whether the altitude at time t [s] rests on an echo that is no older than `patience` [s]."""
         return math.isfinite(self._floor) and t - self.since <= patience
+
+    def _look(self, measurement: Measurement) -> tuple[Beam | None, float | None]:
+        """Where the altimeter looks, and its echo [m] if that tells an altitude."""
+        if self._beam is None:
+            return None, None
+        beam, echo = self._beam.at(measurement.q), measurement.altimeter_range
+        return beam, echo if math.isfinite(echo) and beam.cosine > STEEP else None
 
     def _carried(self, beam: Beam | None, unknown: float) -> float:
         if beam is None:
             return 0.0
         height = max(0.0, float(beam.origin[2]) - self._floor) if math.isfinite(self._floor) else unknown
         return height / math.copysign(max(abs(beam.cosine), _LEVEL), beam.cosine)
-
-
-def _tells(beam: Beam, echo: float) -> bool:
-    return math.isfinite(echo) and beam.cosine > STEEP

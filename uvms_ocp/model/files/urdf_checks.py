@@ -100,20 +100,19 @@ def _check_shapes(path: Path, link: Element) -> None:
 
 
 def _check_shape(path: Path, shapes: Sequence[Element], where: str) -> None:
-    given = ", ".join(f"<{element.tag}>" for element in shapes if element.tag in SHAPES)
-    if "," in given:
-        raise RobotDataError(path, f"{where} geometry: given {given}; allowed: one shape, for the others get lost")
+    given = [f"<{element.tag}>" for element in shapes if element.tag in SHAPES]
+    if len(given) > 1:
+        raise RobotDataError(
+            path, f"{where} geometry: given {', '.join(given)}; allowed: one shape, for the others get lost"
+        )
     shape = shapes[0] if shapes else None
     if shape is None or shape.tag not in SHAPES:
-        given = "nothing" if shape is None else f"<{shape.tag}>"
-        raise RobotDataError(path, f"{where} geometry: given {given}; allowed: {', '.join(SHAPES)}")
+        found = "nothing" if shape is None else f"<{shape.tag}>"
+        raise RobotDataError(path, f"{where} geometry: given {found}; allowed: {', '.join(SHAPES)}")
     sizes = read_sizes(path, shape, f"{where} {shape.tag}")
     if shape.tag == "mesh" and not all(_SCALES[0] <= abs(size) <= _SCALES[1] for size in sizes):
-        given, allowed = (
-            quoted(shape.get("scale", "")),
-            f"sizes from {_SCALES[0]:g} to {_SCALES[1]:g}, negative to mirror",
-        )
-        raise RobotDataError(path, f"{where} mesh scale: given {given}; allowed: {allowed}")
+        allowed = f"sizes from {_SCALES[0]:g} to {_SCALES[1]:g}, negative to mirror"
+        raise RobotDataError(path, f"{where} mesh scale: given {quoted(shape.get('scale', ''))}; allowed: {allowed}")
     if shape.tag != "mesh" and min(sizes) <= 0.0:
         raise RobotDataError(path, f"{where} {shape.tag}: given {dict(shape.attrib)}; allowed: sizes > 0 m")
 
@@ -205,7 +204,7 @@ def _check_limit(path: Path, joint: Element, where: str) -> None:
 
 
 def _check_tree(path: Path, root: Element) -> None:
-    links = {link.get("name"): link for link in root.findall("link")}
+    links = dict.fromkeys(link.get("name") for link in root.findall("link"))
     parent_of: dict[str | None, str | None] = {}
     for joint in root.findall("joint"):
         parent, child = (_linked(path, joint, end, links) for end in ("parent", "child"))

@@ -16,7 +16,7 @@ from typing import Any
 
 import umsgpack  # type: ignore[import-untyped]
 
-from uvms_ocp.arguments import Many, checked
+from uvms_ocp.arguments import AtLeastOne, checked
 from uvms_ocp.exceptions import OutputError, plain_line
 from uvms_ocp.viz.scene.meshcat_parts import (
     Animation,
@@ -56,7 +56,7 @@ class ScenePage:
     """A finished page: write it to a file, or show it as the last value of a notebook cell."""
 
     html: str
-    height: Many = 520
+    height: AtLeastOne = 520
     """[px] in a notebook."""
 
     def write(self, path: Path | str) -> Path:
