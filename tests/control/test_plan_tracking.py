@@ -133,3 +133,9 @@ def test_thrusters_that_are_driven_come_to_the_force_that_was_realized(robot: Ro
 def test_gains_that_make_no_sense_are_refused() -> None:
     with pytest.raises(InvalidInput, match="lead >= 1"):
         TrackingGains(lead=0.5)
+    assert TrackingGains(lead=1.0).lead == 1.0, "not driven faster than they are"
+
+
+def test_the_open_loop_feeds_nothing_back() -> None:
+    gains = {name: getattr(OPEN_LOOP, name) for name in TrackingGains.__dataclass_fields__ if name != "lead"}
+    assert gains == dict.fromkeys(gains, 0.0)

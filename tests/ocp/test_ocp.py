@@ -116,6 +116,8 @@ def test_misuse_is_refused(robot: Robot) -> None:
     for nothing in ("phases", "levels"):
         with pytest.raises(InvalidInput, match="needs phases and levels"):
             replace(reach(robot), **{nothing: ()})
+    with pytest.raises(InvalidInput, match="share a name"):
+        replace(reach(robot), phases=2 * reach(robot).phases)
     with pytest.raises(InvalidInput, match="no residual over a horizon"):
         Transcription(reach(robot, constraints=(TaskTerm(task=UnderActuation(axes=(3,))),)))
     with pytest.raises(NameNotFound, match="phase"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -21,6 +22,7 @@ from uvms_ocp.model.state import Command
 from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
 from uvms_ocp.model.trim import with_trim
 from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics
+from uvms_ocp.sim.contact import ContactModel
 from uvms_ocp.sim.currents import Current, GustyCurrent, ShearedCurrent, UniformCurrent
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
@@ -243,3 +245,13 @@ def test_a_command_without_thrust_is_refused(girona: Robot) -> None:
 def test_an_impossible_step_is_refused(max_step: float, girona: Robot) -> None:
     with pytest.raises(InvalidInput, match="max_step"):
         plant_of(girona, max_step=max_step)
+
+
+@pytest.mark.parametrize("depth", [-1.0, 0.0, 0.002])
+def test_the_slope_of_contact_is_that_of_its_force_and_nothing_above_the_floor(depth: float) -> None:
+    v, normal, dt = ca.SX.sym("v", 3), ca.SX([0.0, 0.6, 0.8]), 1e-3
+    force, slope = ContactModel().force(ca.SX(depth), v, normal, ca.SX(dt))
+    sinking = ca.DM([0.0, -0.006, -0.008])
+    found = ca.Function("contact", [v], [slope, ca.jacobian(force, v)])(sinking)
+    normal_part = [float(normal.T @ matrix @ normal) for matrix in found]
+    assert normal_part[0] == pytest.approx(-normal_part[1], abs=1e-9)

@@ -13,6 +13,7 @@ from uvms_ocp.solvers.nlp.lexicographic_nlp import (
     LexicographicResult,
     NlpOptions,
 )
+from uvms_ocp.solvers.nlp.nlp_options import solver_options
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.program import NlpLevel, lexicographic_program
 
@@ -158,3 +159,10 @@ def test_misuse_is_refused() -> None:
         lexicographic_program(x, [NlpLevel(y=x, lower=1.0, upper=0.0)])
     with pytest.raises(InvalidInput, match="guess has NaN"):
         solve(x, [NlpLevel(y=x)], np.array([np.nan]))
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 1e-12, 1e-9, 1e-6, 1e-3])
+def test_frozen_rows_do_not_move_by_what_bounds_give_way(tolerance: float) -> None:
+    relaxed = solver_options(NlpOptions(tolerance=tolerance), warm=False)["bound_relax_factor"]
+    assert 0.0 < relaxed <= 1e-8
+    assert relaxed <= 0.01 * tolerance or tolerance == 0.0
