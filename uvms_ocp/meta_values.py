@@ -87,6 +87,25 @@ class AlarmMeta(MetaValue):
     text: str
 
 
+class FaultMeta(MetaValue):
+    """What went wrong on purpose."""
+
+    text: str
+    """As it was asked for, ``TARGET:KIND=VALUES@ONSET-END``."""
+    target: str
+    kind: str
+    t: Annotated[Number, Field(ge=0.0)]
+    """[s] from which it was there."""
+    end: Number | None = None
+    """[s] until which it was there; `None`: for ever."""
+
+    @model_validator(mode="after")
+    def _lasts(self) -> FaultMeta:
+        if self.end is not None and not self.t < self.end:
+            raise ValueError(f"the fault {self.text[:60]!r} ends at {self.end:g} s, not after {self.t:g} s")
+        return self
+
+
 class PhaseMeta(MetaValue):
     """One action of a mission."""
 

@@ -20,6 +20,7 @@ from uvms_ocp.meta_values import (
     AxisLimitsMeta,
     ClearanceMeta,
     EventMeta,
+    FaultMeta,
     LevelMeta,
     LimitsMeta,
     MetaValue,
@@ -89,6 +90,8 @@ class RunMeta(RecordMeta):
     """What an incomplete mission still waited for."""
     events: tuple[EventMeta, ...] = ()
     alarms: tuple[AlarmMeta, ...] = ()
+    faults: tuple[FaultMeta, ...] = ()
+    """What went wrong on purpose; what the mission was not told."""
     true_quantities: tuple[QuantityMeta, ...] = ()
     """At the true state at the end."""
     sensors_allow: tuple[QuantityMeta, ...] = ()

@@ -15,6 +15,7 @@ from uvms_ocp.control.force.dynamic import DynamicController, VelocityGains
 from uvms_ocp.control.navigation.estimator import Estimator, PassThrough
 from uvms_ocp.control.velocity.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.meta_values import FaultMeta
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.robot import Robot
@@ -28,6 +29,8 @@ from uvms_ocp.report.meta import Ending, run_meta
 from uvms_ocp.run_meta import RunMeta
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.faults.fault import Fault
+from uvms_ocp.sim.faults.plant_faults import require_possible
 from uvms_ocp.sim.loop import Controller, Progress, StateEstimator, require_few_ticks, simulate
 from uvms_ocp.sim.plant import KinematicPlant, Plant
 from uvms_ocp.sim.sensors import SensorSuite
@@ -41,8 +44,9 @@ PLANTS = ("dynamic", "kinematic")
 class Scenario:
     """Everything that one simulation needs.
 
-    Raises `InvalidInput` for a start outside the joint limits or below the seafloor, or a bad period, duration, seed or
-    solver, `NameNotFound` for an unknown plant and `FrameNotFound` for an unknown altimeter frame. Goals are judged by `check`.
+    Raises `InvalidInput` for a start outside the joint limits or below the seafloor, for a bad period, duration, seed or
+    solver, or for a fault that robot or plant cannot have, `NameNotFound` for an unknown plant and `FrameNotFound` for an
+    unknown altimeter frame. Goals are judged by `check`.
     """
 
     name: str
@@ -68,6 +72,8 @@ class Scenario:
     """[s] at which an incomplete mission is stopped."""
     markers: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     """Points (3,) [m] in W to draw, by name."""
+    faults: tuple[Fault, ...] = ()
+    """What goes wrong, unknown to controller and pre-flight."""
 
     def __post_init__(self) -> None:
         if self.plant not in PLANTS:
@@ -89,6 +95,9 @@ class Scenario:
             self.robot.frame_id(self.altimeter_frame)
         if self.robot.n_vehicle:
             self._require_above_floor()
+        if self.faults:
+            require_possible(self.faults, self.plant_robot or self.robot, kinematic=self.plant == "kinematic")
+            self._sensor_suite()
 
     def controller(self) -> KinematicController:
         """A fresh kinematic layer for this mission."""
@@ -155,22 +164,23 @@ class Scenario:
             seed=self.seed,
             noise=self.sensors != IDEAL_SENSORS,
             markers=self.markers,
+            faults=tuple(map(_told, self.faults)),
             controller=controller,
             ending=ending,
         )
 
     def _plant_and_controller(self, kinematic: KinematicController) -> tuple[Plant, Controller]:
         if self.plant == "kinematic":
-            return KinematicPlant(self.robot, self.start), kinematic
+            return KinematicPlant(self.robot, self.start, self.faults), kinematic
         real = self.plant_robot or self.robot
-        plant = DynamicPlant(real, self.start, dynamics=robot_dynamics(real), environment=self.environment)
+        dynamics = robot_dynamics(real)
+        plant = DynamicPlant(real, self.start, dynamics=dynamics, environment=self.environment, faults=self.faults)
         model = robot_dynamics(self.robot)
         return plant, DynamicController(robot=self.robot, dynamics=model, kinematic=kinematic, gains=self.gains)
 
-    def _sensor_suite(self, specs: SensorSpecs | None = None) -> SensorSuite:
-        return SensorSuite(
-            self.robot, self.environment.seafloor, specs or self.sensors, self.seed, self.altimeter_frame
-        )
+    def _sensor_suite(self) -> SensorSuite:
+        floor = self.environment.seafloor
+        return SensorSuite(self.robot, floor, self.sensors, self.seed, self.altimeter_frame, self.faults)
 
     def _estimator(self) -> StateEstimator:
         if self.sensors == IDEAL_SENSORS:
@@ -178,7 +188,8 @@ class Scenario:
         return Estimator(self.robot, self.sensors, altimeter_frame=self.altimeter_frame)
 
     def _true_measurement(self, state: State) -> Measurement:
-        readings = self._sensor_suite(IDEAL_SENSORS).read(state, 0.0)
+        floor, frame = self.environment.seafloor, self.altimeter_frame
+        readings = SensorSuite(self.robot, floor, IDEAL_SENSORS, altimeter_frame=frame).read(state, 0.0)
         return PassThrough(self.robot, IDEAL_SENSORS)(readings, 0.0)
 
     def _require_above_floor(self) -> None:
@@ -187,6 +198,11 @@ class Scenario:
         if z <= floor:
             text = f"start position of the vehicle z = {z:g} m is below the seafloor z = {floor:g} m; raise it"
             raise InvalidInput(text)
+
+
+def _told(fault: Fault) -> FaultMeta:
+    end = fault.end if np.isfinite(fault.end) else None
+    return FaultMeta(text=str(fault), target=fault.target, kind=fault.kind, t=fault.onset, end=end)
 
 
 @checked

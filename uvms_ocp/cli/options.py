@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from inspect import signature
 from pathlib import Path
@@ -57,6 +58,12 @@ Seabed = Annotated[
 Seed = Annotated[int | None, typer.Option(help="Seed of everything random.")]
 Noise = Annotated[bool | None, typer.Option("--noise/--no-noise", help="Sensors with noise, rates and delays.")]
 Duration = Annotated[float | None, typer.Option(metavar="S", help="Time limit of the mission [s].")]
+Faults = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="TEXT", help="What goes wrong, TARGET:KIND=VALUES@ONSET-END, such as altimeter:frozen@8; several times."
+    ),
+]
 Out = Annotated[Path | None, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the report on stdout, the rest on stderr.")]
 
@@ -95,6 +102,8 @@ def default_folder(parts: Sequence[str], options: Mapping[str, Any]) -> Path:
 def _word(name: str, value: Any) -> str:
     if isinstance(value, bool):
         return name if value else f"no_{name}"
+    if name == "faults":
+        return "-".join(re.sub(r"\W", "_", str(fault).replace("-", "to").replace(".", "p")) for fault in value)
     if isinstance(value, tuple):
         return name + "_".join(map(str, value))
     return value if name == "robot" else f"{name}{value}"

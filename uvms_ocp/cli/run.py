@@ -20,6 +20,7 @@ from uvms_ocp.cli.options import (
     NOT_COMPLETED,
     CurrentVelocity,
     Duration,
+    Faults,
     Json,
     Name,
     Noise,
@@ -42,6 +43,7 @@ from uvms_ocp.output import claimed
 from uvms_ocp.record import Record
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenario import Scenario
+from uvms_ocp.sim.faults import parse_faults
 
 _PROGRESS_EVERY = 40  # ticks between two updates of the progress bar
 _STUDY_FILES = ("report.json", "runs.csv")
@@ -57,6 +59,7 @@ def run(
     seed: Seed = None,
     noise: Noise = None,
     duration: Duration = None,
+    fault: Faults = None,
     out: Out = None,
     force: Annotated[bool, typer.Option("--force", help="Run even if pre-flight finds errors.")] = False,
     n: Annotated[int | None, typer.Option(metavar="N", help="Number of missions of a study.")] = None,
@@ -71,6 +74,7 @@ def run(
     """
     console = console_of(stderr=as_json)
     options = given(robot=robot, plant=plant, current=current, seabed=seabed, noise=noise, seed=seed, duration=duration)
+    options |= {"faults": parse_faults(fault)} if fault else {}
     if name in STUDIES:
         chosen = given(n=n, force=force or None, solver=solver)
         _run_study(name, options | chosen, out, console, as_json)
@@ -177,6 +181,11 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
         why = Text("\n").join([Text(plain_line(phase["reason"])), *errors])
         table.add_row(_title(phase["name"], phase["title"]), *times, energy, f"{phase['path_length_m']:.2f}", why)
     console.print(table)
+    for fault in report["faults"]:
+        until = "" if fault["end"] is None else f" to {fault['end']:g} s"
+        console.print(
+            plain_line(f"fault from {fault['t']:g} s{until}: {fault['text']}"), style="yellow", highlight=False
+        )
     for alarm in report["alarms"]:
         console.print(plain_line(f"alarm at {alarm['t']:.2f} s: {alarm['text']}"), style="yellow")
     resources = _transposed(report["resources"])

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from uvms_ocp.control.navigation.accuracy import spread_at_rest
 from uvms_ocp.mission.conditions import Below
 from uvms_ocp.model.kinematics import Kinematics
+from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS
 from uvms_ocp.model.spatial import quaternion_to_matrix
 from uvms_ocp.preflight.findings import Finding, Severity
@@ -23,12 +25,12 @@ def quantity_spreads(setup: Setup, q: np.ndarray) -> dict[str, float]:
     """By ``task.quantity``, what the sensors allow to know at q (n_q,) [m, rad]: a standard deviation [m] or [rad].
 
     Of the distances and angles of frames from their goals, root mean square over their axes, from `spread_at_rest`. Empty
-    with ideal sensors, which allow everything.
+    with ideal sensors, which allow everything. Joints may be beyond their limits, where a fault has pushed them.
     """
     tasks = [task for task in setup.mission.hierarchy.tasks if isinstance(task, (PoseTask, ToolPosition))]
     if setup.sensors == IDEAL_SENSORS or not tasks:
         return {}
-    spread, kinematics = spread_at_rest(setup.robot, setup.sensors), Kinematics(setup.robot, q)
+    spread, kinematics = spread_at_rest(setup.robot, setup.sensors), Kinematics(_without_limits(setup.robot), q)
     variance = np.diag(spread**2)
     if setup.robot.n_vehicle:  # Jacobians take the velocity of B in B
         R_WB = quaternion_to_matrix(q[3:7])
@@ -39,6 +41,11 @@ def quantity_spreads(setup: Setup, q: np.ndarray) -> dict[str, float]:
         for J in [kinematics.jacobian(task.frame)]
         for name, rows in _quantities(task).items()
     }
+
+
+def _without_limits(robot: Robot) -> Robot:
+    unlimited = np.full(robot.n_joints, np.inf)
+    return replace(robot, limits=replace(robot.limits, position_lower=-unlimited, position_upper=unlimited))
 
 
 def _quantities(task: Task) -> dict[str, slice]:

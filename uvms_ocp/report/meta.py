@@ -19,6 +19,7 @@ from uvms_ocp.meta_values import (
     AxisLimitsMeta,
     ClearanceMeta,
     EventMeta,
+    FaultMeta,
     FloorRelief,
     FrameMeta,
     LevelMeta,
@@ -75,6 +76,7 @@ def run_meta(
     seed: int,
     noise: bool,
     markers: Markers,
+    faults: tuple[FaultMeta, ...],
     controller: KinematicController,
     ending: Ending,
 ) -> RunMeta:
@@ -104,6 +106,7 @@ def run_meta(
         pending="" if state.completed else controller.pending(),
         events=_events(controller, ending),
         alarms=tuple(AlarmMeta(t=t, text=text) for t, text in controller.watchdog.alarms),
+        faults=faults,
         true_quantities=_values(ending.quantities),
         sensors_allow=_values(quantity_spreads(setup, ending.q)),
         statuses=tuple(status.value for status in Status),

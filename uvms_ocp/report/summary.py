@@ -41,6 +41,7 @@ def summarize(record: Record) -> dict[str, Any]:
         "resources": resources(record),
         "seed": meta.seed,
         "noise": meta.noise,
+        "faults": [fault.model_dump() for fault in meta.faults],
         "alarms": [alarm.model_dump() for alarm in meta.alarms],
         "tool_position_error_m": known(meta.true_quantity(f"{task}.position_error")),
         "tool_orientation_error_rad": known(meta.true_quantity(f"{task}.orientation_error")),

@@ -24,6 +24,7 @@ from uvms_ocp.model.trim import with_trim
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.sim.currents import Current, StillWater, UniformCurrent
 from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.faults import Fault, parse_faults
 from uvms_ocp.sim.seafloor import FlatSeafloor, Seafloor
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 
@@ -53,6 +54,8 @@ class RunOptions:
     """Whether sensors have the noise, rates and delays of the robot's file."""
     seed: Count = 0
     """Of everything random."""
+    faults: tuple[Fault, ...] = ()
+    """What goes wrong. As a keyword also texts, see `uvms_ocp.sim.faults.parse_fault`."""
     dt: Bound = 1 / 200
     """[s] control period."""
     duration: Bound = 120.0
@@ -100,6 +103,7 @@ class RunOptions:
             dt=self.dt,
             duration=self.duration,
             markers=markers,
+            faults=self.faults,
         )
 
 
@@ -108,17 +112,20 @@ def run_options(
 ) -> RunOptions:
     """The options that were given by keyword, `None` for the default; robot and seabed [m] are the scenario's own.
 
-    Raises `NameNotFound` for an option or a robot that there is not, and `InvalidInput` for a current or
-    a seed that is none.
+    Raises `NameNotFound` for an option or a robot that there is not, and `InvalidInput` for a current, a
+    fault or a seed that is none.
     """
     known = [item.name for item in fields(RunOptions)]
     for name in given:
         if name not in known:
             raise NameNotFound("option of all scenarios", name, known)
     options = {"robot": robot, "seabed": seabed, **{name: value for name, value in given.items() if value is not None}}
-    machine, current = options.pop("robot"), options.pop("current", None)
+    machine, current, faults = options.pop("robot"), options.pop("current", None), options.pop("faults", ())
     return RunOptions(
-        robot=load_robot(machine) if isinstance(machine, str) else machine, current=_field(current), **options
+        robot=load_robot(machine) if isinstance(machine, str) else machine,
+        current=_field(current),
+        faults=parse_faults((faults,) if isinstance(faults, str | Fault) else faults),
+        **options,
     )
 
 

@@ -6,7 +6,8 @@ joint stops and floor contact with respect to velocity,
     (M + dt G) (v_next - v) = dt (tau + contact + stops - h(q, v)),    q_next = q (+) v_next dt.
 
 Added mass is part of M, so the step stays stable where it exceeds the dry mass; G keeps a coarse step from overshooting
-the drag. First order in dt.
+the drag. First order in dt. A joint that is locked has v_next = 0 in place of its row: the force that holds it is solved
+for, and where it still moved, the first step is the impulse that stops it, which leaves all other momenta as they were.
 """
 
 from __future__ import annotations
@@ -47,6 +48,8 @@ class StepModel:
     """Of every point."""
     stops: JointStops
     """Of every joint."""
+    locked: tuple[int, ...] = ()
+    """[-] entries of v that a constraint holds at 0."""
 
 
 def step_function(model: StepModel) -> ca.Function:
@@ -68,8 +71,8 @@ def step_function(model: StepModel) -> ca.Function:
     pushes, contact, slope_contact = _contact(model, q, v, floor_z, normal, dt)
     G = model.dynamics.drag_slope(q, v, u) + ca.diag(slope_stops + brakes) + slope_contact
     h = model.dynamics.bias_force(q, v, u, Du_Dt)
-    D, L_transposed, order = ca.ldl(model.dynamics.mass_matrix(q) + dt * G, False)
-    v_next = v + ca.ldl_solve(dt * (tau + force + contact - brakes * v - h), D, L_transposed, order)
+    A, impulse = model.dynamics.mass_matrix(q) + dt * G, dt * (tau + force + contact - brakes * v - h)
+    v_next = _accelerated(A, v, impulse, model.locked)
     q_next = model.dynamics.symbolic.integrate(q, v_next * dt)
 
     inputs = {"q": q, "v": v, "tau": tau, "u": u, "Du_Dt": Du_Dt}
@@ -77,6 +80,21 @@ def step_function(model: StepModel) -> ca.Function:
     outputs = {"q_next": _unit_quaternion(robot, q_next), "v_next": v_next, "contact": pushes}
     dense = [ca.densify(value) for value in outputs.values()]
     return ca.Function("plant_step", [*inputs.values()], dense, [*inputs], [*outputs], {"cse": True})
+
+
+def _accelerated(A: ca.SX, v: ca.SX, impulse: ca.SX, locked: tuple[int, ...]) -> ca.SX:
+    """v_next (n_v,) of ``A (v_next - v) = impulse`` in the rows that are free, and 0 in the locked ones."""
+    free, held = [i for i in range(v.numel()) if i not in locked], list(locked)
+    if held:
+        impulse = impulse[free] + A[free, held] @ v[held]
+        A = A[free, free]
+    D, L_transposed, order = ca.ldl(A, False)
+    change = ca.ldl_solve(impulse, D, L_transposed, order)
+    if not held:
+        return v + change
+    v_next = ca.SX.zeros(v.numel())
+    v_next[free] = v[free] + change
+    return v_next
 
 
 def _stops(model: StepModel, q: ca.SX, v: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX]:

@@ -10,6 +10,8 @@ import pinocchio as pin
 from uvms_ocp.arguments import Period, checked, late, trusted
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, State
+from uvms_ocp.sim.faults.fault import Fault
+from uvms_ocp.sim.faults.plant_faults import active_of, jammed_axes
 
 _state = trusted(State)
 
@@ -29,16 +31,22 @@ class Plant(Protocol):
 
 @checked
 class KinematicPlant(Plant):
-    """The paper's plant: velocities follow the command at once."""
+    """The paper's plant: velocities follow the command at once, except those of joints that are jammed."""
 
-    def __init__(self, robot: Robot, q0: np.ndarray) -> None:
+    def __init__(self, robot: Robot, q0: np.ndarray, faults: tuple[Fault, ...] = ()) -> None:
         """q0 (n_q,) [m, rad]: the start. Raises `InvalidInput`, as `Robot.check_configuration`."""
-        self._model = robot.model
+        self._model, self._robot, self._faults = robot.model, robot, faults
+        self._t = 0.0
         self.state = State(q=robot.check_configuration(q0), v=np.zeros(robot.n_v))
 
     @late
     def step(self, command: Command, dt: Period) -> None:
-        self.state = _state(q=pin.integrate(self._model, self.state.q, command.v * dt), v=command.v)
+        v = command.v
+        if jammed := jammed_axes(self._robot, active_of(self._faults, self._t)):
+            v = v.copy()
+            v[list(jammed)] = 0.0
+        self.state = _state(q=pin.integrate(self._model, self.state.q, v * dt), v=v)
+        self._t += dt
 
     def telemetry(self) -> dict[str, Any]:
         """Nothing: the state is all there is."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable
+from bisect import insort
+from collections.abc import Callable, Sequence
+from operator import itemgetter
 from typing import Annotated, Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from uvms_ocp.model.kinematics import AltimeterBeam
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import CHANNELS, SensorSpec, SensorSpecs
 from uvms_ocp.model.state import Reading, Readings, State
+from uvms_ocp.sim.faults.channel import Channel, ChannelFaults
+from uvms_ocp.sim.faults.fault import Fault
 from uvms_ocp.sim.seafloor import Seafloor
 
 _reading = trusted(Reading)
@@ -55,10 +58,12 @@ class SensorSuite:
         specs: SensorSpecs | None = None,
         seed: Count = 0,
         altimeter_frame: str | None = None,
+        faults: tuple[Fault, ...] = (),
     ) -> None:
         """altimeter_frame: the one of the robot's description unless given; without any there is no altimeter.
 
-        Raises `InvalidInput` for a bias of the wrong length and `FrameNotFound` for an unknown altimeter frame.
+        faults: those of other things than sensors are left out. Raises `InvalidInput` for a bias of the wrong length or a fault
+        of a sensor that there is not, and `FrameNotFound` for an unknown altimeter frame.
         """
         specs = specs or SensorSpecs()
         sources = _sources(robot, seafloor, specs, altimeter_frame)
@@ -68,6 +73,9 @@ class SensorSuite:
             for name, stream in zip(CHANNELS, streams, strict=True)
             if (spec := getattr(specs, name)) is not None and name in sources
         ]
+        for name, own in _by_channel(faults, [name for name, _ in self._channels]).items():
+            stream = np.random.SeedSequence([seed, int.from_bytes(name.encode(), "big")])
+            dict(self._channels)[name].suffer(ChannelFaults(_struck(robot, name, *sources[name][1:]), own, stream))
 
     @late
     def read(self, state: State, t: float) -> Readings:
@@ -97,6 +105,26 @@ def _sources(
         altimeter = Altimeter(robot, seafloor, frame)
         sources["altimeter_range"] = (lambda state: altimeter.measure(state.q), _add_scalar, 1)
     return sources
+
+
+def _by_channel(faults: Sequence[Fault], channels: Sequence[str]) -> dict[str, list[Fault]]:
+    """Faults of sensors by channel."""
+    found: dict[str, list[Fault]] = {}
+    for fault in faults:
+        channel = fault.strikes.channel
+        if channel and channel not in channels:
+            raise InvalidInput(f"{fault}: there is no sensor {channel}; there are {', '.join(channels)}")
+        if channel:
+            found.setdefault(channel, []).append(fault)
+    return found
+
+
+def _struck(robot: Robot, name: str, disturb: Disturb, n: int) -> Channel:
+    """A channel as its faults need it."""
+    neutral = pin.neutral(robot.model)
+    origins = {"attitude": np.array([0.0, 0.0, 0.0, 1.0]), "joint_positions": neutral[robot.joint_q]}
+    joints = robot.joints if name.startswith("joint_") else ()
+    return Channel(name=name, disturb=disturb, n=n, origin=origins.get(name), joints=joints)
 
 
 def _add(value: np.ndarray, error: np.ndarray) -> np.ndarray:
@@ -139,13 +167,23 @@ class _Channel:
         self._due = -np.inf
         """[s] time of the next reading."""
         self._last: Reading[Any] | None = None
-        self._under_way: deque[Reading[Any]] = deque()
+        self._taken = -np.inf
+        """[s] when the last reading was taken, whatever its stamp says."""
+        self._under_way: list[tuple[float, float, Reading[Any]]] = []
+        """When each arrives and was taken [s], in order of arrival."""
+        self._faults: ChannelFaults | None = None
+
+    def suffer(self, faults: ChannelFaults) -> None:
+        """Have these faults from now on."""
+        self._faults = faults
 
     def read(self, state: State, t: float) -> Reading[Any] | None:
         if t >= self._due:
             self._sample(state, t)
-        while self._under_way and t >= self._under_way[0].t + self._spec.delay - _EARLY:
-            self._last = self._under_way.popleft()
+        while self._under_way and t >= self._under_way[0][0] - _EARLY:
+            _, taken, reading = self._under_way.pop(0)
+            if taken > self._taken:  # a newer one may have overtaken it
+                self._taken, self._last = taken, reading
         return self._last
 
     def _sample(self, state: State, t: float) -> None:
@@ -155,4 +193,11 @@ class _Channel:
         if not spec.exact:
             value = self._disturb(value, self._bias + spec.sigma * self._noise.standard_normal(len(self._bias)))
         if not (spec.dropout and self._losses.random() < spec.dropout):
-            self._under_way.append(_reading(value=value, t=t))
+            self._send(value, t)
+
+    def _send(self, value: Any, t: float) -> None:
+        if self._faults is None:
+            self._under_way.append((t + self._spec.delay, t, _reading(value=value, t=t)))
+        elif (sample := self._faults(value, t)) is not None:
+            arrival = t + self._spec.delay + sample.extra_delay
+            insort(self._under_way, (arrival, t, _reading(value=sample.value, t=sample.stamp)), key=itemgetter(0))

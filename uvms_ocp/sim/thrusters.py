@@ -11,6 +11,7 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.files.description import Thruster
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.thrusters import thrust_limits, thrust_of_signals
+from uvms_ocp.sim.faults.thruster_condition import ThrusterCondition
 
 _AT_LIMIT = 1.0 - 1e-9  # share of a limit that counts as reaching it
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
@@ -46,6 +47,7 @@ class ThrusterBank:
         self._dead_zone = np.array([thruster.dead_zone for thruster in thrusters])
         self._time_constant = np.array([thruster.time_constant for thruster in thrusters])
         self._factor, self._exponent = _power_law(thrusters)
+        self._condition: ThrusterCondition | None = None
         self._step: _Step | None = None
         n = len(thrusters)
         self.thrust = np.zeros(n)
@@ -59,6 +61,12 @@ class ThrusterBank:
     def power(self) -> np.ndarray:
         """Electrical power now (n,) [W], NaN where it is not known."""
         return self._factor * np.abs(self.thrust) ** self._exponent
+
+    def suffer(self, condition: ThrusterCondition | None) -> None:
+        """Be in this condition from now on; `None`: all are sound. What is dead stops at once."""
+        self._condition = condition
+        if condition is not None:
+            self.thrust = np.where(condition.dead, 0.0, self.thrust)
 
     def step(self, command: ArrayLike, dt: float) -> np.ndarray:
         """Hold a command (n,) [N] for dt [s] and return the thrust (n,) [N] at the end.
@@ -85,7 +93,10 @@ class ThrusterBank:
     def _target(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         saturated = (command >= _AT_LIMIT * self._upper) | (command <= _AT_LIMIT * self._lower)
         clipped = np.minimum(np.maximum(command, self._lower), self._upper)
-        return np.where(np.abs(clipped) < self._dead_zone, 0.0, clipped), saturated & (command != 0.0)
+        target = np.where(np.abs(clipped) < self._dead_zone, 0.0, clipped)
+        if self._condition is not None:
+            target = np.minimum(np.maximum(self._condition.thrust(target), self._lower), self._upper)
+        return target, saturated & (command != 0.0)
 
     def _of_length(self, dt: float) -> _Step:
         if self._step is None or self._step.dt != dt:
