@@ -9,8 +9,9 @@ from matplotlib.lines import Line2D
 from uvms_ocp.arguments import checked
 from uvms_ocp.meta_values import TaskMeta
 from uvms_ocp.record import Record
-from uvms_ocp.viz.series import axis_names, phase_spans, task_activity, task_gate
-from uvms_ocp.viz.style import BLUE, VERMILLION, heading_legend, shade_phases, shown, stacked, styled
+from uvms_ocp.viz.series import axis_names, task_activity, task_gate
+from uvms_ocp.viz.style import BLUE, VERMILLION, heading_legend, shown, stacked, styled
+from uvms_ocp.viz.time_marks import mark_time
 
 
 @checked
@@ -23,7 +24,7 @@ def figure_activations(record: Record) -> Figure | None:
     figure, axes = stacked(len(tasks), 0.56, "Activation of the tasks, highest priority on top")
     for axis, task in zip(axes, tasks, strict=True):
         _activation_panel(axis, record, task)
-    shade_phases(axes, phase_spans(record))
+    mark_time(axes, record)
     _legend(figure)
     return figure
 
@@ -61,7 +62,7 @@ def figure_row_activations(record: Record, task: str = "JL") -> Figure | None:
             axis.plot(record["t"], gate, color=VERMILLION, lw=0.9, ls="--")
         axis.set(ylim=(-0.08, 1.12), yticks=(0, 1))
         axis.set_ylabel(shown(name), rotation=0, ha="right", va="center")
-    shade_phases(axes, phase_spans(record))
+    mark_time(axes, record)
     _legend(figure)
     return figure
 

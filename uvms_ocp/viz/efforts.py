@@ -7,8 +7,9 @@ from matplotlib.figure import Figure
 
 from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
-from uvms_ocp.viz.series import axis_names, has_vehicle, phase_spans
-from uvms_ocp.viz.style import AXES_XYZ, BLUE, LINES, VERMILLION, shade_phases, shown, stacked, styled
+from uvms_ocp.viz.series import axis_names, has_vehicle
+from uvms_ocp.viz.style import AXES_XYZ, BLUE, LINES, VERMILLION, shown, stacked, styled
+from uvms_ocp.viz.time_marks import mark_time
 
 
 @checked
@@ -33,7 +34,7 @@ def figure_efforts(record: Record) -> Figure | None:
     axes[1].legend(ncols=7, fontsize=6, loc="upper right")
     axes[2].legend(loc="upper left")
     axes[-1].set_xlabel("time [s]")
-    shade_phases(axes, phase_spans(record))
+    mark_time(axes, record)
     return figure
 
 
@@ -56,7 +57,7 @@ def figure_tracking(record: Record) -> Figure | None:
         axis.legend(ncols=3, loc="upper right")
         axis.set_ylim(*_robust_range(axis.lines))
     axes[-1].set_xlabel("time [s]")
-    shade_phases(axes, phase_spans(record))
+    mark_time(axes, record)
     return figure
 
 

@@ -12,7 +12,8 @@ from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import plain_line
 from uvms_ocp.record import Record
 from uvms_ocp.viz.series import PhaseSpan, has_vehicle, n_joints, phase_spans
-from uvms_ocp.viz.style import AXES_XYZ, DASHES, LINES, VERMILLION, WIDTH, RecordFigure, shade_phases, shown, styled
+from uvms_ocp.viz.style import AXES_XYZ, DASHES, LINES, VERMILLION, WIDTH, RecordFigure, shown, styled
+from uvms_ocp.viz.time_marks import mark_time
 
 _ZOOM = 1.0  # [s] on each side of a transition
 _MAX_ZOOMS = 4
@@ -31,7 +32,7 @@ def figure_velocities(record: Record) -> Figure | None:
     figure = RecordFigure(figsize=(WIDTH, 3.9 + (2.6 if changes else 0.0)))
     figure.suptitle("Vehicle velocity", fontsize=10, fontweight="bold", x=0.01, ha="left")
     parts = figure.subfigures(2, 1, height_ratios=(3.4, 3.0)) if changes else [figure]
-    _whole_run(parts[0], record, spans)
+    _whole_run(parts[0], record)
     if changes:
         _zooms(parts[1], record, changes, spans)
     return figure
@@ -43,14 +44,14 @@ _VELOCITY_PANELS = (
 )
 
 
-def _whole_run(parent: Figure, record: Record, spans: Sequence[PhaseSpan]) -> None:
+def _whole_run(parent: Figure, record: Record) -> None:
     axes = parent.subplots(2, 1, sharex=True)
     for axis, (part, label, names) in zip(axes, _VELOCITY_PANELS, strict=True):
         _velocity_lines(axis, record, part, names)
         axis.set_ylabel(label)
         axis.legend(ncols=3, loc="best")
     axes[-1].set_xlabel("time [s]")
-    shade_phases(axes, spans)
+    mark_time(axes, record)
 
 
 def _zooms(parent: Figure, record: Record, changes: Sequence[float], spans: Sequence[PhaseSpan]) -> None:
@@ -58,7 +59,7 @@ def _zooms(parent: Figure, record: Record, changes: Sequence[float], spans: Sequ
     for column, change in enumerate(changes):
         for axis, (part, label, names) in zip(grid[:, column], _VELOCITY_PANELS, strict=True):
             _velocity_lines(axis, record, part, names, around=change)
-            shade_phases([axis], spans, named=False)
+            mark_time([axis], record, named=False)
             axis.set_xlim(change - _ZOOM, change + _ZOOM)
             _keep_span(axis)
             if column == 0:
@@ -105,9 +106,8 @@ def figure_joints(record: Record) -> Figure | None:
         axis.set_title(title, pad=14)
     for axis in grid[-1]:
         axis.set_xlabel("time [s]")
-    spans = phase_spans(record)
     for column in grid.T:
-        shade_phases(column, spans, share=0.46)
+        mark_time(column, record, share=0.46)
     figure.align_ylabels(grid[:, 0])
     return figure
 

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
-from uvms_ocp.viz.series import as_known, phase_spans, quantity, task_gate, thresholds
+from uvms_ocp.viz.series import as_known, quantity, task_gate, thresholds
 from uvms_ocp.viz.style import (
     BLACK,
     BLUE,
@@ -21,11 +21,11 @@ from uvms_ocp.viz.style import (
     VERMILLION,
     heading_legend,
     logarithmic,
-    shade_phases,
     stacked,
     styled,
     threshold,
 )
+from uvms_ocp.viz.time_marks import mark_time
 
 _LOG_FLOOR = 1e-9  # [m, rad] below this an error is rounding
 
@@ -67,7 +67,7 @@ def _quantity_figure(
     for axis, (name, label, color) in zip(axes, known, strict=True):
         panel(axis, record, name, color)
         axis.set_ylabel(label)
-    shade_phases(axes, phase_spans(record))
+    mark_time(axes, record)
     heading_legend(
         figure,
         [Line2D([], [], color=BLACK, label="task active"), Line2D([], [], color=FADED, lw=0.9, label="task off")],
@@ -138,5 +138,5 @@ def figure_altitude(record: Record) -> Figure | None:
     axes[0].set(ylabel="altitude [m]", ylim=(0, None))
     axes[1].set(ylabel="altitude [m], near floor", ylim=(0, near))
     axes[1].legend(loc="lower left")
-    shade_phases(axes, phase_spans(record))
+    mark_time(axes, record)
     return figure

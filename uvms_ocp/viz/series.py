@@ -31,6 +31,36 @@ class PhaseSpan:
         return plain_line(f"{self.name} {self.title}")
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FaultSpan:
+    """How long something was wrong on purpose."""
+
+    name: str
+    """What struck what."""
+    start: float
+    """[s]"""
+    end: float
+    """[s] no later than the record's."""
+    ended: bool
+    """Whether it was over before the record was."""
+
+
+def fault_spans(record: Record) -> tuple[FaultSpan, ...]:
+    """Faults of a run that began before its end; none of a plan."""
+    last = float(record["t"][-1])
+    faults = record.meta.faults if record.meta.kind == "run" else ()
+    return tuple(
+        FaultSpan(
+            name=fault.text.partition("@")[0],
+            start=fault.t,
+            end=last if fault.end is None else min(fault.end, last),
+            ended=fault.end is not None and fault.end < last,
+        )
+        for fault in faults
+        if fault.t <= last
+    )
+
+
 def as_known(record: Record) -> str:
     """What to add to the name of a quantity that a run measures: with noisy sensors it is an estimate."""
     return " (estimated)" if record.meta.kind == "run" and record.meta.noise else ""

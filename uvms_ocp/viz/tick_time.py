@@ -11,7 +11,6 @@ from matplotlib.lines import Line2D
 
 from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
-from uvms_ocp.viz.series import phase_spans
 from uvms_ocp.viz.style import (
     BLACK,
     BLUE,
@@ -20,10 +19,10 @@ from uvms_ocp.viz.style import (
     RecordFigure,
     heading_legend,
     logarithmic,
-    shade_phases,
     styled,
     threshold,
 )
+from uvms_ocp.viz.time_marks import mark_time
 
 
 @checked
@@ -44,7 +43,7 @@ def figure_tick_time(record: Record) -> Figure | None:
     lines = [_percentile_line((over_time, spread), tick, *entry) for entry in ((50, BLACK), (99, VERMILLION))]
     threshold(over_time, 1e6 * record.run_meta.dt, "control period")
     heading_legend(figure, lines)
-    shade_phases([over_time], phase_spans(record), share=0.77)
+    mark_time([over_time], record, share=0.77)
     return figure
 
 

@@ -198,6 +198,9 @@ function showReadouts() {
   const phase = phaseAt(clock.t), [times, ...rows] = DETAILS.readouts, shown = byId("readouts");
   shown.replaceChildren();
   addElement(shown, "div", `${phase.name} ${phase.title}`, {className: "phase"});
+  for (const fault of DETAILS.faults)
+    if (fault.start <= clock.t + 1e-9 && (clock.t < fault.end || !fault.ended))
+      addElement(shown, "div", `fault: ${fault.name}`, {className: "fault"});
   const k = times ? lastBefore(times.values, clock.t) : 0;
   for (const row of rows) {
     const value = row.values[k], line = addElement(shown, "div", "");
@@ -273,6 +276,11 @@ function buildControls() {
     element.style.left = `${(100 * phase.start) / DETAILS.duration}%`;
     element.style.width = `${share}%`;
     element.style.background = PHASE_COLOURS[phase.index % PHASE_COLOURS.length];
+  }
+  for (const fault of DETAILS.faults) {
+    const element = addElement(byId("timeline"), "div", "", {className: "fault", title: `fault: ${fault.name}`});
+    element.style.left = `${(100 * fault.start) / DETAILS.duration}%`;
+    element.style.width = `${(100 * (fault.end - fault.start)) / DETAILS.duration}%`;
   }
   for (const speed of DETAILS.speeds) addElement(byId("speed"), "option", `\u00D7${speed}`, {value: speed});
   byId("speed").value = clock.speed;

@@ -11,7 +11,7 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.record import Record
 from uvms_ocp.viz.scene.animation import Frames, joint_node
 from uvms_ocp.viz.scene.surroundings import extent
-from uvms_ocp.viz.series import as_known, phase_spans, quantity
+from uvms_ocp.viz.series import as_known, fault_spans, phase_spans, quantity
 
 _FAR = 12.0  # robot sizes; a longer mission opens with the camera on the vehicle
 _LONGEST_SHOW = 60.0  # [s] beyond it playback begins sped up
@@ -44,6 +44,10 @@ def page_details(record: Record, robot: Robot, frames: Frames, centre: np.ndarra
         "phases": [
             {"name": s.name, "title": s.title, "index": s.index, "start": s.start - start, "end": s.end - start}
             for s in phase_spans(record)
+        ],
+        "faults": [
+            {"name": s.name, "start": s.start - start, "end": s.end - start, "ended": s.ended}
+            for s in fault_spans(record)
         ],
         "labels": [
             {"text": marker.name, "position": (np.array(marker.position) - centre).tolist()}
