@@ -1,0 +1,190 @@
+"""Case 1 with everything going wrong that can: every kind of fault in every phase, judged by the truth."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.arguments import AtLeastOne, Count, Period, checked
+from uvms_ocp.campaign import fault_truth as truth
+from uvms_ocp.campaign.fault_table import ASTRAY, GUSTS, JOINTS, KINDS, NONE, PHASES, FaultKind
+from uvms_ocp.campaign.study import Row, Study
+from uvms_ocp.exceptions import NameNotFound
+from uvms_ocp.record import Record
+from uvms_ocp.report.cause import cause_of_end
+from uvms_ocp.scenario import Scenario
+from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.sim.currents import GustyCurrent
+from uvms_ocp.sim.faults import Fault
+
+_COMPLETED, _ERROR = "completed", "error"
+
+
+@checked
+def faults(
+    *,
+    n: AtLeastOne = 5,
+    seed: Count = 0,
+    fault_free: Count = 100,
+    kinds: Sequence[str] = tuple(KINDS),
+    phases: Sequence[str] = PHASES,
+    plant: str = "dynamic",
+    dt: Period = 1 / 200,
+    duration: Period = 120.0,
+) -> Study:
+    """All `kinds` of `KINDS` that set in in each of the `phases`, with the n [-] seeds `seed`, `seed` + 1, ...
+
+    fault_free: runs [-] without faults, in gusts. Sensors are noisy. dt [s]: control period; duration [s] of a run at most.
+    Raises `NameNotFound` for an unknown kind or phase.
+    """
+    for what, given, known in (("kind of fault", kinds, KINDS), ("phase", phases, PHASES)):
+        for name in given:
+            if name not in known:
+                raise NameNotFound(what, name, known)
+    common = {"plant": plant, "dt": dt, "duration": duration}
+    struck = [
+        {"kind": kind, "phase": phase, "seed": seed + k, **common}
+        for kind in kinds
+        for phase in phases
+        for k in range(n)
+    ]
+    sound = [{"kind": NONE, "phase": "", "seed": seed + k, **common} for k in range(fault_free)]
+    title = f"Case 1 with {len(kinds)} kinds of faults"
+    return Study(name="faults", title=title, cases=[*struck, *sound], run_case=run_faults, summarize=by_kind)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Nominal:
+    """What a run without faults and gusts is like."""
+
+    way: np.ndarray
+    """(m, 3) [m] of the vehicle."""
+    middles: dict[str, float]
+    """[s] by phase."""
+
+
+@lru_cache(maxsize=4)
+def nominal(plant: str, dt: float) -> Nominal:
+    """The run of seed 0 on this plant; dt [s]: control period."""
+    record = case1(noise=True, plant=plant, dt=dt).run()
+    times = [0.0, *(event.t for event in record.run_meta.events)]
+    middles = {name: round(0.5 * (a + b), 1) for name, a, b in zip(PHASES, times, times[1:], strict=False)}
+    return Nominal(way=record["q"][::_EVERY, :3].copy(), middles=middles)
+
+
+_EVERY = 10  # rows between two points of the way
+
+
+def run_faults(case: dict[str, Any]) -> Row:
+    """One run, and what truly became of it; one that raises is a row too."""
+    usual = nominal(case["plant"], case["dt"])
+    kind = KINDS.get(case["kind"], FaultKind(name=NONE, texts=()))
+    onset = usual.middles.get(case["phase"], 0.0)
+    struck = kind.faults(onset)
+    scenario = case1(
+        noise=True,
+        seed=case["seed"],
+        plant=case["plant"],
+        dt=case["dt"],
+        duration=case["duration"],
+        faults=struck,
+        current=None if struck else GustyCurrent(sigma=GUSTS, seed=case["seed"]),
+    )
+    head = {name: case[name] for name in ("kind", "phase", "seed")}
+    head |= {"faults": " ".join(map(str, struck)), "onset_s": onset if struck else None}
+    try:
+        record = scenario.run()
+    except Exception as error:  # whatever it is: the study has to tell
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        return {**head, **dict.fromkeys(_COLUMNS), "end": _ERROR, "cause": text, "faultless": False}
+    return {**head, **_judged(scenario, record, kind, usual)}
+
+
+_COLUMNS = (
+    "end",
+    "end_s",
+    "cause",
+    "alarms_before",
+    "alarm_s",
+    "alarm",
+    "to_detect_s",
+    "named",
+    "contact_s",
+    "contact_m",
+    "ends_in_contact",
+    "arm_m",
+    "joints_rad",
+    "astray_m",
+    "tool_m",
+    "faultless",
+)
+
+
+def _judged(scenario: Scenario, record: Record, kind: FaultKind, usual: Nominal) -> Row:
+    cause, contact = cause_of_end(record), truth.contact_outside_landing(scenario, record, kind.floor)
+    told = _told(scenario.faults, scenario, record, cause["text"])
+    joints, way = truth.joint_excess(scenario.robot, record["q"]), truth.astray(usual.way, record["q"])
+    completed = record.run_meta.completed
+    harmless = not contact.at_the_end and joints <= JOINTS + kind.joints and way <= ASTRAY
+    values = {
+        "end": _COMPLETED if completed else cause["kind"],
+        "end_s": float(record["t"][-1]),
+        "cause": cause["text"],
+        **told,
+        "contact_s": contact.seconds,
+        "contact_m": contact.depth,
+        "ends_in_contact": contact.at_the_end,
+        "arm_m": truth.arm_height(scenario, record["q"]),
+        "joints_rad": joints,
+        "astray_m": way,
+        "tool_m": record.run_meta.true_quantity("T.position_error") if completed else None,
+        "faultless": harmless and (completed or bool(told["named"])),
+    }
+    return {name: values[name] for name in _COLUMNS}
+
+
+def _told(struck: Sequence[Fault], scenario: Scenario, record: Record, cause: str) -> Row:
+    """What the robot said, and when: alarms before the onset are false ones."""
+    alarms, onset = record.run_meta.alarms, min((fault.onset for fault in struck), default=np.inf)
+    after = [alarm for alarm in alarms if alarm.t >= onset]
+    return {
+        "alarms_before": len(alarms) - len(after),
+        "alarm_s": after[0].t if after else None,
+        "alarm": after[0].text if after else (alarms[0].text if alarms else ""),
+        "to_detect_s": after[0].t - onset if after else None,
+        "named": truth.is_named(struck, scenario.robot, [cause, *(alarm.text for alarm in alarms)]) if struck else None,
+    }
+
+
+def by_kind(rows: Sequence[Row]) -> list[Row]:
+    """One row per kind: how its runs ended, the worst of what truly happened, and how soon it was noticed."""
+    kinds = dict.fromkeys(row["kind"] for row in rows)
+    return [_sum(kind, [row for row in rows if row["kind"] == kind]) for kind in kinds]
+
+
+def _sum(kind: str, rows: Sequence[Row]) -> Row:
+    ends = Counter(row["end"] for row in rows)
+    others = {end: number for end, number in ends.items() if end != _COMPLETED}
+    noticed = [row["to_detect_s"] for row in rows if row["to_detect_s"] is not None]
+    return {
+        "kind": kind,
+        "runs": len(rows),
+        "completed": ends[_COMPLETED],
+        "other_ends": ", ".join(f"{end} {number}" for end, number in others.items()),
+        "not_named": sum(row["end"] != _COMPLETED and not row["named"] for row in rows),
+        "false_alarms": sum(row["alarms_before"] or 0 for row in rows),
+        "noticed": len(noticed),
+        "median_to_detect_s": float(np.median(noticed)) if noticed else None,
+        "end_in_contact": sum(bool(row["ends_in_contact"]) for row in rows),
+        **{f"largest_{name}": _largest(rows, name) for name in ("contact_m", "joints_rad", "astray_m", "tool_m")},
+        "faultless": sum(bool(row["faultless"]) for row in rows),
+    }
+
+
+def _largest(rows: Sequence[Row], name: str) -> float | None:
+    return max((row[name] for row in rows if row[name] is not None), default=None)

@@ -1,0 +1,108 @@
+"""What truly became of a run with faults: contact, limits, the way, and whether the robot said what was wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial import cKDTree
+
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.spatial import quaternion_to_matrix
+from uvms_ocp.record import Record
+from uvms_ocp.scenario import Scenario
+from uvms_ocp.sim.contact import skid_points
+from uvms_ocp.sim.faults import Fault
+
+LANDED = "D"
+"""The phase in which Case 1 rests on the floor."""
+_EVERY = 10  # rows between two that are looked at for the arm and the way
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Contact:
+    """Of the skid with the floor, where it was no landing."""
+
+    seconds: float
+    """[s]"""
+    depth: float
+    """[m] of the deepest corner, 0 without any."""
+    at_the_end: bool
+    """Whether the run ended in it."""
+
+
+def contact_outside_landing(scenario: Scenario, record: Record, allowed: float = 0.0) -> Contact:
+    """Contact deeper than `allowed` [m] that the mission did not take for its landing, by going on to rest on the floor."""
+    depth = _depths(scenario, record["q"]) - allowed
+    landed = np.array([phase.name == LANDED for phase in record.meta.phases])[record["phase"]]
+    outside = np.zeros(len(depth), dtype=bool)
+    for rows in _episodes(depth > 0.0):
+        outside[rows] = not landed[rows].any()
+    return Contact(
+        seconds=float(outside.sum()) * scenario.dt,
+        depth=float(np.max(depth, where=outside, initial=0.0)),
+        at_the_end=bool(outside[-1]),
+    )
+
+
+def _depths(scenario: Scenario, q: np.ndarray) -> np.ndarray:
+    """(n,) [m] of the lowest corner of the skid below the floor, at q (n, n_q); infinite where that is no number."""
+    points, height = skid_points(scenario.robot), scenario.environment.seafloor.height
+    depths = np.full(len(q), np.inf)
+    for row in np.flatnonzero(np.isfinite(q).all(axis=1)):
+        corners = points @ quaternion_to_matrix(q[row, 3:7]).T + q[row, :3]
+        depths[row] = max(height(x, y) - z for x, y, z in corners.tolist())
+    return depths
+
+
+def _episodes(touching: np.ndarray) -> list[slice]:
+    """Stretches of rows."""
+    edges = np.flatnonzero(np.diff(np.r_[0, touching.astype(int), 0]))
+    return [slice(begin, end) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def joint_excess(robot: Robot, q: np.ndarray) -> float:
+    """How far [rad] any joint was beyond its limits at q (n, n_q); infinite where that is no number."""
+    joints, limits = q[:, robot.joint_q], robot.limits
+    beyond = np.maximum(limits.position_lower - joints, joints - limits.position_upper).max()
+    return max(float(beyond), 0.0) if np.isfinite(beyond) else np.inf
+
+
+def arm_height(scenario: Scenario, q: np.ndarray) -> float:
+    """The least height [m] above the floor of any joint of the arm and of the tool at q (n, n_q)."""
+    robot, floor = scenario.robot, scenario.environment.seafloor
+    data, tool, lowest = robot.model.createData(), robot.frame_id("tool"), np.inf
+    for row in q[::_EVERY]:
+        if not np.isfinite(row).all():
+            return -np.inf
+        pin.framesForwardKinematics(robot.model, data, row)
+        places = [X.translation for X in (*data.oMi[2:], data.oMf[tool])]
+        lowest = min(lowest, *(z - floor.height(x, y) for x, y, z in places))
+    return float(lowest)
+
+
+def astray(way: np.ndarray, q: np.ndarray) -> float:
+    """The farthest distance [m] of the vehicle at q (n, n_q) from the points way (m, 3) [m]; infinite where no number."""
+    places = q[::_EVERY, :3]
+    return float(cKDTree(way).query(places)[0].max()) if np.isfinite(places).all() else np.inf
+
+
+def is_named(faults: Sequence[Fault], robot: Robot, texts: Sequence[str]) -> bool:
+    """Whether all that is wrong is named in any of the texts."""
+    told = " ".join(texts).lower().replace("_", " ")
+    return all(any(word in told for word in _words(fault, robot)) for fault in faults)
+
+
+def _words(fault: Fault, robot: Robot) -> list[str]:
+    """Any of which names what the fault strikes."""
+    name, number, family = fault.target, fault.strikes.number, fault.strikes.family
+    words = [name, name.removesuffix("_range")]
+    if family == "thruster":
+        words += [f"thruster {number}", robot.description.thrusters[number - 1].name]
+    elif family in ("joint", "encoder"):
+        words += [fault.strikes.channel or name, robot.joint_names[number - 1]]
+    elif family in ("current", "payload"):
+        words += ["disturbance"]
+    return [word.lower().replace("_", " ") for word in words]
