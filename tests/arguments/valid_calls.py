@@ -35,6 +35,7 @@ from uvms_ocp.preflight import Finding, PreflightReport, Severity
 from uvms_ocp.record import Record
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.scenarios import RunOptions, case1
+from uvms_ocp.sim.faults import Fault
 from uvms_ocp.solvers import nlp
 from uvms_ocp.tasks.task import TickSymbols
 from uvms_ocp.viz.scene.viewer import ScenePage
@@ -216,6 +217,10 @@ def readings() -> Readings:
 
 def suite() -> sim.SensorSuite:
     return sim.SensorSuite(robot(), sim.FlatSeafloor(z=-60.0), IDEAL_SENSORS)
+
+
+def fault() -> Fault:
+    return Fault(target="altimeter", kind="frozen", onset=8.0)
 
 
 def phase() -> mission.Phase:
@@ -462,6 +467,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "Measurement": measurement,
     "State": state,
     "Readings": readings,
+    "Fault": fault,
     "Command": lambda: Command(v=np.zeros(robot().n_v)),
     "TickState": tick,
     "MissionState": lambda: scenario().mission.start(),
@@ -696,6 +702,8 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "whole_mission": lambda: {"start": state(), "floor": -60.0},
     "lexicographic_program": lambda: lexicographic(),
     "random_limits": lambda: {"n": 2},
+    "Fault": lambda: {"target": "depth", "kind": "lost"},
+    "parse_fault": lambda: {"text": "depth:lost@1"},
     "random_missions": lambda: {"n": 2},
     "table2": lambda: {"seeds": 1},
     "scale_to_limits": dict,

@@ -51,6 +51,7 @@ ALONE = tuple(
     for script in (
         "bluerov_reach",
         "calls",
+        "faults",
         "gates",
         "hierarchy",
         "nmpc",

@@ -42,7 +42,7 @@ def faults(
     fault_free: runs [-] without faults, in gusts. Sensors are noisy. dt [s]: control period; duration [s] of a run at most.
     Raises `NameNotFound` for an unknown kind or phase.
     """
-    for what, given, known in (("kind of fault", kinds, KINDS), ("phase", phases, PHASES)):
+    for what, given, known in (("one of kinds", kinds, KINDS), ("one of phases", phases, PHASES)):
         for name in given:
             if name not in known:
                 raise NameNotFound(what, name, known)

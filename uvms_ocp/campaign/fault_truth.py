@@ -64,14 +64,14 @@ def _episodes(touching: np.ndarray) -> list[slice]:
 
 
 def joint_excess(robot: Robot, q: np.ndarray) -> float:
-    """How far [rad] any joint was beyond its limits at q (n, n_q); infinite where that is no number."""
+    """How far [rad] any joint was beyond its limits at q (n, n_q) [m, rad]; infinite where that is no number."""
     joints, limits = q[:, robot.joint_q], robot.limits
     beyond = np.maximum(limits.position_lower - joints, joints - limits.position_upper).max()
     return max(float(beyond), 0.0) if np.isfinite(beyond) else np.inf
 
 
 def arm_height(scenario: Scenario, q: np.ndarray) -> float:
-    """The least height [m] above the floor of any joint of the arm and of the tool at q (n, n_q)."""
+    """The least height [m] above the floor of any joint of the arm and of the tool at q (n, n_q) [m, rad]."""
     robot, floor = scenario.robot, scenario.environment.seafloor
     data, tool, lowest = robot.model.createData(), robot.frame_id("tool"), np.inf
     for row in q[::_EVERY]:
@@ -84,7 +84,7 @@ def arm_height(scenario: Scenario, q: np.ndarray) -> float:
 
 
 def astray(way: np.ndarray, q: np.ndarray) -> float:
-    """The farthest distance [m] of the vehicle at q (n, n_q) from the points way (m, 3) [m]; infinite where no number."""
+    """The farthest distance [m] of the vehicle at q (n, n_q) [m, rad] from the points way (m, 3) [m]; inf where no number."""
     places = q[::_EVERY, :3]
     return float(cKDTree(way).query(places)[0].max()) if np.isfinite(places).all() else np.inf
 

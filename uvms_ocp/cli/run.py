@@ -43,7 +43,7 @@ from uvms_ocp.output import claimed
 from uvms_ocp.record import Record
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenario import Scenario
-from uvms_ocp.sim.faults import parse_faults
+from uvms_ocp.sim.faults.notation import parse_faults
 
 _PROGRESS_EVERY = 40  # ticks between two updates of the progress bar
 _STUDY_FILES = ("report.json", "runs.csv")

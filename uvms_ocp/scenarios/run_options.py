@@ -24,7 +24,8 @@ from uvms_ocp.model.trim import with_trim
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.sim.currents import Current, StillWater, UniformCurrent
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.faults import Fault, parse_faults
+from uvms_ocp.sim.faults import Fault
+from uvms_ocp.sim.faults.notation import parse_faults
 from uvms_ocp.sim.seafloor import FlatSeafloor, Seafloor
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 

@@ -11,6 +11,8 @@ from uvms_ocp.sim.currents import UniformCurrent as UniformCurrent
 from uvms_ocp.sim.currents import water_at as water_at
 from uvms_ocp.sim.dynamic_plant import DynamicPlant as DynamicPlant
 from uvms_ocp.sim.environment import Environment as Environment
+from uvms_ocp.sim.faults import Fault as Fault
+from uvms_ocp.sim.faults import parse_fault as parse_fault
 from uvms_ocp.sim.height_field import HeightField as HeightField
 from uvms_ocp.sim.loop import simulate as simulate
 from uvms_ocp.sim.plant import KinematicPlant as KinematicPlant

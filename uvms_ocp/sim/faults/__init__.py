@@ -2,4 +2,3 @@
 
 from uvms_ocp.sim.faults.fault import Fault as Fault
 from uvms_ocp.sim.faults.notation import parse_fault as parse_fault
-from uvms_ocp.sim.faults.notation import parse_faults as parse_faults

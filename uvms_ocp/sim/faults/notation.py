@@ -36,7 +36,6 @@ def parse_fault(text: str) -> Fault:
     return Fault(target=found["target"], kind=found["kind"], values=values, onset=onset, end=end)
 
 
-@checked
 def parse_faults(given: Iterable[str | Fault]) -> tuple[Fault, ...]:
     """Faults, of which some may be texts. Raises `InvalidInput` and `NameNotFound`, in one line."""
     return tuple(fault if isinstance(fault, Fault) else parse_fault(fault) for fault in given)

@@ -1,0 +1,124 @@
+"""Faults: ``python benchmarks/faults.py --work FOLDER [--hours H] [--seeds N] [--jobs N] [--kinds WORD ...]``.
+
+Runs the study `faults`, or a share of it: what is in FOLDER already is not run again, and after H hours no case is begun.
+Writes faults.csv, one row per run, and their sums by kind to faults.md.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from recording.kept_rows import KeptRows, spread_out
+from recording.report import Report, Row, Table, begin, parser_of
+
+from uvms_ocp.campaign import faults
+from uvms_ocp.campaign.fault_study import by_kind
+from uvms_ocp.campaign.fault_table import ASTRAY, GUSTS, JOINTS, KINDS, NONE
+from uvms_ocp.campaign.study import Study
+
+PROSE = """
+Case 1 with noisy sensors; {runs} of {cases} runs: {kinds} kinds of faults, each setting in in the middle of each of the
+phases by the times of a run without faults ({onsets}), and {free} runs without faults in gusts of {gusts:g} m/s (kind
+`{none}`). One row each in `faults.csv`, by the truth: `contact_s` and `contact_m` are contact with the floor that the
+mission did not take for its landing, `arm_m` is the least height of arm and tool above the floor, `joints_rad` the largest
+excess of a joint limit, `astray_m` the farthest from the way of a run without faults, `tool_m` the tool's true error at the
+end of what completed.
+
+A run is faultless that does not end in contact, passes no joint limit by more than {joints:g} mrad and strays no farther than
+{astray:g} m, and that completes or names what is wrong; limits are widened by a bias that no other channel can show.
+Faultless: {faultless} of {struck} runs with faults. False alarms: {false} in {free} runs without.
+"""
+TABLE = {
+    "kind": "",
+    "runs": "",
+    "completed": "",
+    "other_ends": "",
+    "not_named": "",
+    "false_alarms": "",
+    "noticed": "",
+    "median_to_detect_s": ".2f",
+    "end_in_contact": "",
+    "largest_contact_m": ".3f",
+    "largest_joints_rad": ".4f",
+    "largest_astray_m": ".2f",
+    "largest_tool_m": ".4f",
+    "faultless": "",
+}
+
+
+def sizes() -> list[Row]:
+    """What each kind is."""
+    return [
+        {
+            "kind": kind.name,
+            "fault": " ".join(kind.texts),
+            "lasts [s]": kind.lasts,
+            "joint limits widened by [rad]": kind.joints or None,
+            "floor lowered by [m]": kind.floor or None,
+        }
+        for kind in KINDS.values()
+    ]
+
+
+def onsets(rows: Sequence[Row]) -> str:
+    """Of each phase."""
+    found = {row["phase"]: row["onset_s"] for row in rows}
+    return ", ".join(f"{phase} at {found[phase]:g} s" for phase in sorted(found))
+
+
+def report(rows: Sequence[Row], study: Study) -> Report:
+    """Of all rows that there are."""
+    struck = [row for row in rows if row["kind"] != NONE]
+    free = [row for row in rows if row["kind"] == NONE]
+    return Report(
+        name="faults",
+        title="Faults",
+        prose=PROSE.format(
+            runs=len(rows),
+            cases=len(study.cases),
+            kinds=len({row["kind"] for row in struck}),
+            onsets=onsets(struck),
+            free=len(free),
+            gusts=GUSTS,
+            none=NONE,
+            joints=1e3 * JOINTS,
+            astray=ASTRAY,
+            faultless=sum(bool(row["faultless"]) for row in struck),
+            struck=len(struck),
+            false=sum(row["alarms_before"] or 0 for row in free),
+        ),
+        tables=[Table(rows=by_kind(rows), columns=TABLE), Table(rows=sizes())],
+        data={"faults": rows},
+    )
+
+
+def chosen_kinds(words: Sequence[str]) -> list[str]:
+    """Kinds whose names have any of the words in them; all without words."""
+    return [name for name in KINDS if not words or any(word in name for word in words)]
+
+
+def main() -> None:
+    """Run what is not known yet, and write."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--seeds", type=int, default=5, metavar="N", help="of each kind and phase")
+    parser.add_argument("--free", type=int, default=100, metavar="N", help="runs without faults")
+    parser.add_argument("--kinds", nargs="*", default=[], metavar="WORD", help="of the names of kinds to run alone")
+    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="processes")
+    parser.add_argument("--hours", type=float, default=8.0, metavar="H", help="after which no run is begun")
+    parser.add_argument("--work", type=Path, metavar="FOLDER", help="where rows are kept")
+    given, run = begin(parser)
+    study = faults(n=given.seeds, fault_free=given.free, kinds=chosen_kinds(given.kinds))
+    if run.quick:
+        kinds = ["altimeter_range frozen", "joint 2 jammed"]
+        study = faults(n=1, fault_free=1, kinds=kinds, phases=("A",), plant="kinematic", dt=0.05, duration=12.0)
+    with tempfile.TemporaryDirectory() as own:
+        shuffled = replace(study, cases=spread_out(study.cases, len(study.cases) // 7 or 1))
+        rows = KeptRows(given.work or Path(own), given.jobs).run(shuffled, given.hours)
+    run.write(report(rows, study))
+
+
+if __name__ == "__main__":
+    main()
