@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from synthetic_record import QUANTITIES, synthetic_record, without
 
 from uvms_ocp.exceptions import InvalidInput, OutputError
+from uvms_ocp.meta_values import FaultMeta
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.record import Record
@@ -21,7 +22,7 @@ from uvms_ocp.run_meta import RunMeta
 from uvms_ocp.viz.activation_figures import figure_activations
 from uvms_ocp.viz.comparison import figure_joint_comparison
 from uvms_ocp.viz.efforts import figure_efforts
-from uvms_ocp.viz.motion_figures import figure_velocities
+from uvms_ocp.viz.motion_figures import figure_joints, figure_velocities
 from uvms_ocp.viz.quantity_figures import figure_altitude, figure_errors
 from uvms_ocp.viz.run_figures import FIGURES, write_figures
 from uvms_ocp.viz.series import phase_spans, task_activity
@@ -189,3 +190,20 @@ def test_a_folder_that_is_a_file_is_an_output_error(record: Record, tmp_path: Pa
     place.write_text("")
     with pytest.raises(OutputError, match="taken"):
         write_figures(record, place)
+
+
+def test_every_panel_over_time_marks_where_something_went_wrong() -> None:
+    faults = (
+        FaultMeta(text="altimeter_range:frozen@2", target="altimeter_range", kind="frozen", t=2.0),
+        FaultMeta(text="thruster3:dead@3-4", target="thruster3", kind="dead", t=3.0, end=4.0),
+    )
+    sound, struck = (synthetic_record(load_robot("girona_maris7"), faults=given) for given in ((), faults))
+    for draw in (figure_errors, figure_activations, figure_joints, figure_efforts, figure_velocities):
+        plain, marked = draw(sound), draw(struck)
+        assert plain is not None
+        assert marked is not None
+        for before, after in zip(plain.axes, marked.axes, strict=True):
+            assert len(after.lines) - len(before.lines) == 3
+            assert {2.0, 3.0, 4.0} <= {float(line.get_xdata()[0]) for line in after.lines if len(line.get_xdata()) == 2}
+        told = [text.get_text() for axis in marked.axes for text in axis.texts]
+        assert {"altimeter_range:frozen", "thruster3:dead"} <= set(told)

@@ -18,7 +18,7 @@ import umsgpack
 from synthetic_record import SURROUNDINGS, synthetic_record, without
 
 from uvms_ocp.exceptions import InvalidInput, OutputError
-from uvms_ocp.meta_values import FloorRelief, FrameMeta, MarkerMeta, SurroundingsMeta
+from uvms_ocp.meta_values import FaultMeta, FloorRelief, FrameMeta, MarkerMeta, SurroundingsMeta
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.obstacle_data import ObstacleData
@@ -276,3 +276,21 @@ def test_poses_in_the_page_agree_with_pinocchio(page: str, record: Record, robot
     last = f"{robot.model.njoints - 1:02d} {robot.model.names[robot.model.njoints - 1]}"
     keys = _positions(page, last)
     np.testing.assert_allclose(keys[-1]["value"], data.oMi[robot.model.njoints - 1].translation, atol=1e-5)
+
+
+def test_the_page_tells_what_went_wrong_and_when(tmp_path: Path) -> None:
+    robot = load_robot("girona_maris7")
+    faults = (
+        FaultMeta(text="altimeter_range:frozen@2", target="altimeter_range", kind="frozen", t=2.0),
+        FaultMeta(text="thruster3:dead@3-4", target="thruster3", kind="dead", t=3.0, end=4.0),
+        FaultMeta(text="joint2:jam@60", target="joint2", kind="jam", t=60.0),
+    )
+    page = write_scene(synthetic_record(robot, faults=faults), robot, tmp_path / "scene.html").read_text()
+    frozen, dead = _details(page)["faults"]
+    assert (frozen["name"], frozen["start"], frozen["end"], frozen["ended"]) == (
+        "altimeter_range:frozen",
+        2.0,
+        6.0,
+        False,
+    )
+    assert (dead["name"], dead["start"], dead["end"], dead["ended"]) == ("thruster3:dead", 3.0, 4.0, True)

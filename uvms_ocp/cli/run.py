@@ -74,13 +74,13 @@ def run(
     """
     console = console_of(stderr=as_json)
     options = given(robot=robot, plant=plant, current=current, seabed=seabed, noise=noise, seed=seed, duration=duration)
-    options |= {"faults": parse_faults(fault)} if fault else {}
     if name in STUDIES:
-        chosen = given(n=n, force=force or None, solver=solver)
+        chosen = given(n=n, force=force or None, solver=solver, fault=fault or None)
         _run_study(name, options | chosen, out, console, as_json)
         return
     if n is not None:
         raise InvalidInput(f"{name} is no study: leave out --n")
+    options |= {"faults": parse_faults(fault)} if fault else {}
     scenario = build_scenario(name, options, solver)
     parts = (name, scenario.plant, solver_name(scenario.solver))
     others = {key: value for key, value in options.items() if key != "plant"}
@@ -181,13 +181,7 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
         why = Text("\n").join([Text(plain_line(phase["reason"])), *errors])
         table.add_row(_title(phase["name"], phase["title"]), *times, energy, f"{phase['path_length_m']:.2f}", why)
     console.print(table)
-    for fault in report["faults"]:
-        until = "" if fault["end"] is None else f" to {fault['end']:g} s"
-        console.print(
-            plain_line(f"fault from {fault['t']:g} s{until}: {fault['text']}"), style="yellow", highlight=False
-        )
-    for alarm in report["alarms"]:
-        console.print(plain_line(f"alarm at {alarm['t']:.2f} s: {alarm['text']}"), style="yellow")
+    _print_what_went_wrong(console, report)
     resources = _transposed(report["resources"])
     console.print(table_of("resources", resources, tuple(resources[0])))
     verdict = "complete" if report["completed"] else plain_line(f"not completed: {report['pending']}")
@@ -198,6 +192,15 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
     if not report["completed"] or report["ended_too_early"]:
         console.print(plain_line(f"cause: {report['cause']['kind']}: {report['cause']['text']}"))
     print_paths(console, paths)
+
+
+def _print_what_went_wrong(console: Console, report: dict[str, Any]) -> None:
+    """Faults that were asked for, and what the robot said; a line each."""
+    for fault in report["faults"]:
+        until = "" if fault["end"] is None else f" to {fault['end']:g} s"
+        console.print(f"fault from {fault['t']:g} s{until}: {fault['text']}", style="yellow")
+    for alarm in report["alarms"]:
+        console.print(plain_line(f"alarm at {alarm['t']:.2f} s: {alarm['text']}"), style="yellow")
 
 
 def _title(name: str, title: str) -> str:
