@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from recording.progress import show_progress
 from recording.report import Row
 from uvms_ocp.campaign.study import Study
 
-_BATCH = 8  # cases of each process between two looks at the clock
+_ROUND = 7  # cases, from all over a study, that are run one after the other
 
 
 class KeptRows:
@@ -29,23 +29,25 @@ class KeptRows:
     def run(self, study: Study, hours: float) -> list[Row]:
         """Rows in the order of the cases, of those that are known once `hours` [h] are over."""
         known, end = self._known(), time.monotonic() + 3600.0 * hours
-        left = [case for case in study.cases if key_of(case) not in known]
+        left = _spread_out([case for case in study.cases if key_of(case) not in known])
+        done, queue, running = 0, iter(left), dict[Future[Row], Any]()
         with ProcessPoolExecutor(self._jobs) as pool, self._file.open("a", encoding="utf-8") as file:
-            n = _BATCH * self._jobs
-            batches = [left[k : k + n] for k in range(0, len(left), n)]
-            for number, batch in enumerate(batches):
-                if time.monotonic() >= end:
+            while True:
+                while len(running) < self._jobs and time.monotonic() < end and (case := next(queue, None)):
+                    running[pool.submit(study.run_case, case)] = case
+                if not running:
                     break
-                for case, row in zip(batch, pool.map(study.run_case, batch), strict=True):
-                    known[key_of(case)] = row
-                    file.write(json.dumps({"case": case, "row": dict(row)}) + "\n")
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    case, row = running.pop(future), dict(future.result())
+                    known[key_of(case)], done = row, done + 1
+                    file.write("\n" + json.dumps({"case": case, "row": row}))  # a line cut short stays alone
                     file.flush()
-                show_progress(number + 1, len(batches))
+                    show_progress(done, len(left))
         return [known[key_of(case)] for case in study.cases if key_of(case) in known]
 
     def _known(self) -> dict[str, Row]:
         lines = self._file.read_text(encoding="utf-8").splitlines() if self._file.exists() else []
-        kept = [json.loads(line) for line in lines if line.endswith("}}")]  # a line cut short is tried again
+        kept = [json.loads(line) for line in lines if line.endswith("}}")]
         return {key_of(item["case"]): item["row"] for item in kept}
 
 
@@ -54,6 +56,7 @@ def key_of(case: Mapping[str, Any]) -> str:
     return json.dumps(case, sort_keys=True)
 
 
-def spread_out(cases: Sequence[Any], stride: int) -> list[Any]:
+def _spread_out(cases: Sequence[Any]) -> list[Any]:
     """The same cases in an order of which any beginning is a fair share."""
+    stride = max(1, len(cases) // _ROUND)
     return [case for first in range(stride) for case in cases[first::stride]]

@@ -92,7 +92,7 @@ def test_a_run_that_raises_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
     usual = run_faults(case)
     monkeypatch.setattr(Scenario, "run", raising)
     row = run_faults(case)
-    assert (row["end"], row["cause"], row["faultless"]) == ("error", "FloatingPointError: overflow of all", False)
+    assert (row["end"], row["cause"], row["passed"]) == ("error", "FloatingPointError: overflow of all", False)
     assert row.keys() == usual.keys()
     assert by_kind([usual, row])[0]["runs"] == 2
 

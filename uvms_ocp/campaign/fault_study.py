@@ -101,7 +101,7 @@ def run_faults(case: dict[str, Any]) -> Row:
         record = scenario.run()
     except Exception as error:  # whatever it is: the study has to tell
         text = " ".join(f"{type(error).__name__}: {error}".split())
-        return {**head, **dict.fromkeys(_COLUMNS), "end": _ERROR, "cause": text, "faultless": False}
+        return {**head, **dict.fromkeys(_COLUMNS), "end": _ERROR, "cause": text, "passed": False}
     return {**head, **_judged(scenario, record, kind, usual)}
 
 
@@ -121,7 +121,7 @@ _COLUMNS = (
     "joints_rad",
     "astray_m",
     "tool_m",
-    "faultless",
+    "passed",
 )
 
 
@@ -143,7 +143,7 @@ def _judged(scenario: Scenario, record: Record, kind: FaultKind, usual: Nominal)
         "joints_rad": joints,
         "astray_m": way,
         "tool_m": record.run_meta.true_quantity("T.position_error") if completed else None,
-        "faultless": harmless and (completed or bool(told["named"])),
+        "passed": harmless and (completed or bool(told["named"])),
     }
     return {name: values[name] for name in _COLUMNS}
 
@@ -176,13 +176,13 @@ def _sum(kind: str, rows: Sequence[Row]) -> Row:
         "runs": len(rows),
         "completed": ends[_COMPLETED],
         "other_ends": ", ".join(f"{end} {number}" for end, number in others.items()),
-        "not_named": sum(row["end"] != _COMPLETED and not row["named"] for row in rows),
+        "not_named": sum(bool(row["faults"]) and row["end"] != _COMPLETED and not row["named"] for row in rows),
         "false_alarms": sum(row["alarms_before"] or 0 for row in rows),
         "noticed": len(noticed),
         "median_to_detect_s": float(np.median(noticed)) if noticed else None,
         "end_in_contact": sum(bool(row["ends_in_contact"]) for row in rows),
         **{f"largest_{name}": _largest(rows, name) for name in ("contact_m", "joints_rad", "astray_m", "tool_m")},
-        "faultless": sum(bool(row["faultless"]) for row in rows),
+        "passed": sum(bool(row["passed"]) for row in rows),
     }
 
 
