@@ -104,3 +104,15 @@ def test_values_that_are_no_numbers_are_refused() -> None:
         Fault(target="depth", kind="lost", onset=math.nan)
     with pytest.raises(NameNotFound):
         Fault(target="depth", kind="nonsense")
+
+
+@given(text=st.text(alphabet="altimeter:frozenbias=@-0123456789.,eE+ \n", max_size=40))
+def test_any_text_is_a_fault_or_refused_in_one_line(text: str) -> None:
+    try:
+        fault = parse_fault(text)
+    except UvmsError as error:
+        lines = str(error).splitlines()
+    else:
+        lines = [str(fault)]
+        assert parse_fault(lines[0]) == fault
+    assert len(lines) == 1
