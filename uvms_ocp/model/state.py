@@ -12,6 +12,7 @@ from typing import Annotated, Any, Generic, TypeAlias, TypeVar
 import numpy as np
 
 from uvms_ocp.arguments import Shape, Vector3, checked
+from uvms_ocp.model.health import ChannelHealth
 
 Value = TypeVar("Value", float, np.ndarray)
 _Configuration: TypeAlias = Annotated[np.ndarray, Shape("n_q")]
@@ -80,6 +81,8 @@ class Measurement:
     """[s] of the oldest reading that it needs; inf before the first."""
     joint_age: float = 0.0
     """[s] of the joint positions alone."""
+    health: tuple[ChannelHealth, ...] = ()
+    """Of every channel that the robot has; empty where nobody judges."""
 
 
 @checked
