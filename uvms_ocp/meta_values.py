@@ -67,9 +67,9 @@ class EventMeta(MetaValue):
     target: str
     """The phase that began, or ``done``, or ``abort``."""
     reason: str
-    """The conditions, as estimated, in words."""
+    """The conditions, as estimated, in words, or why the mission is given up."""
     conditions: tuple[MetConditionMeta, ...] = ()
-    """All of them; empty in older records."""
+    """All of them; empty where the mission is given up, and in older records."""
     true_quantities: tuple[QuantityMeta, ...] = ()
     """At the true state at that moment; empty in older records."""
 
@@ -80,7 +80,7 @@ class EventMeta(MetaValue):
 
 
 class AlarmMeta(MetaValue):
-    """What the watchdog said."""
+    """What the watchdog said, which hears of every channel."""
 
     t: Number
     """[s]"""

@@ -88,6 +88,8 @@ class RunMeta(RecordMeta):
     """Whether every phase came to its end."""
     pending: str = ""
     """What an incomplete mission still waited for."""
+    abort_phase: str = ""
+    """Name of the phase in which the mission is given up, if it has one."""
     events: tuple[EventMeta, ...] = ()
     alarms: tuple[AlarmMeta, ...] = ()
     faults: tuple[FaultMeta, ...] = ()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from time import perf_counter
 
 import numpy as np
@@ -146,13 +146,11 @@ class Scenario:
 
     def _truth_at_events(self, kinematic: KinematicController, recorder: Recorder) -> tuple[dict[str, float], ...]:
         """All quantities at the true state when each phase ended, of the goals that it had."""
-        truths, state = [], self.mission.start()
-        for event in kinematic.events:
-            row, phase = round(event.t / self.dt), self.mission.phase_names.index(event.source)
+        truths = []
+        for event, state in zip(kinematic.events, kinematic.left, strict=True):
+            row = round(event.t / self.dt)
             then = State(q=recorder.at("q", row), v=recorder.at("v", row))
-            state = replace(state, phase=phase)
             truths.append(kinematic.evaluate(self._true_measurement(then), event.t, state))
-            state = replace(state, since=event.t)
         return tuple(truths)
 
     def _meta(self, controller: KinematicController, ending: Ending) -> RunMeta:

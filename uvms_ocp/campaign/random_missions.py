@@ -12,13 +12,13 @@ import pinocchio as pin
 
 from uvms_ocp.arguments import Count, Period, checked
 from uvms_ocp.campaign.study import Row, Study, seeds_from
-from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model.shapes.collision_model import CollisionModel
 from uvms_ocp.model.shapes.obstacles import Obstacle, obstacle
 from uvms_ocp.record import Record
 from uvms_ocp.report.cause import cause_of_end
 from uvms_ocp.scenario import Scenario, pose_at
 from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.scenarios.parts import on, with_gates
 from uvms_ocp.sim.closest_approach import closest_approach
 from uvms_ocp.sim.height_field import HeightField
 from uvms_ocp.sim.seafloor import FlatSeafloor, Seafloor
@@ -168,9 +168,7 @@ def _boulder(rng: np.random.Generator, start: np.ndarray, way_point: np.ndarray)
 def _past(scenario: Scenario, boulder: Obstacle) -> Scenario:
     """The scenario with the boulder, and a clearance task that keeps away from it in all phases."""
     clearance = Clearance(model=CollisionModel(scenario.robot, [boulder], self_collision=False), threshold=0.15)
-    mission = Mission(
-        hierarchy=Hierarchy([*scenario.mission.hierarchy.tasks, clearance]),
-        phases=tuple(replace(phase, gates={**phase.gates, clearance.name: 1.0}) for phase in scenario.mission.phases),
-    )
+    wider = replace(scenario.mission, hierarchy=Hierarchy([*scenario.mission.hierarchy.tasks, clearance]))
+    mission = with_gates(wider, on(clearance.name))
     environment = replace(scenario.environment, obstacles=(boulder,))
     return replace(scenario, mission=mission, environment=environment)

@@ -163,7 +163,7 @@ def _header(problem: LevelsProblem, levels: ca.Function) -> str:
 
 
 def _unknown(problem: LevelsProblem) -> str:
-    names = zip(problem.quantity_names, problem.ranged, strict=True)
+    names = zip(problem.quantity_names, problem.rests_on["altimeter_range"], strict=True)
     return _comment(name for name, ranged in names if ranged) or "none"
 
 

@@ -3,6 +3,7 @@
 `Mission` is a value without memory. Its memory is `MissionState`, another value: `Mission.step` maps one to the next.
 """
 
+from uvms_ocp.mission.abort import Abort as Abort
 from uvms_ocp.mission.conditions import ABORT as ABORT
 from uvms_ocp.mission.conditions import DONE as DONE
 from uvms_ocp.mission.conditions import Above as Above

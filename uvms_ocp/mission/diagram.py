@@ -25,14 +25,20 @@ def text_table(hierarchy: Hierarchy, phases: Sequence[Phase], targets: np.ndarra
     return "\n".join([*lines, *(plain_line(f"{phase.name}: {phase.title}") for phase in phases if phase.title)])
 
 
-def mermaid(phases: Sequence[Phase]) -> str:
-    """State diagram. Names that the notation would take for something else get a number and stand in the text only."""
+def mermaid(phases: Sequence[Phase], abort: Phase | None = None) -> str:
+    """State diagram. Names that the notation would take for something else get a number and stand in the text only.
+
+    abort: the phase that every other one may lead to, if there is one.
+    """
+    n, phases = len(phases), [*phases, *(() if abort is None else (abort,))]
     states = {phase.name: _state(phase.name, i) for i, phase in enumerate(phases)} | {DONE: "[*]", ABORT: "[*]"}
     lines = ["stateDiagram-v2", f"    [*] --> {states[phases[0].name]}"]
     for phase in phases:
         lines.append(f"    {states[phase.name]} : {_text(f'{phase.name} {phase.title}')}".rstrip())
         for transition in phase.transitions:
             lines.append(f"    {states[phase.name]} --> {states[transition.to]} : {_label(transition)}")
+    if abort is not None:
+        lines += [f"    {states[phase.name]} --> {states[abort.name]} : abort" for phase in phases[:n]]
     return "\n".join(lines) + "\n"
 
 

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import numpy as np
+import pinocchio as pin
 
 from uvms_ocp.arguments import Shape, changed, checked, late, unchecked
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.mission.abort import Abort
 from uvms_ocp.mission.conditions import ABORT, DONE, Transition
 from uvms_ocp.mission.diagram import closure, mermaid, successors, text_table
-from uvms_ocp.mission.phase import Event, MissionState, Phase
+from uvms_ocp.mission.phase import Event, GoalFunctions, MissionState, Phase
 from uvms_ocp.tasks.activation import Bell
 from uvms_ocp.tasks.hierarchy import Hierarchy
+from uvms_ocp.tasks.pose import PoseTask
 from uvms_ocp.tasks.task import Task
 
 
@@ -34,11 +37,15 @@ class Mission:
     """The first is where it begins."""
     ramp: float = 0.2
     """[s] duration of the bell on external activations."""
+    abort: Abort | None = None
+    """How it is given up; without, a robot that cannot go on holds or stops where it is."""
+    all_phases: tuple[Phase, ...] = field(init=False, repr=False)
+    """`phases`, and that of `abort` as the last; a state counts them."""
     _targets: np.ndarray = field(init=False, repr=False)
-    """(n_phases, n_tasks) [-] external activations."""
+    """(n_phases, n_tasks) [-] external activations, of all phases."""
     _tasks: tuple[tuple[Task, ...], ...] = field(init=False, repr=False)
     """Those of each phase, with the goals that they have in it."""
-    _references: tuple[tuple[tuple[Callable[[float], np.ndarray], bool], ...], ...] = field(init=False, repr=False)
+    _references: tuple[GoalFunctions, ...] = field(init=False, repr=False)
     """Of each phase and task: its reference, without the look at t, and whether the goal is the phase's own."""
 
     def __post_init__(self) -> None:
@@ -46,15 +53,19 @@ class Mission:
             raise InvalidInput("mission without phases; give at least one")
         if not (math.isfinite(self.ramp) and self.ramp >= 0):
             raise InvalidInput(f"mission: ramp = {self.ramp} s; give a finite time >= 0")
+        last = () if self.abort is None else (self.abort.phase,)
+        object.__setattr__(self, "all_phases", (*self.phases, *last))
         self._check_names()
         self._check_targets()
-        object.__setattr__(self, "_targets", np.array([self._gates_of(phase) for phase in self.phases]))
-        object.__setattr__(self, "_tasks", tuple(self._tasks_of(phase) for phase in self.phases))
-        object.__setattr__(self, "_references", tuple(map(_references, self.phases, self._tasks)))
+        self._check_climb()
+        object.__setattr__(self, "_targets", np.array([self._gates_of(phase) for phase in self.all_phases]))
+        object.__setattr__(self, "_tasks", tuple(self._tasks_of(phase) for phase in self.all_phases))
+        object.__setattr__(self, "_references", tuple(map(_references, self.all_phases, self._tasks)))
 
     @property
     def phase_names(self) -> tuple[str, ...]:
-        return tuple(phase.name for phase in self.phases)
+        """Of all phases."""
+        return tuple(phase.name for phase in self.all_phases)
 
     @late
     def tasks_of(self, phase: int) -> tuple[Task, ...]:
@@ -63,7 +74,7 @@ class Mission:
 
     def check_quantities(self, known: Sequence[str]) -> None:
         """Raise `NameNotFound` where a transition reads a quantity that is not in `known`."""
-        for phase in self.phases:
+        for phase in self.all_phases:
             for transition in phase.transitions:
                 for condition in transition.when:
                     if condition.quantity not in known:
@@ -96,14 +107,15 @@ class Mission:
         """Goal of each task at time t [s], highest priority first, as `Task.reference` gives it."""
         # A goal sees the time since the start of the phase where it is the phase's own.
         since = t - state.since
-        return [reference(since if own else t) for reference, own in self._references[state.phase]]
+        goals = self._references[state.phase] if state.goals is None else state.goals
+        return [reference(since if own else t) for reference, own in goals]
 
     @late
     def step(self, state: MissionState, t: float, quantities: Mapping[str, float]) -> tuple[MissionState, Event | None]:
         """The state after the quantities [in their units] measured at t [s], and the event if a transition fired."""
         if state.over:
             return state, None
-        phase = self.phases[state.phase]
+        phase = self.all_phases[state.phase]
         held = tuple(
             _held(tr, since, t, quantities) for tr, since in zip(phase.transitions, state.held_since, strict=True)
         )
@@ -112,11 +124,31 @@ class Mission:
                 return self._follow(state, index, t, quantities)
         return state if held == state.held_since else changed(state, held_since=held), None
 
+    @late
+    def abandon(
+        self, state: MissionState, t: float, why: str, climb_to: pin.SE3 | None = None
+    ) -> tuple[MissionState, Event]:
+        """The state after the mission is given up at t [s], for the reason `why`, and the event that tells of it.
+
+        climb_to: the goal of the task that climbs in the abort phase, which begins. Without, without such a phase, or already
+        in it, the mission ends.
+        """
+        source = self.all_phases[state.phase].name
+        if self.abort is None or climb_to is None or state.why:
+            event = Event(t=t, source=source, target=ABORT, reason=why, conditions=())
+            return changed(state, aborted=state.why or why), event
+        index, phase, climb = len(self.phases), self.abort.phase, self.abort.climb
+        tasks = [task.with_goal(climb_to) if task.name == climb else task for task in self._tasks[index]]
+        entered = self._enter(index, t, self.gates(state, t), state.fired)
+        event = Event(t=t, source=source, target=phase.name, reason=why, conditions=())
+        return changed(entered, why=why, goals=_references(phase, tasks)), event
+
     def pending(self, state: MissionState, quantities: Mapping[str, float]) -> str:
         """What the phase still waits for, with the quantities [in their units], or why the mission was given up."""
         if state.aborted:
             return f"given up, {state.aborted}"
-        return " or ".join(tr.describe(quantities) for tr in self.phases[state.phase].transitions)
+        waits = " or ".join(tr.describe(quantities) for tr in self.all_phases[state.phase].transitions)
+        return f"giving up, {state.why}; {waits}" if state.why else waits
 
     def table(self) -> list[dict[str, Any]]:
         """Tasks by phases: one row per task with its external activation in each phase ([Gao2022] Table 4)."""
@@ -127,27 +159,28 @@ class Mission:
 
     def __str__(self) -> str:
         """The table of `table` as text, 1 for on and a dot for off, with the titles of the phases below."""
-        return text_table(self.hierarchy, self.phases, self._targets)
+        return text_table(self.hierarchy, self.all_phases, self._targets)
 
     def unreachable_phases(self) -> tuple[str, ...]:
-        """Names of the phases that no chain of transitions leads to from the first."""
-        reached = closure({self.phase_names[0]}, successors(self.phases))
-        return tuple(name for name in self.phase_names if name not in reached)
+        """Names of the phases that no chain of transitions leads to from the first, that of `abort` aside."""
+        edges = successors(self.phases)
+        reached = closure({self.phases[0].name}, edges)
+        return tuple(name for name in edges if name not in reached)
 
     def phases_without_exit(self) -> tuple[str, ...]:
-        """Names of the phases from which no chain of transitions leads to `DONE`."""
+        """Names of the phases from which no chain of transitions leads to `DONE`, that of `abort` aside."""
         edges = successors(self.phases)
-        return tuple(name for name in self.phase_names if DONE not in closure({name}, edges))
+        return tuple(name for name in edges if DONE not in closure({name}, edges))
 
     def mermaid(self) -> str:
         """The phases and transitions as a state diagram in Mermaid's notation."""
-        return mermaid(self.phases)
+        return mermaid(self.phases, None if self.abort is None else self.abort.phase)
 
     def _follow(
         self, state: MissionState, index: int, t: float, quantities: Mapping[str, float]
     ) -> tuple[MissionState, Event]:
         """Take the transition `index` of the current phase, or give up where it has no retries left."""
-        phase = self.phases[state.phase]
+        phase = self.all_phases[state.phase]
         transition, n_fired = phase.transitions[index], state.fired.get((state.phase, index), 0)
         reason, target = _reason(transition, quantities), transition.to
         if transition.retries is not None and n_fired >= transition.retries:
@@ -157,14 +190,14 @@ class Mission:
         if target == DONE:
             return changed(state, completed=True), event
         if target == ABORT:
-            return changed(state, aborted=reason), event
+            return changed(state, aborted=state.why or reason), event
         fired = {**state.fired, (state.phase, index): n_fired + 1}
         return self._enter(self.phase_names.index(target), t, self.gates(state, t), fired), event
 
     def _enter(
         self, phase: int, t: float, gates: np.ndarray, fired: Mapping[tuple[int, int], int] | None = None
     ) -> MissionState:
-        waiting = (None,) * len(self.phases[phase].transitions)
+        waiting = (None,) * len(self.all_phases[phase].transitions)
         return MissionState(phase=phase, since=t, gates_before=gates, held_since=waiting, fired=fired or {})
 
     def _gates_of(self, phase: Phase) -> np.ndarray:
@@ -185,14 +218,21 @@ class Mission:
             if name in (DONE, ABORT) or self.phase_names.count(name) > 1:
                 raise InvalidInput(f"phase {name!r}; give each a name of its own, and not {DONE!r} or {ABORT!r}")
 
+    def _check_climb(self) -> None:
+        if self.abort is not None:
+            task = self.hierarchy.tasks[self.hierarchy.index(self.abort.climb)]
+            if not isinstance(task, PoseTask):
+                raise InvalidInput(f"abort climbs by {task.name}, a {type(task).__name__}; give a task on a pose")
+
     def _check_targets(self) -> None:
+        names = tuple(phase.name for phase in self.phases)
         for phase in self.phases:
             for transition in phase.transitions:
-                if transition.to not in (*self.phase_names, DONE, ABORT):
-                    raise NameNotFound("phase", transition.to, (*self.phase_names, DONE))
+                if transition.to not in (*names, DONE, ABORT):
+                    raise NameNotFound("phase", transition.to, (*names, DONE))
 
 
-def _references(phase: Phase, tasks: Sequence[Task]) -> tuple[tuple[Callable[[float], np.ndarray], bool], ...]:
+def _references(phase: Phase, tasks: Sequence[Task]) -> GoalFunctions:
     return tuple((unchecked(task.reference), task.name in phase.goals) for task in tasks)
 
 

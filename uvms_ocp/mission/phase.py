@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 
 from uvms_ocp.arguments import Shape, checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.mission.conditions import Condition, Transition
+
+GoalFunctions: TypeAlias = tuple[tuple[Callable[[float], np.ndarray], bool], ...]
+"""Of each task, highest priority first: its goal at a time [s] as `Task.reference` gives it, and whether that time is the
+time since the start of the phase."""
 
 
 @checked
@@ -47,7 +51,7 @@ class MissionState:
     """Where a mission is."""
 
     phase: int
-    """Index of the phase."""
+    """Index among all phases of the mission."""
     since: float
     """[s] start of the phase."""
     gates_before: Annotated[np.ndarray, Shape("n_tasks")]
@@ -60,6 +64,10 @@ class MissionState:
     """Why the mission was given up."""
     fired: Mapping[tuple[int, int], int] = field(default_factory=dict)
     """How often each transition was taken, by the indices of phase and transition."""
+    why: str = ""
+    """Why it is being given up, in the phase that does so."""
+    goals: GoalFunctions | None = None
+    """Goals that were made when the phase began, in place of those of the mission."""
 
     @property
     def over(self) -> bool:
@@ -79,6 +87,6 @@ class Event:
     target: str
     """Name of the next phase, `DONE` or `ABORT`."""
     reason: str
-    """The conditions, as measured."""
+    """The conditions, as measured, or why the mission is given up."""
     conditions: tuple[tuple[Condition, float], ...]
-    """The same, each with the value that was measured [unit of the quantity]."""
+    """The same, each with the value that was measured [unit of the quantity]; none where nothing was waited for."""

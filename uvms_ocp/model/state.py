@@ -79,6 +79,8 @@ class Measurement:
     """[m] along -z of the altimeter frame; nan where there is no echo."""
     age: float = 0.0
     """[s] of the oldest reading that it needs; inf before the first."""
+    oldest: str = ""
+    """The channel of that reading; empty where nobody tells."""
     joint_age: float = 0.0
     """[s] of the joint positions alone."""
     health: tuple[ChannelHealth, ...] = ()

@@ -17,10 +17,10 @@ def check_structure(mission: Mission) -> Iterator[Finding]:
     """Findings on phases that nothing leads to, that nothing ends, or in which nothing acts."""
     yield from (_unreachable(name) for name in mission.unreachable_phases())
     yield from (_trap(name) for name in mission.phases_without_exit())
-    for phase in mission.phases:
+    for phase in mission.all_phases:
         yield from _idle(mission, phase)
         yield from _waiting_in_vain(mission, phase)
-    used = {name for phase in mission.phases for name, gate in phase.gates.items() if gate > 0}
+    used = {name for phase in mission.all_phases for name, gate in phase.gates.items() if gate > 0}
     for name in mission.hierarchy.names:
         if name not in used:
             text = f"task {name} is never switched on; use it or drop it"

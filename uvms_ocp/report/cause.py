@@ -12,6 +12,7 @@ from uvms_ocp.mission.conditions import ABORT
 from uvms_ocp.record import Record
 from uvms_ocp.report.goals import ended_too_early
 from uvms_ocp.report.series import quantity
+from uvms_ocp.run_meta import RunMeta
 
 _WINDOW = 5.0  # [s] at the end of the run over which progress is judged
 _PROGRESS = 0.02  # share of what is missing that must have been gained in the window
@@ -19,9 +20,10 @@ _PROGRESS = 0.02  # share of what is missing that must have been gained in the w
 
 @checked
 def cause_of_end(record: Record) -> dict[str, str]:
-    """``kind``: completed, ended too early, given up, slow, stalled; ``text``: one sentence with the figures.
+    """``kind``: completed, ended too early, aborted, given up, slow, stalled; ``text``: one sentence with the figures.
 
-    A mission has ended too early where it is complete by the estimate and a true error is over its limit.
+    A mission has ended too early where it is complete by the estimate and a true error is over its limit. One that is aborted
+    names what sent it into its abort phase, or ended it; one that is slow or stalled the last alarm, if there was any.
 
     Raises `InvalidInput` for the record of a plan.
     """
@@ -30,9 +32,24 @@ def cause_of_end(record: Record) -> dict[str, str]:
         return {"kind": "ended too early", "text": f"complete by the estimate; {'; '.join(map(_missed, missed))}"}
     if meta.completed:
         return {"kind": "completed", "text": "every phase came to its end"}
+    if (cause := _aborted(meta)) is not None:
+        return cause
     if meta.events and meta.events[-1].target == ABORT:
         return {"kind": "given up", "text": meta.events[-1].reason}
-    return _unfinished(record)
+    cause = _unfinished(record)
+    alarms = [f"; last alarm at {alarm.t:.1f} s: {alarm.text}" for alarm in meta.alarms[-1:]]
+    return {**cause, "text": "".join([cause["text"], *alarms])}
+
+
+def _aborted(meta: RunMeta) -> dict[str, str] | None:
+    """Of a mission with an abort phase that was entered, or could not be; `None` otherwise."""
+    entered = next((event for event in meta.events if event.target == meta.abort_phase), None)
+    last = meta.events[-1] if meta.events else None
+    if entered is None:
+        direct = last is not None and meta.abort_phase and last.target == ABORT and not last.conditions
+        return {"kind": "aborted", "text": f"{last.reason}, too little is known to climb"} if last and direct else None
+    ended = last.reason if last is not None and last.target == ABORT else f"time is over, {meta.pending}"
+    return {"kind": "aborted", "text": f"{entered.reason}; phase {meta.abort_phase}: {ended}"}
 
 
 def _missed(row: dict[str, Any]) -> str:

@@ -104,6 +104,7 @@ def run_meta(
         dt=setup.dt,
         completed=state.completed,
         pending="" if state.completed else controller.pending(),
+        abort_phase="" if setup.mission.abort is None else setup.mission.abort.phase.name,
         events=_events(controller, ending),
         alarms=tuple(AlarmMeta(t=t, text=text) for t, text in controller.watchdog.alarms),
         faults=faults,
@@ -119,7 +120,7 @@ def run_meta(
 def _phases(mission: Mission) -> tuple[PhaseMeta, ...]:
     return tuple(
         PhaseMeta(name=phase.name, title=phase.title, tasks=tuple(name for name, gate in phase.gates.items() if gate))
-        for phase in mission.phases
+        for phase in mission.all_phases
     )
 
 
@@ -156,7 +157,7 @@ def _values(quantities: Mapping[str, float]) -> tuple[QuantityMeta, ...]:
 def _thresholds(mission: Mission) -> tuple[ThresholdMeta, ...]:
     return tuple(
         ThresholdMeta(**_told(condition), phase=phase.name)
-        for phase in mission.phases
+        for phase in mission.all_phases
         for transition in phase.transitions
         for condition in transition.when
     )

@@ -14,7 +14,7 @@ from uvms_ocp.mission.conditions import DONE, Below, Transition
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.model.kinematics import Kinematics
 from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios.parts import approach_phase, mission_of, on
+from uvms_ocp.scenarios.parts import abort_phase, approach_phase, mission_of, on
 from uvms_ocp.scenarios.reach import facing
 from uvms_ocp.scenarios.run_options import run_options
 from uvms_ocp.tasks.altitude import MinimumAltitude
@@ -83,9 +83,10 @@ def bluerov_inspection(
         VehiclePose(goal=way_point),
         JointTracking(joints=run.robot.joint_names, goal=run.robot.home),
     ]
+    phases = _phases(circle, turning, tolerance=0.06 if run.noise else 0.02)
     return run.scenario(
         name="bluerov_inspection",
-        mission=mission_of(run.robot, tasks, _phases(circle, turning, tolerance=0.06 if run.noise else 0.02)),
+        mission=mission_of(run.robot, tasks, phases, abort=abort_phase("JL", "MAC", "HA", "MP")),
         start=q0,
         markers={"valve": tuple(centre.tolist()), "way point": tuple(way_point.translation.tolist())},
     )

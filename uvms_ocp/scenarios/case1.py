@@ -14,7 +14,7 @@ from uvms_ocp.mission.conditions import DONE, Below, Transition
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios.parts import mission_of, on
+from uvms_ocp.scenarios.parts import abort_phase, mission_of, on
 from uvms_ocp.scenarios.run_options import run_options
 from uvms_ocp.tasks.altitude import LandingAltitude, MinimumAltitude
 from uvms_ocp.tasks.attitude import Alignment, HorizontalAttitude
@@ -86,7 +86,9 @@ def case1(
     listed, phases = case1_tasks(run.robot, goal, point, tool), case1_phases(limits)
     return run.scenario(
         name="case1",
-        mission=mission_of(run.robot, listed, phases, order=order, overrides=tasks),
+        mission=mission_of(
+            run.robot, listed, phases, order=order, overrides=tasks, abort=abort_phase("JL", "MAC", "HA", "MP")
+        ),
         start=run.start(origin, posture),
         markers={"target": tuple(point), "way point": tuple(goal.translation)},
     )

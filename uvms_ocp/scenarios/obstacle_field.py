@@ -13,7 +13,7 @@ from uvms_ocp.mission.phase import Phase
 from uvms_ocp.model.shapes.collision_model import CollisionModel
 from uvms_ocp.model.shapes.obstacles import Obstacle, obstacle
 from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios.parts import mission_of, on
+from uvms_ocp.scenarios.parts import abort_phase, mission_of, on
 from uvms_ocp.scenarios.run_options import run_options
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.attitude import HorizontalAttitude
@@ -61,7 +61,7 @@ def obstacle_field(
     phase = Phase(name="A", title="transit", gates=gates, transitions=(Transition(to=DONE, when=(arrived,)),))
     return run.scenario(
         name="obstacle_field",
-        mission=mission_of(robot, tasks, (phase,)),
+        mission=mission_of(robot, tasks, (phase,), abort=abort_phase(*(name for name in gates if name != "PC"))),
         start=run.start(pose_at((0.0, 0.0, -37.0))),
         obstacles=obstacles,
         markers={"way point": tuple(goal.translation.tolist())},

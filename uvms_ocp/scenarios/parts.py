@@ -7,7 +7,8 @@ from dataclasses import fields, replace
 from typing import Any
 
 from uvms_ocp.exceptions import NameNotFound
-from uvms_ocp.mission.conditions import Below, Transition
+from uvms_ocp.mission.abort import Abort
+from uvms_ocp.mission.conditions import ABORT, Below, Transition
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.model.robot import Robot
@@ -24,6 +25,7 @@ def mission_of(
     *,
     order: Sequence[str] | None = None,
     overrides: Mapping[str, Mapping[str, Any]] | None = None,
+    abort: Abort | None = None,
 ) -> Mission:
     """The mission of these tasks and phases; axes out of the thrusters' reach are reckoned with first, and always.
 
@@ -33,10 +35,34 @@ def mission_of(
     first = _underactuation(robot)
     names = tuple(task.name for task in first)
     listed = override([*first, *tasks], overrides) if overrides else [*first, *tasks]
-    return Mission(
-        hierarchy=Hierarchy(listed, None if order is None else (*names, *order)),
-        phases=tuple(replace(phase, gates={**on(*names), **phase.gates}) for phase in phases),
+    mission = Mission(
+        hierarchy=Hierarchy(listed, None if order is None else (*names, *order)), phases=tuple(phases), abort=abort
     )
+    return with_gates(mission, on(*names))
+
+
+def with_gates(mission: Mission, gates: Mapping[str, float]) -> Mission:
+    """The mission with these gates [-] in every phase that does not set them itself, that of its abort too."""
+    phases = tuple(replace(phase, gates={**gates, **phase.gates}) for phase in mission.all_phases)
+    n = len(mission.phases)
+    abort = None if mission.abort is None else replace(mission.abort, phase=phases[n])
+    return replace(mission, phases=phases[:n], abort=abort)
+
+
+def abort_phase(*names: str, arrived: float = 0.3, hold: float = 2.0) -> Abort:
+    """A climb to a safe altitude, where it is held: the vehicle by PC, the arm towards the posture of MP, if it is named.
+
+    names: of the tasks that are on beside PC, such as those that keep the robot safe. arrived [m] and hold [s]: how near to
+    that altitude, and for how long.
+    """
+    there = Below(quantity="PC.position_error", limit=arrived)
+    phase = Phase(
+        name="climb",
+        title="abort",
+        gates=on("PC", *names),
+        transitions=(Transition(to=ABORT, when=(there,), hold=hold),),
+    )
+    return Abort(phase=phase)
 
 
 def _underactuation(robot: Robot) -> list[Task]:

@@ -13,7 +13,7 @@ from uvms_ocp.mission.phase import Phase
 from uvms_ocp.model.kinematics import Kinematics
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios.parts import approach_phase, mission_of, on
+from uvms_ocp.scenarios.parts import abort_phase, approach_phase, mission_of, on
 from uvms_ocp.scenarios.run_options import run_options
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.attitude import HorizontalAttitude
@@ -55,7 +55,7 @@ def reach(
     ]
     return run.scenario(
         name="reach",
-        mission=mission_of(robot, tasks, _reach_phases(tolerance)),
+        mission=mission_of(robot, tasks, _reach_phases(tolerance), abort=abort_phase("JL", "MAC", "HA", "MP")),
         start=q0,
         plant_robot=None if variant is None else load_robot(robot.name, variant=variant),
         markers={"target": tuple(point), "way point": tuple(way_point.translation)},

@@ -10,7 +10,7 @@ from uvms_ocp.arguments import Positive, Range, checked
 from uvms_ocp.mission.conditions import DONE, Below, Transition
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.scenario import Scenario, pose_at
-from uvms_ocp.scenarios.parts import mission_of, on
+from uvms_ocp.scenarios.parts import abort_phase, mission_of, on
 from uvms_ocp.scenarios.run_options import run_options
 from uvms_ocp.sim.height_field import HeightField
 from uvms_ocp.tasks.altitude import MinimumAltitude
@@ -51,7 +51,7 @@ def transit(*, relief: str = "small", min_altitude: Positive = 1.0, length: Leng
     )
     return run.scenario(
         name="transit",
-        mission=mission_of(run.robot, tasks, (phase,)),
+        mission=mission_of(run.robot, tasks, (phase,), abort=abort_phase("JL", "MAC", "HA")),
         start=run.start(pose_at((0.0, 0.0, ground + min_altitude + 1.5))),
         seafloor=floor,
         markers={"way point": tuple(goal.translation.tolist())},

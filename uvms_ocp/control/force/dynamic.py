@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from uvms_ocp.arguments import changed, checked, late
-from uvms_ocp.control.force.actuators import Actuators
+from uvms_ocp.control.force.actuators import Actuators, Realized
 from uvms_ocp.control.force.allocation import allocation_of
 from uvms_ocp.control.force.observer import DisturbanceObserver
+from uvms_ocp.control.velocity.distress import Effort
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.dynamics import Dynamics
@@ -77,6 +79,7 @@ class DynamicController:
         self.kinematic = kinematic
         self._robot, self._dynamics, self._dt = robot, dynamics, kinematic.dt
         self._gains = gains or VelocityGains()
+        self._lift = float(_strength(robot)[2])
         self._actuators = Actuators(robot, lead=self._gains.lead, dt=self._dt)
         self._observer = observer_of(robot, dynamics, self._gains, self._dt)
         self._K_p = _per_axis(robot, self._gains.vehicle, self._gains.joints)
@@ -101,6 +104,7 @@ class DynamicController:
             tau[self._robot.vehicle_v] = 0.0
         realized = self._actuators.realize(tau)
         self._integrate(error, tau, realized.force)
+        self.kinematic.feel(self._met(sound.q, disturbance, realized))
         telemetry = {
             **command.telemetry,
             "disturbance": disturbance.copy(),
@@ -116,10 +120,17 @@ class DynamicController:
         a = (v - self._reference) / self._dt + self._K_p * (error + self._reset * self._integral)
         return self._dynamics.inverse_dynamics(q, v, a)
 
+    def _met(self, q: np.ndarray, disturbance: np.ndarray, realized: Realized) -> Effort:
+        """What the mission may be given up for."""
+        if not self._robot.n_vehicle:
+            return Effort()
+        up = pin.Quaternion(q[3:7]).matrix()[2]
+        return Effort(short=realized.allocation.saturated, push=float(up @ disturbance[:3]) / self._lift)
+
     def _trusted(self, command: Command, measurement: Measurement) -> np.ndarray:
         """Which axes (n_v,) are fed back. On the others feed-forward goes on alone: feedback from a frozen velocity
         would accelerate the robot without end."""
-        joints = measurement.joint_age <= _ENCODER_SILENCE
+        joints = not command.brakes and measurement.joint_age <= _ENCODER_SILENCE
         return np.repeat([not command.hold, joints], [self._robot.n_vehicle, self._robot.n_joints])
 
     def _disturbance(self, measurement: Measurement, command: Command) -> np.ndarray:
@@ -141,11 +152,16 @@ def _per_axis(robot: Robot, vehicle: float, joints: float) -> np.ndarray:
     return np.concatenate([np.full(robot.n_vehicle, vehicle), np.full(robot.n_joints, joints)])
 
 
+def _strength(robot: Robot) -> np.ndarray:
+    """Wrench (6,) [N, N m] that the thrusters can give at most, axis by axis; nothing without thrusters."""
+    return np.asarray(np.abs(allocation_of(robot).matrix) @ np.array([t.maximum for t in robot.description.thrusters]))
+
+
 def observer_of(robot: Robot, dynamics: Dynamics, gains: VelocityGains, dt: float) -> DisturbanceObserver | None:
     """The observer that `gains` ask for, at control period dt [s]; None where its bandwidth is 0."""
     if not gains.observer_vehicle:
         return None
-    wrench = np.abs(allocation_of(robot).matrix) @ np.array([t.maximum for t in robot.description.thrusters])
+    wrench = _strength(robot)
     return DisturbanceObserver(
         dynamics,
         bandwidth=_per_axis(robot, gains.observer_vehicle, gains.observer_joints or gains.observer_vehicle),

@@ -103,8 +103,9 @@ class Estimator:
             q_vehicle, v_vehicle = self._vehicle_at(readings, t, dt, asked)
             q, v = np.concatenate([*q_vehicle, q]), np.concatenate([v_vehicle, v])
         echo = math.nan if self._altitude is None else self._altitude.update(q, v, readings, t, dt)
-        age, joint_age = age_of(readings, self._needed, t), age_of(readings, _JOINT_CHANNELS, t)
-        return _measurement(q=q, v=v, altimeter_range=echo, age=age, joint_age=joint_age)
+        age, oldest = oldest_of(readings, self._needed, t)
+        joint_age = age_of(readings, _JOINT_CHANNELS, t)
+        return _measurement(q=q, v=v, altimeter_range=echo, age=age, oldest=oldest, joint_age=joint_age)
 
     @property
     def spread(self) -> np.ndarray:
@@ -155,7 +156,7 @@ class PassThrough:
     @late
     def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
         """The last readings at time t [s]; `command` is not read. Raises `InvalidInput` before the first ones."""
-        age = age_of(readings, self._needed, t)
+        age, oldest = oldest_of(readings, self._needed, t)
         if age == math.inf:
             raise InvalidInput(f"no reading of every channel yet at t = {t} s; use an Estimator for such sensors")
         q, v = (
@@ -168,19 +169,26 @@ class PassThrough:
             v=v,
             altimeter_range=math.nan if echo is None else echo.value,
             age=age,
+            oldest=oldest,
             joint_age=age_of(readings, _JOINT_CHANNELS, t),
         )
 
 
 def age_of(readings: Readings, channels: tuple[str, ...], t: float) -> float:
     """Age [s] at time t [s] of the oldest of the channels' readings; inf where one is missing."""
-    oldest = t
+    return oldest_of(readings, channels, t)[0]
+
+
+def oldest_of(readings: Readings, channels: tuple[str, ...], t: float) -> tuple[float, str]:
+    """Age [s] at time t [s] of the oldest of the channels' readings, inf where one is missing, and which channel that is."""
+    taken, oldest = t, ""
     for name in channels:
         reading = getattr(readings, name)
         if reading is None:
-            return math.inf
-        oldest = min(oldest, reading.t)
-    return t - oldest
+            return math.inf, name
+        if reading.t < taken:
+            taken, oldest = reading.t, name
+    return t - taken, oldest
 
 
 def _needed_channels(robot: Robot, specs: SensorSpecs, altimeter_frame: str | None) -> tuple[str, ...]:

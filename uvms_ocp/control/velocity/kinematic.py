@@ -13,10 +13,13 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.arguments import Period, checked, late, trusted
+from uvms_ocp.control.navigation.degraded import ALTIMETER, FREE, Restriction, restriction_of
 from uvms_ocp.control.navigation.last_known import LastEcho, LastSound
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
+from uvms_ocp.control.velocity.distress import Distress, Effort, climb_goal
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.parameters import mission_parameters
+from uvms_ocp.control.velocity.restraint import Restraint
 from uvms_ocp.control.velocity.tick_state import Motion, TickState
 from uvms_ocp.control.velocity.viability import Viability
 from uvms_ocp.mission.mission import Mission
@@ -67,11 +70,16 @@ class KinematicController:
         )
         self._solve = solver.bind(self.problem.function, self.problem.sizes)
         self.events: list[Event] = []
+        self.left: list[MissionState] = []
+        """Where the mission was at each event, just before."""
         self.state: MissionState = mission.start()
         self.quantities = dict.fromkeys(self.problem.quantity_names, math.nan)
         """As last measured [in their units]; NaN where nothing tells."""
         self.watchdog = watchdog or Watchdog()
-        self._sound, self._echo = LastSound(robot), LastEcho(robot, _altimeter(robot, mission.hierarchy.tasks))
+        altimeter = _altimeter(robot, mission.hierarchy.tasks)
+        self._sound, self._echo = LastSound(robot), LastEcho(robot, altimeter)
+        self._restraint = Restraint(robot, dt=dt, altimeter=altimeter)
+        self._distress, self._effort = Distress(mission), Effort()
         rest = np.zeros(robot.n_v)
         self._motion = Motion(q=robot.configuration(), v=rest, change=rest, near=True, share=1.0)
         self._altitude_tasks = [index for index, task in enumerate(mission.hierarchy.tasks) if task.needs_altimeter]
@@ -85,8 +93,12 @@ class KinematicController:
     def observe(self, measurement: Measurement, t: float) -> TickState:
         """What is known at time t [s]; what is missing of the measurement is replaced by what was known last."""
         begin, gates = perf_counter(), self.mission.gates(self.state, t)
-        measurement = self._sound(measurement, t)
-        echo = self._echo.range(measurement, t, self._lowest_rest(gates))
+        measurement, high = self._sound(measurement, t), bool(gates[self._altitude_tasks].any())
+        restriction = restriction_of(measurement.health, t, altitude_matters=high)
+        if measurement.health:
+            self.watchdog.hear(measurement.health, t)
+        doubted = ALTIMETER in restriction.doubted
+        echo = self._echo.range(measurement, t, self._lowest_rest(gates), doubted)
         return TickState(
             begin=begin,
             t=t,
@@ -95,23 +107,27 @@ class KinematicController:
             altitude_known=self._echo.known(t, self.watchdog.hold_after),
             mission=self.state,
             gates=gates,
-            freshness=self.watchdog.judge(max(measurement.age, self._echo_age(t, gates)), t),
+            freshness=self._freshness(measurement, t, restriction, echo_matters=high and not doubted),
+            restriction=restriction,
         )
+
+    def feel(self, effort: Effort) -> None:
+        """Take in what the force layer meets."""
+        self._effort = effort
 
     @late
     def command(self, tick: TickState) -> Command:
         """The command for what `observe` has found."""
         result = self._solve(*self._inputs(tick))
         quantities = self._reported(result.extras[0], tick)
-        if tick.blind:
-            self._motion = self._stopping()
-        else:
-            self._motion = self._viable(tick, result)
-            self._advance(tick.t, self._named(quantities))
+        holds = self._holds(tick)
+        self._motion = self._stopping() if holds else self._viable(tick, result)
+        self._advance(tick, self._named(self._told(quantities, tick)), holds)
         return _command(
             v=self._motion.v,
             hold=tick.blind,
-            stop=tick.freshness is Freshness.LOST,
+            stop=tick.stopped,
+            brakes=tick.restriction.joints_held,
             finished=self.state.over,
             telemetry=_telemetry(tick, result, quantities, self._motion.share),
         )
@@ -153,7 +169,7 @@ class KinematicController:
         """The velocity that the solver asks for, as far as a stop from it keeps all limits."""
         kept = self._viability.kept(
             q=tick.measurement.q,
-            wanted=self._within_limits(result),
+            wanted=self._wanted(tick, result),
             previous=self._motion.v,
             gates=tick.gates,
             quantities=result.extras[0],
@@ -166,15 +182,35 @@ class KinematicController:
         v = self._viability.stop.slower(q, self._motion.v)
         return replace(self._motion, q=q, v=v, change=v - self._motion.v, share=0.0)
 
-    def _advance(self, t: float, quantities: dict[str, float]) -> None:
-        self.quantities = quantities
-        self.state, event = self.mission.step(self.state, t, quantities)
+    def _holds(self, tick: TickState) -> bool:
+        """Whether the robot comes to rest, whatever the tasks want."""
+        return tick.blind or tick.restriction.hold or bool(tick.restriction.abort and self.mission.abort is None)
+
+    def _advance(self, tick: TickState, quantities: dict[str, float], holds: bool) -> None:
+        """Go on with the mission, or give it up; where the robot holds, only the latter."""
+        if not holds:
+            self.quantities = quantities
+        state, event = self.state, None
+        why = "" if state.over else self._distress.reason(tick, quantities, self._effort)
+        if why:
+            floor = math.nan if self._distress.pushed(tick, self._effort) else self._echo.highest
+            goal = climb_goal(self.mission, tick, robot=self.robot, floor=floor)
+            self.state, event = self.mission.abandon(state, tick.t, why, goal)
+        elif not holds:
+            self.state, event = self.mission.step(state, tick.t, quantities)
         if event is not None:
             self.events.append(event)
+            self.left.append(state)
 
-    def _echo_age(self, t: float, gates: np.ndarray) -> float:
-        """Time [s] since the last echo while a task on altitude is on."""
-        return t - self._echo.since if gates[self._altitude_tasks].any() else 0.0
+    def _freshness(
+        self, measurement: Measurement, t: float, restriction: Restriction, *, echo_matters: bool
+    ) -> Freshness:
+        """Of what is needed: a channel that is lost has its own modes, and no age."""
+        age, oldest = measurement.age, measurement.oldest
+        if oldest in restriction.lost and math.isfinite(age):
+            age, oldest = 0.0, ""
+        echo_age = t - self._echo.since if echo_matters else 0.0
+        return self.watchdog.judge(max(age, echo_age), t, ALTIMETER if echo_age > age else oldest)
 
     def _lowest_rest(self, gates: np.ndarray) -> float:
         """Altitude [m] at which no task that is on lets the robot sink."""
@@ -185,10 +221,24 @@ class KinematicController:
         """NaN before the first measurement, and where they rest on an altitude that only stands in for one."""
         if tick.measurement.age == math.inf:
             return np.full(len(quantities), np.nan)
-        return quantities if tick.altitude_known else np.where(self.problem.ranged, np.nan, quantities)
+        return quantities if tick.altitude_known else np.where(self.problem.rests_on[ALTIMETER], np.nan, quantities)
+
+    def _told(self, quantities: np.ndarray, tick: TickState) -> np.ndarray:
+        """What phases may end on: NaN where it rests on a channel that is not good."""
+        known = self.problem.rests_on
+        doubted = [known[channel] for channel in tick.restriction.doubted if channel in known]
+        return np.where(np.any(doubted, axis=0), np.nan, quantities) if doubted else quantities
 
     def _named(self, quantities: np.ndarray) -> dict[str, float]:
         return dict(zip(self.problem.quantity_names, quantities.tolist(), strict=True))
+
+    def _wanted(self, tick: TickState, result: TickResult) -> np.ndarray:
+        """The solver's velocity, as far as limits and restrictions let it."""
+        wanted = self._within_limits(result)
+        if tick.restriction is FREE:
+            return wanted
+        q, previous = tick.measurement.q, self._motion.v
+        return self._restraint.kept(tick.restriction, q=q, wanted=wanted, previous=previous)
 
     def _within_limits(self, result: TickResult) -> np.ndarray:
         """The solver's velocity, shortened to the velocity limits with its direction kept; braking where unusable."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 from typing import NamedTuple
@@ -41,8 +41,8 @@ class LevelsProblem:
     """Rows of each level."""
     quantity_names: tuple[str, ...]
     """``task.quantity``, in the order of the output `quantities`."""
-    ranged: np.ndarray
-    """(n_quantities,) [-] which of them depend on the range of the altimeter, and are unknown without an echo."""
+    rests_on: Mapping[str, np.ndarray]
+    """(n_quantities,) [-] by channel of `Readings`: which of them it tells, and are unknown without it."""
     step: np.ndarray
     """(n_v,) [m/s, rad/s] largest change of each velocity in one tick; infinite where the acceleration has no limit."""
 
@@ -82,9 +82,7 @@ def build_levels(robot: Robot, hierarchy: Hierarchy, dt: Period) -> LevelsProble
         names=tuple(level.name for level in levels),
         sizes=tuple(level.rows.n_rows for level in levels),
         quantity_names=tuple(quantities),
-        ranged=np.array(
-            [ca.depends_on(ca.SX(value), symbols.altimeter_range) for value in quantities.values()], dtype=bool
-        ),
+        rests_on=_rests_on(symbols, hierarchy.tasks, quantities),
         step=robot.limits.acceleration * dt,
     )
 
@@ -121,6 +119,22 @@ def _stacked(levels: Sequence[_Level], quantities: dict[str, ca.SX]) -> dict[str
         "activity": activity,
     }
     return {name: ca.densify(value) for name, value in outputs.items()}
+
+
+def _rests_on(symbols: TickSymbols, tasks: Sequence[Task], quantities: dict[str, ca.SX]) -> dict[str, np.ndarray]:
+    """By channel, which quantities depend on it; what is measured of distances depends on the whole configuration."""
+    robot, q, values = symbols.robot, symbols.q, ca.vertcat(ca.SX(0, 1), *quantities.values())
+    measured = {task.name for task in tasks if task.nearest_pairs is not None}
+    near = np.array([name.rpartition(".")[0] in measured for name in quantities], dtype=bool)
+    n = 7 if robot.n_vehicle else 0
+    of_q = {"position": q[: min(n, 3)], "attitude": q[min(n, 3) : n], "joint_positions": q[n:]}
+    found = {name: _depends(values, part) | near for name, part in of_q.items()}
+    return {**found, "depth": found["position"], "altimeter_range": _depends(values, symbols.altimeter_range)}
+
+
+def _depends(values: ca.SX, on: ca.SX) -> np.ndarray:
+    """Which of the values (m,) depend on any of the symbols."""
+    return np.array([bool(on.numel()) and ca.depends_on(value, on) for value in ca.vertsplit(values)], dtype=bool)
 
 
 def tick_symbols(robot: Robot, dt: float) -> TickSymbols:

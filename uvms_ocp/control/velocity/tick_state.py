@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from uvms_ocp.control.navigation.degraded import FREE, Restriction
 from uvms_ocp.control.navigation.watchdog import Freshness
 from uvms_ocp.mission.phase import MissionState
 from uvms_ocp.model.state import Measurement
@@ -32,11 +33,18 @@ class TickState:
     """(n_tasks,) [-] external activations."""
     freshness: Freshness
     """How far the measurement can be trusted."""
+    restriction: Restriction = FREE
+    """What is not done because of channels that cannot be trusted."""
 
     @property
     def blind(self) -> bool:
-        """Nothing that can be trusted was measured."""
-        return self.freshness is not Freshness.FRESH
+        """Nothing that can be trusted was measured of the velocity."""
+        return self.freshness is not Freshness.FRESH or self.restriction.blind
+
+    @property
+    def stopped(self) -> bool:
+        """Nothing can be known any more: no thrust."""
+        return self.freshness is Freshness.LOST or (bool(self.restriction.abort) and not self.restriction.climbs)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
