@@ -10,7 +10,7 @@ from itertools import combinations
 from uvms_ocp.model.health import ChannelHealth, Trust
 
 ALTIMETER, ENCODERS = "altimeter_range", "joint_positions"
-_SLOW = 0.25
+_SLOW = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -24,9 +24,9 @@ class Mode:
     known: str
     """By what their part is still known."""
     speed: float = 1.0
-    """[-] share of the velocity limits."""
+    """[-] more than 0; share of what the tasks and limits make it otherwise."""
     no_descent: bool = False
-    """Nothing sinks; where tasks want an altitude they take the floor for higher, the farther the robot has moved."""
+    """Nothing sinks, landing is off; tasks on altitude take the floor for higher, the farther the robot has moved."""
     joints_held: bool = False
     """The arm stops, its brakes lock."""
     hold: bool = False
@@ -44,7 +44,6 @@ class Restriction:
     """All modes that apply at one tick, as one."""
 
     speed: float = 1.0
-    """[-] share of the velocity limits."""
     no_descent: bool = False
     joints_held: bool = False
     hold: bool = False

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.control.navigation.degraded import ALTIMETER
@@ -117,4 +118,4 @@ def climb_goal(mission: Mission, tick: TickState, *, robot: Robot, floor: float)
     believed = math.isfinite(floor) and ALTIMETER not in tick.restriction.doubted
     z = max(here, floor + altitude) if believed else here + altitude
     yaw = float(pin.rpy.matrixToRpy(X_WF.rotation)[2])
-    return pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, yaw), [X_WF.translation[0], X_WF.translation[1], z])
+    return pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, yaw), np.array([*X_WF.translation[:2], z]))

@@ -83,6 +83,7 @@ class KinematicController:
         rest = np.zeros(robot.n_v)
         self._motion = Motion(q=robot.configuration(), v=rest, change=rest, near=True, share=1.0)
         self._altitude_tasks = [index for index, task in enumerate(mission.hierarchy.tasks) if task.needs_altimeter]
+        self._landing_tasks = [i for i in self._altitude_tasks if mission.hierarchy.tasks[i].equality]
 
     @late
     def __call__(self, measurement: Measurement, t: float) -> Command:
@@ -95,6 +96,8 @@ class KinematicController:
         begin, gates = perf_counter(), self.mission.gates(self.state, t)
         measurement, high = self._sound(measurement, t), bool(gates[self._altitude_tasks].any())
         restriction = restriction_of(measurement.health, t, altitude_matters=high)
+        if restriction.no_descent:
+            gates[self._landing_tasks] = 0.0
         if measurement.health:
             self.watchdog.hear(measurement.health, t)
         doubted = ALTIMETER in restriction.doubted
@@ -163,18 +166,24 @@ class KinematicController:
         q, v = tick.measurement.q, tick.measurement.v
         stop = self._viability.stop.ahead(q, self._motion.v) if self._motion.near else None
         parameters = mission_parameters(self.mission, tick.mission, tick.t, gates=tick.gates, q=q, stop=stop)
-        return q, v, self._motion.v, self._motion.change, np.array([tick.echo]), parameters, tick.gates
+        previous, change = self._motion.v / self._motion.pace, self._motion.change / self._motion.pace
+        return q, v, previous, change, np.array([tick.echo]), parameters, tick.gates
 
     def _viable(self, tick: TickState, result: TickResult) -> Motion:
-        """The velocity that the solver asks for, as far as a stop from it keeps all limits."""
+        """The velocity that the solver asks for, as far as restrictions let it and a stop from it keeps all limits."""
+        wanted, pace = self._within_limits(result), self._motion.pace
+        if result.status.usable and not (tick.restriction is FREE and pace == 1.0):
+            q, previous = tick.measurement.q, self._motion.v
+            wanted, pace = self._restraint.kept(tick.restriction, q=q, wanted=wanted, previous=previous, pace=pace)
         kept = self._viability.kept(
             q=tick.measurement.q,
-            wanted=self._wanted(tick, result),
+            wanted=wanted,
             previous=self._motion.v,
             gates=tick.gates,
             quantities=result.extras[0],
         )
-        return Motion(q=tick.measurement.q, v=kept.v, change=kept.v - self._motion.v, near=kept.near, share=kept.share)
+        change = kept.v - self._motion.v
+        return Motion(q=tick.measurement.q, v=kept.v, change=change, near=kept.near, share=kept.share, pace=pace)
 
     def _stopping(self) -> Motion:
         """Along the stop that the last tick with a measurement has found clear."""
@@ -224,21 +233,15 @@ class KinematicController:
         return quantities if tick.altitude_known else np.where(self.problem.rests_on[ALTIMETER], np.nan, quantities)
 
     def _told(self, quantities: np.ndarray, tick: TickState) -> np.ndarray:
-        """What phases may end on: NaN where it rests on a channel that is not good."""
+        """What phases may end on: NaN where it rests on a channel that is not good, but in the abort phase the best there is."""
+        if tick.mission.why:
+            return quantities
         known = self.problem.rests_on
         doubted = [known[channel] for channel in tick.restriction.doubted if channel in known]
         return np.where(np.any(doubted, axis=0), np.nan, quantities) if doubted else quantities
 
     def _named(self, quantities: np.ndarray) -> dict[str, float]:
         return dict(zip(self.problem.quantity_names, quantities.tolist(), strict=True))
-
-    def _wanted(self, tick: TickState, result: TickResult) -> np.ndarray:
-        """The solver's velocity, as far as limits and restrictions let it."""
-        wanted = self._within_limits(result)
-        if tick.restriction is FREE:
-            return wanted
-        q, previous = tick.measurement.q, self._motion.v
-        return self._restraint.kept(tick.restriction, q=q, wanted=wanted, previous=previous)
 
     def _within_limits(self, result: TickResult) -> np.ndarray:
         """The solver's velocity, shortened to the velocity limits with its direction kept; braking where unusable."""

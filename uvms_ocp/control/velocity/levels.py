@@ -129,7 +129,7 @@ def _rests_on(symbols: TickSymbols, tasks: Sequence[Task], quantities: dict[str,
     n = 7 if robot.n_vehicle else 0
     of_q = {"position": q[: min(n, 3)], "attitude": q[min(n, 3) : n], "joint_positions": q[n:]}
     found = {name: _depends(values, part) | near for name, part in of_q.items()}
-    return {**found, "depth": found["position"], "altimeter_range": _depends(values, symbols.altimeter_range)}
+    return {**found, "altimeter_range": _depends(values, symbols.altimeter_range)}
 
 
 def _depends(values: ca.SX, on: ca.SX) -> np.ndarray:

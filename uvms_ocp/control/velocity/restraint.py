@@ -9,6 +9,8 @@ from uvms_ocp.control.navigation.degraded import Restriction
 from uvms_ocp.model.kinematics import AltimeterBeam
 from uvms_ocp.model.robot import Robot
 
+_STILL = 1e-12  # [m/s, rad/s]
+
 
 class Restraint:
     """The velocity that a restriction leaves of what is wanted."""
@@ -18,21 +20,31 @@ class Restraint:
         self._robot, self._step = robot, robot.limits.acceleration * dt
         self._beam = None if altimeter is None or not robot.has_frame(altimeter) else AltimeterBeam(robot, altimeter)
 
-    def kept(self, restriction: Restriction, *, q: np.ndarray, wanted: np.ndarray, previous: np.ndarray) -> np.ndarray:
-        """The velocity for this tick in place of `wanted` (n_v,) [m/s, rad/s], which keeps joint and acceleration limits.
+    def kept(
+        self, restriction: Restriction, *, q: np.ndarray, wanted: np.ndarray, previous: np.ndarray, pace: float
+    ) -> tuple[np.ndarray, float]:
+        """The velocity for this tick in place of `wanted` (n_v,) [m/s, rad/s], and the pace [-] that it is at.
 
-        q (n_q,) [m, rad]: now. previous (n_v,) [m/s, rad/s]: of the tick before. Slower keeps the direction; joints that are
-        held brake as fast as they can; what sinks is lifted straight up.
+        q (n_q,) [m, rad]: now. previous (n_v,) [m/s, rad/s]: of the tick before, which was at `pace` [-] of what was wanted
+        then. Slower keeps the direction, and so all priorities; joints that are held brake as fast as they can; what sinks is
+        lifted straight up.
         """
-        limit = restriction.speed * self._robot.limits.velocity
-        v = wanted / np.max(np.abs(wanted) / limit, initial=1.0)
+        pace = self._pace(wanted, previous, pace, restriction.speed)
+        v = pace * wanted
         if restriction.joints_held:
             v[self._robot.joint_v] = 0.0
         v = self._within(v, previous)
         if restriction.no_descent and self._robot.n_vehicle:
             v[:3] += self._lift(q, v)
             v = self._within(v, previous)
-        return v
+        return v, pace
+
+    def _pace(self, wanted: np.ndarray, previous: np.ndarray, pace: float, speed: float) -> float:
+        """As near to `speed` as the acceleration limits let it come in this tick; they always let it stay where it is."""
+        moving = np.abs(wanted) > _STILL
+        ends = (previous[moving] + np.array([[-1.0], [1.0]]) * self._step[moving]) / wanted[moving]
+        low, high = float(ends.min(axis=0).max(initial=0.0)), float(ends.max(axis=0).min(initial=1.0))
+        return min(max(speed, min(low, pace)), max(high, pace))
 
     def _within(self, v: np.ndarray, previous: np.ndarray) -> np.ndarray:
         return np.asarray(np.clip(v, previous - self._step, previous + self._step))

@@ -61,3 +61,5 @@ class Motion:
     """The stop from v could come to a limit on positions."""
     share: float
     """[-] in [0, 1], of the velocity that the hierarchy wanted; the rest is slowing down."""
+    pace: float = 1.0
+    """[-] in (0, 1], of v as the hierarchy has it: at less it thinks in a time that runs slower."""
