@@ -69,8 +69,8 @@ class Distress:
 
     def _met(self, abort: Abort, tick: TickState, effort: Effort) -> str:
         if self._lasts("contact", self.pushed(tick, effort), tick.t, abort.contact_after):
-            share = f"{100 * effort.push:.0f} % of the thrusters' lift"
-            return f"contact: pushed up by {share} for {abort.contact_after:g} s"
+            lift = f"{100 * effort.push:.0f} % of the thrusters' lift"
+            return f"contact or rising water: pushed up by {lift} for {abort.contact_after:g} s"
         if self._lasts("thrust", effort.short, tick.t, abort.thrust_after):
             return f"thrust: the thrusters have been at their limits for {abort.thrust_after:g} s"
         return ""

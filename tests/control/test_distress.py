@@ -1,0 +1,140 @@
+"""What sends a mission into its abort phase beside lost sensors, and that phase on the dynamic plant."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from broken_sensors import BrokenSensors
+
+from uvms_ocp.control.navigation.estimator import PassThrough
+from uvms_ocp.control.velocity.distress import Distress, Effort
+from uvms_ocp.mission.abort import Abort
+from uvms_ocp.model.state import Command, Measurement, Readings
+from uvms_ocp.record import Record
+from uvms_ocp.report.cause import cause_of_end
+from uvms_ocp.report.summary import summarize
+from uvms_ocp.scenario import Scenario, pose_at
+from uvms_ocp.scenarios.case1 import case1
+
+DT = 0.02
+
+
+@pytest.fixture(scope="module")
+def still() -> Scenario:
+    return case1(plant="kinematic", dt=DT)
+
+
+def with_abort(scenario: Scenario, **changes: float) -> Scenario:
+    assert scenario.mission.abort is not None
+    mission = replace(scenario.mission, abort=replace(scenario.mission.abort, **changes))
+    return replace(scenario, mission=mission)
+
+
+def reasons(scenario: Scenario, effort: Effort, seconds: float, *, error: float = 1.0, rate: float = 0.0) -> list[str]:
+    """At every tick of phase A, where every quantity is `error`, which falls with `rate` [1/s]."""
+    control, distress = scenario.controller(), Distress(scenario.mission)
+    measured = Measurement(q=scenario.start, v=np.zeros(scenario.robot.n_v), altimeter_range=3.0)
+    found = []
+    for k in range(round(seconds / DT)):
+        now = dict.fromkeys(control.problem.quantity_names, error * np.exp(-rate * k * DT))
+        found.append(distress.reason(control.observe(measured, k * DT), now, effort))
+    return found
+
+
+def first(found: list[str]) -> float:
+    """[s] when there was a reason."""
+    return DT * next(k for k, reason in enumerate(found) if reason)
+
+
+def test_each_reason_needs_its_time_and_says_what_it_was(still: Scenario) -> None:
+    given = with_abort(still, contact_after=0.5, thrust_after=1.0, stall_after=2.0)
+    pushed = reasons(given, Effort(push=0.31, short=True), 0.7)
+    assert first(pushed) == pytest.approx(0.5, abs=3 * DT)
+    assert "31 % of the thrusters' lift" in pushed[-1]
+    short = reasons(given, Effort(push=0.29, short=True), 1.2)
+    assert first(short) == pytest.approx(1.0, abs=3 * DT)
+    assert "limits for 1 s" in short[-1]
+    stalled = reasons(given, Effort(), 2.2)
+    assert first(stalled) == pytest.approx(2.0, abs=3 * DT)
+    assert stalled[-1] == "stall: PC.position_error = 1 not < 0.1, no nearer for 2 s"
+
+
+@pytest.mark.parametrize(("error", "rate"), [(1.0, 0.05), (0.05, 0.0)])
+def test_a_mission_that_comes_nearer_or_waits_for_nothing_is_not_stalled(
+    still: Scenario, error: float, rate: float
+) -> None:
+    assert not any(reasons(with_abort(still, stall_after=1.0), Effort(), 4.0, error=error, rate=rate))
+    assert any(reasons(with_abort(still, stall_after=1.0), Effort(), 4.0, error=1.0, rate=0.001))
+
+
+def test_pushing_counts_only_while_a_minimum_altitude_is_asked_for(still: Scenario) -> None:
+    landing = replace(still.mission, phases=still.mission.phases[2:])
+    given = with_abort(replace(still, mission=landing), contact_after=0.1)
+    assert not any(reasons(given, Effort(push=1.0), 0.5))
+
+
+class High(PassThrough):
+    """An altimeter that tells 5 m too much, which nobody notices."""
+
+    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
+        measured = super().__call__(readings, t, command)
+        return replace(measured, altimeter_range=measured.altimeter_range + 5.0)
+
+
+def steps(scenario: Scenario, record: Record) -> float:
+    """Largest change of the command in a tick, as a share of what accelerations allow."""
+    change = np.abs(np.diff(record["command"], axis=0, prepend=0.0))
+    return float((change / (scenario.robot.limits.acceleration * scenario.dt)).max())
+
+
+def test_a_vehicle_that_its_altimeter_sends_into_the_floor_feels_it_and_climbs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Scenario, "_estimator", lambda self: High(self.robot))
+    start, below = pose_at((10.0, 37.5, -38.8)), pose_at((10.4, 37.45, -39.9))
+    scenario = case1(dt=DT, start=start, way_point=below)
+    record = scenario.run()
+    cause = cause_of_end(record)
+    assert cause["kind"] == "aborted"
+    assert cause["text"].startswith("contact or rising water: pushed up by")
+    assert record["q"][-1, 2] > record["q"][:, 2].min() + 2.6
+    assert steps(scenario, record) <= 1.0 + 1e-6
+
+
+def test_thrusters_at_their_limits_for_too_long_end_the_mission() -> None:
+    scenario = with_abort(case1(dt=DT, current=(2.0, 0.0, 0.0)), thrust_after=1.0, time_limit=1.0)
+    report = summarize(scenario.run())
+    assert not report["completed"]
+    assert report["cause"] == {
+        "kind": "aborted",
+        "text": "thrust: the thrusters have been at their limits for 1 s; phase climb: 1 s were not enough for it",
+    }
+    assert report["pending"] == "given up, thrust: the thrusters have been at their limits for 1 s"
+    assert report["phases"][-1]["name"] == "climb"
+
+
+@pytest.mark.parametrize(("lost", "phase"), [("altimeter_range", 2), ("joint_positions", 3)])
+def test_in_water_a_lost_channel_leads_up_with_the_arm_held(
+    monkeypatch: pytest.MonkeyPatch, lost: str, phase: int
+) -> None:
+    """The mission begins with the phase in question: landing low above the floor, the tool on its way."""
+    scenario = case1(dt=DT, start=pose_at((10.7, 37.25, -39.2), (0.0, 0.0, 0.15)))
+    scenario = replace(scenario, mission=replace(scenario.mission, phases=scenario.mission.phases[phase:]))
+    monkeypatch.setattr(
+        Scenario, "_estimator", lambda self: BrokenSensors(robot=self.robot, channels=(lost,), start=2.0)
+    )
+    record = scenario.run()
+    cause, after = cause_of_end(record), record["t"] > 4.0
+    assert cause["text"].startswith(f"{lost} lost: broken by a test since 2.0 s")
+    assert record["q"][-1, 2] > -40.0 + 3.0 - 0.35
+    z = record["q"][record["t"] >= 2.0, 2]
+    assert z.min() > z[0] - 0.03
+    if lost == "joint_positions":
+        assert np.abs(record["v"][after][:, 6:]).max() < 0.01
+    assert steps(scenario, record) <= 1.0 + 1e-6
+
+
+def test_existing_missions_keep_their_reasons_to_themselves(still: Scenario) -> None:
+    """What they ask of an abort is generous: Case 1 never comes near it."""
+    assert isinstance(still.mission.abort, Abort)
+    assert still.run().run_meta.events[-1].target == "done"
