@@ -57,7 +57,8 @@ class Mission:
         object.__setattr__(self, "all_phases", (*self.phases, *last))
         self._check_names()
         self._check_targets()
-        self._check_climb()
+        if self.abort is not None:
+            _pose_task(self.hierarchy, self.abort.climb)
         object.__setattr__(self, "_targets", np.array([self._gates_of(phase) for phase in self.all_phases]))
         object.__setattr__(self, "_tasks", tuple(self._tasks_of(phase) for phase in self.all_phases))
         object.__setattr__(self, "_references", tuple(map(_references, self.all_phases, self._tasks)))
@@ -66,6 +67,13 @@ class Mission:
     def phase_names(self) -> tuple[str, ...]:
         """Of all phases."""
         return tuple(phase.name for phase in self.all_phases)
+
+    @property
+    def climb_frame(self) -> str:
+        """The frame that `abort` climbs with. Raises `InvalidInput` where there is none."""
+        if self.abort is None:
+            raise InvalidInput("mission without abort climbs with no frame; give it one")
+        return _pose_task(self.hierarchy, self.abort.climb).frame
 
     @late
     def tasks_of(self, phase: int) -> tuple[Task, ...]:
@@ -218,18 +226,19 @@ class Mission:
             if name in (DONE, ABORT) or self.phase_names.count(name) > 1:
                 raise InvalidInput(f"phase {name!r}; give each a name of its own, and not {DONE!r} or {ABORT!r}")
 
-    def _check_climb(self) -> None:
-        if self.abort is not None:
-            task = self.hierarchy.tasks[self.hierarchy.index(self.abort.climb)]
-            if not isinstance(task, PoseTask):
-                raise InvalidInput(f"abort climbs by {task.name}, a {type(task).__name__}; give a task on a pose")
-
     def _check_targets(self) -> None:
         names = tuple(phase.name for phase in self.phases)
         for phase in self.phases:
             for transition in phase.transitions:
                 if transition.to not in (*names, DONE, ABORT):
                     raise NameNotFound("phase", transition.to, (*names, DONE))
+
+
+def _pose_task(hierarchy: Hierarchy, name: str) -> PoseTask:
+    task = hierarchy.tasks[hierarchy.index(name)]
+    if not isinstance(task, PoseTask):
+        raise InvalidInput(f"abort climbs by {task.name}, a {type(task).__name__}; give a task on a pose")
+    return task
 
 
 def _references(phase: Phase, tasks: Sequence[Task]) -> GoalFunctions:

@@ -52,10 +52,18 @@ class Restriction:
     """As the fields of `Mode`."""
     abort: str = ""
     """Why the mission cannot go on, or nothing."""
-    doubted: frozenset[str] = frozenset()
+    bad: tuple[ChannelHealth, ...] = ()
     """Channels that are not good: what rests on them ends no phase."""
-    lost: frozenset[str] = frozenset()
-    """Those of them that are lost."""
+
+    @property
+    def doubted(self) -> frozenset[str]:
+        """Their names."""
+        return frozenset(item.channel for item in self.bad)
+
+    @property
+    def lost(self) -> tuple[ChannelHealth, ...]:
+        """Those that are lost."""
+        return tuple(item for item in self.bad if item.trust is Trust.LOST)
 
 
 FREE = Restriction()
@@ -105,9 +113,8 @@ def restriction_of(health: Sequence[ChannelHealth], t: float, *, altitude_matter
         hold=any(mode.hold for mode in modes),
         blind=any(mode.blind for mode in modes),
         climbs=all(mode.climbs for mode in modes),
-        abort=_reason(bad, over),
-        doubted=frozenset(bad),
-        lost=frozenset(name for name, item in bad.items() if item.trust is Trust.LOST),
+        abort=told(_all_of(over, bad)),
+        bad=tuple(bad.values()),
     )
 
 
@@ -115,12 +122,14 @@ def _is_over(mode: Mode, bad: dict[str, ChannelHealth], t: float) -> bool:
     return t - max(bad[name].since for name in mode.without) > mode.bears
 
 
-def _reason(bad: dict[str, ChannelHealth], over: Iterable[Mode]) -> str:
-    names = sorted({name for mode in over for name in mode.without})
-    return ", ".join(told(bad[name]) for name in names)
+def _all_of(modes: Iterable[Mode], bad: dict[str, ChannelHealth]) -> list[ChannelHealth]:
+    return [bad[name] for name in sorted({name for mode in modes for name in mode.without})]
 
 
-def told(item: ChannelHealth) -> str:
-    """A few words on a channel that is not good."""
-    why = f": {item.why}" if item.why else ""
-    return f"{item.channel} {item.trust.name.lower()}{why} since {item.since:.1f} s"
+def told(channels: Iterable[ChannelHealth]) -> str:
+    """A few words on each of some channels that are not good."""
+    return ", ".join(f"{_complaint(item)} since {item.since:.1f} s" for item in channels)
+
+
+def _complaint(item: ChannelHealth) -> str:
+    return f"{item.channel} {item.trust.name.lower()}{': ' if item.why else ''}{item.why}"

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.health import ChannelHealth, Trust
 
 
 class Freshness(enum.IntEnum):
@@ -26,7 +24,7 @@ class Freshness(enum.IntEnum):
 @checked
 @dataclass(slots=True)
 class Watchdog:
-    """Judges the age of measurements; logs every change of its verdict, and every channel that is lost, in `alarms`.
+    """Judges the age of measurements and logs every change of its verdict in `alarms`.
 
     Raises `InvalidInput` unless 0 < hold_after < stop_after.
     """
@@ -39,8 +37,6 @@ class Watchdog:
     """Time [s] and text of each."""
     _verdict: Freshness = field(default=Freshness.FRESH, init=False)
     """The last one."""
-    _lost: frozenset[str] = field(default=frozenset(), init=False)
-    """Channels that were lost when last heard of."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.stop_after) and 0 < self.hold_after < self.stop_after):
@@ -58,16 +54,6 @@ class Watchdog:
             self.alarms.append((t, _TEXTS[verdict].format(what=what, age=age)))
             self._verdict = verdict
         return verdict
-
-    @late
-    def hear(self, health: Sequence[ChannelHealth], t: float) -> None:
-        """Log the channels that are lost, or back, at time t [s]."""
-        lost = frozenset(item.channel for item in health if item.trust is Trust.LOST)
-        if lost != self._lost:
-            new = (item for item in health if item.channel in lost - self._lost)
-            texts = [f"{item.channel} lost{': ' if item.why else ''}{item.why}" for item in new]
-            self.alarms += [(t, text) for text in (*texts, *(f"{name} is back" for name in sorted(self._lost - lost)))]
-            self._lost = lost
 
     def _verdict_on(self, age: float) -> Freshness:
         if age <= self.hold_after:

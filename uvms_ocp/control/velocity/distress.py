@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.control.navigation.degraded import ALTIMETER
+from uvms_ocp.control.navigation.degraded import ALTIMETER, told
 from uvms_ocp.control.velocity.tick_state import TickState
 from uvms_ocp.mission.abort import Abort
 from uvms_ocp.mission.conditions import Below
@@ -30,6 +30,8 @@ class Effort:
     """The limits of the thrusters kept them from what was asked for."""
     push: float = 0.0
     """[-] upward force on the vehicle that the model does not know, as a share of the largest of the thrusters."""
+    fault: str = ""
+    """Of thrusters or joints, without which the mission cannot go on."""
 
 
 class Distress:
@@ -57,7 +59,13 @@ class Distress:
         if state.why:
             over = tick.t - state.since > abort.time_limit
             return f"{abort.time_limit:g} s were not enough for it" if over else self._hopeless(tick)
-        return tick.restriction.abort or self._met(abort, tick, effort) or self._stalled(abort, tick, quantities)
+        return (
+            self._hopeless(tick)
+            or tick.restriction.abort
+            or effort.fault
+            or self._met(abort, tick, effort)
+            or self._stalled(abort, tick, quantities)
+        )
 
     def pushed(self, tick: TickState, effort: Effort) -> bool:
         """Something under the vehicle bears it where it should be well above the floor."""
@@ -65,7 +73,8 @@ class Distress:
         return abort is not None and bool(tick.gates[self._high].any()) and effort.push > abort.contact
 
     def _hopeless(self, tick: TickState) -> str:
-        return "" if tick.restriction.climbs else tick.restriction.abort
+        """Where the thrust is cut, and somebody judges why."""
+        return (tick.restriction.abort or told(tick.restriction.lost)) if tick.stopped else ""
 
     def _met(self, abort: Abort, tick: TickState, effort: Effort) -> str:
         if self._lasts("contact", self.pushed(tick, effort), tick.t, abort.contact_after):
@@ -110,10 +119,9 @@ def climb_goal(mission: Mission, tick: TickState, *, robot: Robot, floor: float)
 
     floor [m]: z in W of the highest that is known, NaN where none is to be believed.
     """
-    if mission.abort is None or not tick.restriction.climbs:
+    if mission.abort is None or tick.stopped:
         return None
-    task = mission.hierarchy.tasks[mission.hierarchy.index(mission.abort.climb)]
-    X_WF = Kinematics(robot, tick.measurement.q).pose(task.frame)
+    X_WF = Kinematics(robot, tick.measurement.q).pose(mission.climb_frame)
     here, altitude = float(X_WF.translation[2]), mission.abort.altitude
     believed = math.isfinite(floor) and ALTIMETER not in tick.restriction.doubted
     z = max(here, floor + altitude) if believed else here + altitude

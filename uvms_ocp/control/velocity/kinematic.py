@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.arguments import Period, checked, late, trusted
-from uvms_ocp.control.navigation.degraded import ALTIMETER, FREE, Restriction, restriction_of
+from uvms_ocp.control.navigation.degraded import ALTIMETER, FREE, Restriction, restriction_of, told
 from uvms_ocp.control.navigation.last_known import LastEcho, LastSound
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.control.velocity.distress import Distress, Effort, climb_goal
@@ -24,6 +24,7 @@ from uvms_ocp.control.velocity.tick_state import Motion, TickState
 from uvms_ocp.control.velocity.viability import Viability
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Event, MissionState
+from uvms_ocp.model.health import ChannelHealth
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, Measurement
 from uvms_ocp.solvers.hierarchy.solution import Status
@@ -80,6 +81,7 @@ class KinematicController:
         self._sound, self._echo = LastSound(robot), LastEcho(robot, altimeter)
         self._restraint = Restraint(robot, dt=dt, altimeter=altimeter)
         self._distress, self._effort = Distress(mission), Effort()
+        self._bad: tuple[ChannelHealth, ...] = ()
         rest = np.zeros(robot.n_v)
         self._motion = Motion(q=robot.configuration(), v=rest, change=rest, near=True, share=1.0)
         self._altitude_tasks = [index for index, task in enumerate(mission.hierarchy.tasks) if task.needs_altimeter]
@@ -98,9 +100,7 @@ class KinematicController:
         restriction = restriction_of(measurement.health, t, altitude_matters=high)
         if restriction.no_descent:
             gates[self._landing_tasks] = 0.0
-        if measurement.health:
-            self.watchdog.hear(measurement.health, t)
-        doubted = ALTIMETER in restriction.doubted
+        self._bad, doubted = restriction.bad, ALTIMETER in restriction.doubted
         echo = self._echo.range(measurement, t, self._lowest_rest(gates), doubted)
         return TickState(
             begin=begin,
@@ -117,6 +117,11 @@ class KinematicController:
     def feel(self, effort: Effort) -> None:
         """Take in what the force layer meets."""
         self._effort = effort
+
+    @late
+    def give_up(self, t: float, reason: str) -> None:
+        """Have the mission given up at the next tick after t [s]; nothing where that is on its way already."""
+        self._effort = replace(self._effort, fault=reason)
 
     @late
     def command(self, tick: TickState) -> Command:
@@ -136,8 +141,9 @@ class KinematicController:
         )
 
     def pending(self) -> str:
-        """What the current phase still waits for, with the last measured values."""
-        return self.mission.pending(self.state, self.quantities)
+        """What the current phase still waits for, with the last measured values, and which channels hold it back."""
+        waits = self.mission.pending(self.state, self.quantities)
+        return waits if self.state.over or not self._bad else f"{waits}; {told(self._bad)}"
 
     def evaluate(self, measurement: Measurement, t: float, state: MissionState | None = None) -> dict[str, float]:
         """All quantities at a measurement at time t [s], such as the true state after a run; the mission stays where it is.
@@ -214,11 +220,11 @@ class KinematicController:
     def _freshness(
         self, measurement: Measurement, t: float, restriction: Restriction, *, echo_matters: bool
     ) -> Freshness:
-        """Of what is needed: a channel that is lost has its own modes, and no age."""
-        age, oldest = measurement.age, measurement.oldest
-        if oldest in restriction.lost and math.isfinite(age):
-            age, oldest = 0.0, ""
+        """Of what is needed: joints that brakes hold are where they were."""
+        braked = restriction.joints_held and math.isfinite(measurement.age) and measurement.joint_age >= measurement.age
+        age = 0.0 if braked else measurement.age
         echo_age = t - self._echo.since if echo_matters else 0.0
+        oldest = measurement.oldest or ", ".join(item.channel for item in restriction.lost)
         return self.watchdog.judge(max(age, echo_age), t, ALTIMETER if echo_age > age else oldest)
 
     def _lowest_rest(self, gates: np.ndarray) -> float:
