@@ -21,6 +21,7 @@ from uvms_ocp import collision, control, mission, ocp, planning, report, sim, so
 from uvms_ocp.collision.conservative_advancement import ClearanceReport
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.control.velocity import levels
+from uvms_ocp.control.velocity.distress import Strain
 from uvms_ocp.control.velocity.tick_state import TickState
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.model.kinematics import Kinematics
@@ -225,6 +226,16 @@ def fault() -> Fault:
 
 def phase() -> mission.Phase:
     return mission.Phase(name="A", gates={"HA": 1.0}, transitions=(transition(),))
+
+
+def abort() -> mission.Abort:
+    return mission.Abort(phase=climb())
+
+
+def climb() -> mission.Phase:
+    return dataclasses.replace(
+        phase(), gates={"PC": 1.0}, transitions=(mission.Transition(to="abort", when=(below(),)),)
+    )
 
 
 def below() -> mission.Below:
@@ -472,6 +483,8 @@ POOL: dict[str, Callable[[], Any]] = {
     "TickState": tick,
     "MissionState": lambda: scenario().mission.start(),
     "Phase": phase,
+    "Abort": abort,
+    "Strain": Strain,
     "tuple[Phase, ...]": lambda: (phase(),),
     "tuple[Transition, ...]": lambda: (transition(),),
     "tuple[Condition, ...]": lambda: (below(),),
@@ -630,6 +643,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "Trajectory.state_at": lambda: {"model": arm().model},
     "Posture": lambda: {"q": arm().configuration()},
     "MinSnap": lambda: fields_of(trajectories.min_snap(curve().evaluate([0.0, 1.0, 2.0]), [0.0, 1.0, 2.0])),
+    "Abort": lambda: {"phase": climb()},
     "MissionState": lambda: {"gates_before": np.zeros(13), "held_since": (None,)},
     "Mission.tasks_of": lambda: {"phase": 0},
     "NlpLevel": lambda: {"y": ca.SX.sym("x", 2)},

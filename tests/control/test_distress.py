@@ -9,7 +9,7 @@ import pytest
 from broken_sensors import BrokenSensors
 
 from uvms_ocp.control.navigation.estimator import PassThrough
-from uvms_ocp.control.velocity.distress import Distress, Effort
+from uvms_ocp.control.velocity.distress import Distress, Strain
 from uvms_ocp.mission.abort import Abort
 from uvms_ocp.model.state import Command, Measurement, Readings
 from uvms_ocp.record import Record
@@ -32,14 +32,14 @@ def with_abort(scenario: Scenario, **changes: float) -> Scenario:
     return replace(scenario, mission=mission)
 
 
-def reasons(scenario: Scenario, effort: Effort, seconds: float, *, error: float = 1.0, rate: float = 0.0) -> list[str]:
+def reasons(scenario: Scenario, strain: Strain, seconds: float, *, error: float = 1.0, rate: float = 0.0) -> list[str]:
     """At every tick of phase A, where every quantity is `error`, which falls with `rate` [1/s]."""
     control, distress = scenario.controller(), Distress(scenario.mission)
     measured = Measurement(q=scenario.start, v=np.zeros(scenario.robot.n_v), altimeter_range=3.0)
     found = []
     for k in range(round(seconds / DT)):
         now = dict.fromkeys(control.problem.quantity_names, error * np.exp(-rate * k * DT))
-        found.append(distress.reason(control.observe(measured, k * DT), now, effort))
+        found.append(distress.reason(control.observe(measured, k * DT), now, strain))
     return found
 
 
@@ -50,13 +50,13 @@ def first(found: list[str]) -> float:
 
 def test_each_reason_needs_its_time_and_says_what_it_was(still: Scenario) -> None:
     given = with_abort(still, contact_after=0.5, thrust_after=1.0, stall_after=2.0)
-    pushed = reasons(given, Effort(push=0.31, short=True), 0.7)
+    pushed = reasons(given, Strain(push=0.31, short=True), 0.7)
     assert first(pushed) == pytest.approx(0.5, abs=3 * DT)
     assert "31 % of the thrusters' lift" in pushed[-1]
-    short = reasons(given, Effort(push=0.29, short=True), 1.2)
+    short = reasons(given, Strain(push=0.29, short=True), 1.2)
     assert first(short) == pytest.approx(1.0, abs=3 * DT)
     assert "limits for 1 s" in short[-1]
-    stalled = reasons(given, Effort(), 2.2)
+    stalled = reasons(given, Strain(), 2.2)
     assert first(stalled) == pytest.approx(2.0, abs=3 * DT)
     assert stalled[-1] == "stall: PC.position_error = 1 not < 0.1, no nearer for 2 s"
 
@@ -65,14 +65,14 @@ def test_each_reason_needs_its_time_and_says_what_it_was(still: Scenario) -> Non
 def test_a_mission_that_comes_nearer_or_waits_for_nothing_is_not_stalled(
     still: Scenario, error: float, rate: float
 ) -> None:
-    assert not any(reasons(with_abort(still, stall_after=1.0), Effort(), 4.0, error=error, rate=rate))
-    assert any(reasons(with_abort(still, stall_after=1.0), Effort(), 4.0, error=1.0, rate=0.001))
+    assert not any(reasons(with_abort(still, stall_after=1.0), Strain(), 4.0, error=error, rate=rate))
+    assert any(reasons(with_abort(still, stall_after=1.0), Strain(), 4.0, error=1.0, rate=0.001))
 
 
 def test_pushing_counts_only_while_a_minimum_altitude_is_asked_for(still: Scenario) -> None:
     landing = replace(still.mission, phases=still.mission.phases[2:])
     given = with_abort(replace(still, mission=landing), contact_after=0.1)
-    assert not any(reasons(given, Effort(push=1.0), 0.5))
+    assert not any(reasons(given, Strain(push=1.0), 0.5))
 
 
 class High(PassThrough):

@@ -11,7 +11,7 @@ from uvms_ocp.arguments import changed, checked, late
 from uvms_ocp.control.force.actuators import Actuators, Realized
 from uvms_ocp.control.force.allocation import allocation_of
 from uvms_ocp.control.force.observer import DisturbanceObserver
-from uvms_ocp.control.velocity.distress import Effort
+from uvms_ocp.control.velocity.distress import Strain
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.dynamics import Dynamics
@@ -120,12 +120,12 @@ class DynamicController:
         a = (v - self._reference) / self._dt + self._K_p * (error + self._reset * self._integral)
         return self._dynamics.inverse_dynamics(q, v, a)
 
-    def _met(self, q: np.ndarray, disturbance: np.ndarray, realized: Realized) -> Effort:
+    def _met(self, q: np.ndarray, disturbance: np.ndarray, realized: Realized) -> Strain:
         """What the mission may be given up for."""
         if not self._robot.n_vehicle:
-            return Effort()
+            return Strain()
         up = pin.Quaternion(q[3:7]).matrix()[2]
-        return Effort(short=realized.allocation.saturated, push=float(up @ disturbance[:3]) / self._lift)
+        return Strain(short=realized.allocation.saturated, push=float(up @ disturbance[:3]) / self._lift)
 
     def _trusted(self, command: Command, measurement: Measurement) -> np.ndarray:
         """Which axes (n_v,) are fed back. On the others feed-forward goes on alone: feedback from a frozen velocity

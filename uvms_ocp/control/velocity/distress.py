@@ -23,7 +23,7 @@ _PROGRESS = 0.02  # share of what is missing to a limit that counts as progress
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Effort:
+class Strain:
     """What the force layer met in the last tick."""
 
     short: bool = False
@@ -51,7 +51,7 @@ class Distress:
         self._best: dict[str, float] = {}
         """[unit of the quantity] by quantity, the least that was missing to its limit in this phase."""
 
-    def reason(self, tick: TickState, quantities: Mapping[str, float], effort: Effort) -> str:
+    def reason(self, tick: TickState, quantities: Mapping[str, float], strain: Strain) -> str:
         """Empty while there is none. quantities [in their units]: NaN where not known."""
         abort, state = self._mission.abort, tick.mission
         if abort is None:
@@ -62,25 +62,25 @@ class Distress:
         return (
             self._hopeless(tick)
             or tick.restriction.abort
-            or effort.fault
-            or self._met(abort, tick, effort)
+            or strain.fault
+            or self._met(abort, tick, strain)
             or self._stalled(abort, tick, quantities)
         )
 
-    def pushed(self, tick: TickState, effort: Effort) -> bool:
+    def pushed(self, tick: TickState, strain: Strain) -> bool:
         """Something under the vehicle bears it where it should be well above the floor."""
         abort = self._mission.abort
-        return abort is not None and bool(tick.gates[self._high].any()) and effort.push > abort.contact
+        return abort is not None and bool(tick.gates[self._high].any()) and strain.push > abort.contact
 
     def _hopeless(self, tick: TickState) -> str:
         """Where the thrust is cut, and somebody judges why."""
         return (tick.restriction.abort or told(tick.restriction.lost)) if tick.stopped else ""
 
-    def _met(self, abort: Abort, tick: TickState, effort: Effort) -> str:
-        if self._lasts("contact", self.pushed(tick, effort), tick.t, abort.contact_after):
-            lift = f"{100 * effort.push:.0f} % of the thrusters' lift"
+    def _met(self, abort: Abort, tick: TickState, strain: Strain) -> str:
+        if self._lasts("contact", self.pushed(tick, strain), tick.t, abort.contact_after):
+            lift = f"{100 * strain.push:.0f} % of the thrusters' lift"
             return f"contact or rising water: pushed up by {lift} for {abort.contact_after:g} s"
-        if self._lasts("thrust", effort.short, tick.t, abort.thrust_after):
+        if self._lasts("thrust", strain.short, tick.t, abort.thrust_after):
             return f"thrust: the thrusters have been at their limits for {abort.thrust_after:g} s"
         return ""
 

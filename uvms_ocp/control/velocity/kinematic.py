@@ -16,7 +16,7 @@ from uvms_ocp.arguments import Period, checked, late, trusted
 from uvms_ocp.control.navigation.degraded import ALTIMETER, FREE, Restriction, restriction_of, told
 from uvms_ocp.control.navigation.last_known import LastEcho, LastSound
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
-from uvms_ocp.control.velocity.distress import Distress, Effort, climb_goal
+from uvms_ocp.control.velocity.distress import Distress, Strain, climb_goal
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.parameters import mission_parameters
 from uvms_ocp.control.velocity.restraint import Restraint
@@ -80,7 +80,7 @@ class KinematicController:
         altimeter = _altimeter(robot, mission.hierarchy.tasks)
         self._sound, self._echo = LastSound(robot), LastEcho(robot, altimeter)
         self._restraint = Restraint(robot, dt=dt, altimeter=altimeter)
-        self._distress, self._effort = Distress(mission), Effort()
+        self._distress, self._strain = Distress(mission), Strain()
         self._bad: tuple[ChannelHealth, ...] = ()
         rest = np.zeros(robot.n_v)
         self._motion = Motion(q=robot.configuration(), v=rest, change=rest, near=True, share=1.0)
@@ -114,14 +114,14 @@ class KinematicController:
             restriction=restriction,
         )
 
-    def feel(self, effort: Effort) -> None:
+    def feel(self, strain: Strain) -> None:
         """Take in what the force layer meets."""
-        self._effort = effort
+        self._strain = strain
 
     @late
     def give_up(self, t: float, reason: str) -> None:
         """Have the mission given up at the next tick after t [s]; nothing where that is on its way already."""
-        self._effort = replace(self._effort, fault=reason)
+        self._strain = replace(self._strain, fault=reason)
 
     @late
     def command(self, tick: TickState) -> Command:
@@ -206,9 +206,9 @@ class KinematicController:
         if not holds:
             self.quantities = quantities
         state, event = self.state, None
-        why = "" if state.over else self._distress.reason(tick, quantities, self._effort)
+        why = "" if state.over else self._distress.reason(tick, quantities, self._strain)
         if why:
-            floor = math.nan if self._distress.pushed(tick, self._effort) else self._echo.highest
+            floor = math.nan if self._distress.pushed(tick, self._strain) else self._echo.highest
             goal = climb_goal(self.mission, tick, robot=self.robot, floor=floor)
             self.state, event = self.mission.abandon(state, tick.t, why, goal)
         elif not holds:
