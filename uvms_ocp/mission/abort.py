@@ -42,4 +42,6 @@ class Abort:
                 f"phase {self.phase.name!r} aborts a mission but leads to {others}; lead to {ABORT!r} alone"
             )
         if not self.phase.gates.get(self.climb, 0.0) > 0:
-            raise InvalidInput(f"abort: climb = {self.climb!r}, off in phase {self.phase.name!r}; name a task that is on in it")
+            raise InvalidInput(
+                f"abort: climb = {self.climb!r}, off in phase {self.phase.name!r}; name a task that is on in it"
+            )
