@@ -44,6 +44,7 @@ class Restriction:
     """All modes that apply at one tick, as one."""
 
     speed: float = 1.0
+    """[-] as that of `Mode`."""
     no_descent: bool = False
     joints_held: bool = False
     hold: bool = False
