@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uvms_ocp.control.force.allocation import AllocationResult, allocation_of
+from uvms_ocp.control.actuator_health.effect import Effect
+from uvms_ocp.control.force.allocation import Allocation, AllocationResult, allocation_of
+from uvms_ocp.control.force.degraded import DegradedAllocation
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.thrusters import thrust_limits
 
@@ -29,14 +31,22 @@ class Actuators:
     def __init__(self, robot: Robot, *, lead: float, dt: float) -> None:
         """lead [-]: thrusters are driven this many times faster than their lag. dt [s]: control period."""
         self._robot = robot
-        self._allocation = allocation_of(robot)
+        self._whole = allocation_of(robot)
+        self._allocation: Allocation | DegradedAllocation = self._whole
         self._lag = ThrusterLag(robot, lead, dt)
         self._torque = np.zeros(robot.n_joints)
+        self._effect = Effect.sound(len(self._lag.thrust))
+        self._idle = np.zeros(robot.n_joints, dtype=bool)
+
+    @property
+    def asked(self) -> np.ndarray:
+        """(n_thrusters,) [N] now, of thrusters that all follow their commands."""
+        return self._lag.thrust
 
     @property
     def force(self) -> np.ndarray:
         """Generalized force (n_v,) [N, N m] now: thrusters as they follow their commands, motors as last asked."""
-        wrench = self._allocation.matrix @ self._lag.thrust
+        wrench = self._whole.matrix @ self._effect.given(self._lag.thrust)
         return np.concatenate([wrench[: self._robot.n_vehicle], self._torque])
 
     def realize(self, tau: np.ndarray) -> Realized:
@@ -44,14 +54,23 @@ class Actuators:
         n, limit = self._robot.n_vehicle, self._robot.limits.effort
         wrench = np.zeros(6)
         wrench[:n] = tau[self._robot.vehicle_v]
-        torque = np.clip(tau[self._robot.joint_v], -limit, limit)
+        torque = np.where(self._idle, 0.0, np.clip(tau[self._robot.joint_v], -limit, limit))
         result = self._allocation.allocate(wrench)
         return Realized(allocation=result, torque=torque, force=np.concatenate([result.reached[:n], torque]))
 
-    def drive(self, realized: Realized, *, hurry: bool = True) -> np.ndarray:
-        """Command (n_thrusters,) [N] of the thrusters for a tick; hurry: through their lag, ahead of it."""
+    def drive(self, realized: Realized, *, hurry: bool = True, probe: np.ndarray | None = None) -> np.ndarray:
+        """Command (n_thrusters,) [N] of the thrusters for a tick; hurry: through their lag, ahead of it.
+
+        probe (n_thrusters,) [N]: to be asked on top.
+        """
         self._torque = realized.torque
-        return self._lag.drive(realized.allocation.thrust, hurry=hurry)
+        wanted = self._effect.asked(realized.allocation.thrust)
+        return self._lag.drive(wanted if probe is None else wanted + probe, hurry=hurry)
+
+    def adapt(self, effect: Effect, jammed: np.ndarray) -> None:
+        """From now on: what thrusters make of their commands; jammed (n_joints,) joints get no torque."""
+        self._effect, self._idle = effect, jammed
+        self._allocation = DegradedAllocation(self._whole, effect)
 
 
 class ThrusterLag:

@@ -8,6 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.arguments import changed, checked, late
+from uvms_ocp.control.actuator_health.monitor import ActuatorMonitor, Seen
+from uvms_ocp.control.actuator_health.tuning import HealthTuning
 from uvms_ocp.control.force.actuators import Actuators, Realized
 from uvms_ocp.control.force.allocation import allocation_of
 from uvms_ocp.control.force.observer import DisturbanceObserver
@@ -70,6 +72,7 @@ class DynamicController:
         dynamics: Dynamics,
         kinematic: KinematicController,
         gains: VelocityGains | None = None,
+        health: HealthTuning | None = None,
     ) -> None:
         """Raises `InvalidInput` for a vehicle without thrusters."""
         if robot.n_vehicle and not robot.description.thrusters:
@@ -82,6 +85,9 @@ class DynamicController:
         self._lift = float(_strength(robot)[2])
         self._actuators = Actuators(robot, lead=self._gains.lead, dt=self._dt)
         self._observer = observer_of(robot, dynamics, self._gains, self._dt)
+        self.monitor = self._monitor(health)
+        """Of thrusters and joints; `None` without the observer, whose findings it reads."""
+        self._free = np.ones(robot.n_v, dtype=bool)
         self._K_p = _per_axis(robot, self._gains.vehicle, self._gains.joints)
         self._reset = _per_axis(robot, self._gains.vehicle_reset, self._gains.joints_reset)
         self._integral = np.zeros(robot.n_v)
@@ -96,10 +102,12 @@ class DynamicController:
             self._integral[self._robot.vehicle_v] = 0.0
         trusted = self._trusted(command, sound)
         disturbance = self._disturbance(sound, command)
-        error = np.where(trusted, command.v - sound.v, 0.0)
-        tau = self._force(sound.q, command.v, error) - disturbance
-        tau += self._dynamics.damping_matrix(sound.q, command.v) @ (self._reset * self._integral)
-        self._reference = command.v
+        self._watch(command, sound, trusted, t)
+        v = np.where(self._free, command.v, 0.0)
+        error = np.where(trusted & self._free, v - sound.v, 0.0)
+        tau = self._force(sound.q, v, error) - disturbance
+        tau += self._dynamics.damping_matrix(sound.q, v) @ (self._reset * self._integral)
+        self._reference = v
         if command.stop:
             tau[self._robot.vehicle_v] = 0.0
         realized = self._actuators.realize(tau)
@@ -111,8 +119,10 @@ class DynamicController:
             "wrench": tau[: self._robot.n_vehicle],
             "unreachable": realized.allocation.unreachable,
             "saturated": realized.allocation.saturated,
+            **({} if self.monitor is None else self.monitor.telemetry()),
         }
-        thrust = self._actuators.drive(realized, hurry=not command.stop)
+        probe = None if self.monitor is None or command.stop else self.monitor.thrusters.probe(t)
+        thrust = self._actuators.drive(realized, hurry=not command.stop, probe=probe)
         return changed(command, thrust=thrust, torque=realized.torque, brakes=not trusted[-1], telemetry=telemetry)
 
     def _force(self, q: np.ndarray, v: np.ndarray, error: np.ndarray) -> np.ndarray:
@@ -125,7 +135,11 @@ class DynamicController:
         if not self._robot.n_vehicle:
             return Strain()
         up = pin.Quaternion(q[3:7]).matrix()[2]
-        return Strain(short=realized.allocation.saturated, push=float(up @ disturbance[:3]) / self._lift)
+        return Strain(
+            short=realized.allocation.saturated,
+            push=float(up @ disturbance[:3]) / self._lift,
+            fault="" if self.monitor is None or self.monitor.can_go_on else str(self.monitor.authority),
+        )
 
     def _trusted(self, command: Command, measurement: Measurement) -> np.ndarray:
         """Which axes (n_v,) are fed back. On the others feed-forward goes on alone: feedback from a frozen velocity
@@ -140,6 +154,40 @@ class DynamicController:
             self._observer.pause(forget=command.stop)
             return self._observer.estimate
         return self._observer.update(measurement.q, measurement.v, self._actuators.force)
+
+    def _watch(self, command: Command, measurement: Measurement, trusted: np.ndarray, t: float) -> None:
+        """Look for faults of thrusters and joints, and do without what is faulty from now on."""
+        if self.monitor is None or self._observer is None:
+            return
+        if not trusted.all():
+            self.monitor.pause()
+            return
+        seen = Seen(
+            q=measurement.q,
+            v=measurement.v,
+            reference=command.v,
+            residual=self._observer.prompt,
+            disturbance=self._observer.estimate,
+            asked=self._actuators.asked,
+        )
+        if self.monitor.update(seen, t):
+            before = self._actuators.force
+            self._actuators.adapt(self.monitor.effect, self.monitor.joints.jammed)
+            self._free[self._robot.joint_v] = ~self.monitor.joints.jammed
+            # What a thruster failed to give has been taken for water so far.
+            self._observer.estimate += before - self._actuators.force
+
+    def _monitor(self, tuning: HealthTuning | None) -> ActuatorMonitor | None:
+        if tuning is None or self._observer is None or not self._robot.n_vehicle:
+            return None
+        return ActuatorMonitor(
+            self._robot,
+            self._dynamics,
+            bandwidth=self._gains.observer_vehicle,
+            dt=self._dt,
+            alarms=self.kinematic.watchdog.alarms,
+            tuning=tuning,
+        )
 
     def _integrate(self, error: np.ndarray, wanted: np.ndarray, reached: np.ndarray) -> None:
         """Conditional integration: an axis whose force falls short does not wind up further in that direction."""

@@ -25,6 +25,8 @@ class DisturbanceObserver:
         self._v_hat: np.ndarray | None = None
         self.estimate = np.zeros(len(bandwidth))
         """d (n_v,) [N, N m]"""
+        self.prompt = np.zeros(len(bandwidth))
+        """d (n_v,) [N, N m] with one lag 1 / w less, and so more noise"""
 
     def pause(self, *, forget: bool) -> None:
         """Keep the estimate, or set it to zero, until measurements can be trusted again."""
@@ -42,8 +44,10 @@ class DisturbanceObserver:
             self._v_hat = v.copy()
         innovation = v - self._v_hat
         correction = self._bandwidth**2 * innovation
-        self.estimate += self._dt * (self._dynamics.mass_matrix(q) @ correction)
+        rate = self._dynamics.mass_matrix(q) @ correction
+        self.estimate += self._dt * rate
         np.clip(self.estimate, -self._limit, self._limit, out=self.estimate)
+        self.prompt = self.estimate + rate / self._bandwidth
         acceleration = self._dynamics.forward_dynamics(q, v, tau + self.estimate)
         self._v_hat = self._v_hat + self._dt * (acceleration + 2 * self._bandwidth * innovation)
         return self.estimate

@@ -55,7 +55,7 @@ class Distress:
         """Empty while there is none. quantities [in their units]: NaN where not known."""
         abort, state = self._mission.abort, tick.mission
         if abort is None:
-            return ""
+            return strain.fault
         if state.why:
             over = tick.t - state.since > abort.time_limit
             return f"{abort.time_limit:g} s were not enough for it" if over else self._hopeless(tick)

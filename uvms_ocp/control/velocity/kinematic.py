@@ -119,11 +119,6 @@ class KinematicController:
         self._strain = strain
 
     @late
-    def give_up(self, t: float, reason: str) -> None:
-        """Have the mission given up at the next tick after t [s]; nothing where that is on its way already."""
-        self._strain = replace(self._strain, fault=reason)
-
-    @late
     def command(self, tick: TickState) -> Command:
         """The command for what `observe` has found."""
         result = self._solve(*self._inputs(tick))

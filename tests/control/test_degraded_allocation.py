@@ -1,0 +1,107 @@
+"""Laws of allocation without thrusters that are faulty."""
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from uvms_ocp.control.actuator_health.effect import Effect
+from uvms_ocp.control.force.allocation import Allocation, allocation_of
+from uvms_ocp.control.force.degraded import DegradedAllocation
+from uvms_ocp.model.files.library import list_robots
+from uvms_ocp.model.loading import load_robot
+
+ROBOTS = [name for name in list_robots() if load_robot(name).description.thrusters]
+EFFECTS = {
+    "dead": ({0: 0.0}, {}),
+    "two dead": ({0: 0.0, 3: 0.0}, {}),
+    "weak": ({1: 0.4}, {}),
+    "reversed": ({2: -0.9}, {}),
+    "stuck": ({1: 0.0}, {1: 0.3}),
+    "all at once": ({0: 0.0, 1: 0.5, 2: -1.0, 3: 0.0}, {3: -0.2}),
+}
+WRENCHES = np.random.default_rng(0).normal(size=(100, 6)) * np.geomspace(0.01, 3.0, 100)[:, None]
+
+
+@pytest.fixture(params=ROBOTS, scope="module")
+def whole(request: pytest.FixtureRequest) -> Allocation:
+    return allocation_of(load_robot(request.param))
+
+
+@pytest.fixture(params=EFFECTS, scope="module")
+def effect(request: pytest.FixtureRequest, whole: Allocation) -> Effect:
+    shares, constants = EFFECTS[request.param]
+    n = len(whole.upper)
+    share, constant = np.ones(n), np.zeros(n)
+    for i, value in shares.items():
+        share[i] = value
+    for i, value in constants.items():
+        constant[i] = value * whole.upper[i]
+    return Effect(share=share, constant=constant)
+
+
+@pytest.fixture(scope="module")
+def wrenches(whole: Allocation) -> np.ndarray:
+    """From gentle to far beyond the limits, in the size of this robot."""
+    return WRENCHES * np.linalg.norm(whole.matrix * whole.upper, axis=1)
+
+
+def test_what_is_asked_stays_inside_the_limits_and_nothing_is_asked_of_what_does_not_follow(
+    whole: Allocation, effect: Effect, wrenches: np.ndarray
+) -> None:
+    degraded = DegradedAllocation(whole, effect)
+    for wrench in wrenches:
+        result = degraded.allocate(wrench)
+        asked = effect.asked(result.thrust)
+        assert (asked >= whole.lower - 1e-9).all()
+        assert (asked <= whole.upper + 1e-9).all()
+        assert not asked[effect.share == 0.0].any()
+        np.testing.assert_allclose(effect.given(asked), result.thrust, atol=1e-9)
+
+
+def test_no_thrust_without_the_faulty_ones_comes_closer(
+    whole: Allocation, effect: Effect, wrenches: np.ndarray
+) -> None:
+    degraded = DegradedAllocation(whole, effect)
+    left = effect.share != 0.0
+    ends = np.array([effect.share * whole.lower, effect.share * whole.upper])[:, left]
+    known = whole.matrix @ effect.constant
+    for wrench in wrenches:
+        result = degraded.allocate(wrench)
+        np.testing.assert_allclose(result.reached + result.unreachable, wrench, rtol=1e-12, atol=1e-9)
+        np.testing.assert_allclose(whole.matrix @ result.thrust, result.reached, atol=1e-9)
+        cost = 0.5 * np.sum(result.unreachable**2)
+        limits = (ends.min(axis=0), ends.max(axis=0))
+        oracle = lsq_linear(whole.matrix[:, left], wrench - known, limits, method="bvls", tol=1e-15)
+        assert cost <= oracle.cost + 1e-9 * (1.0 + wrench @ wrench)
+
+
+def test_fewer_thrusters_never_come_closer_nor_take_less_power_for_the_same_wrench(
+    whole: Allocation, wrenches: np.ndarray
+) -> None:
+    n = len(whole.upper)
+    degraded = DegradedAllocation(whole, Effect(share=np.r_[0.0, np.ones(n - 1)], constant=np.zeros(n)))
+    for wrench in wrenches:
+        few, all_of_them = degraded.allocate(wrench), whole.allocate(wrench)
+        assert np.linalg.norm(few.unreachable) >= np.linalg.norm(all_of_them.unreachable) - 1e-9
+        same = whole.allocate(few.reached)
+        assert power(whole, few.thrust) >= (1.0 - 5e-3) * power(whole, same.thrust)
+
+
+def test_a_weak_thruster_is_spared_for_its_power() -> None:
+    whole = allocation_of(load_robot("girona_maris7_full"))
+    share = np.ones(8)
+    share[4] = 0.5
+    thrust = DegradedAllocation(whole, Effect(share=share, constant=np.zeros(8))).allocate([0, 0, 40.0, 0, 0, 0]).thrust
+    np.testing.assert_allclose(whole.matrix @ thrust, [0, 0, 40.0, 0, 0, 0], atol=1e-6)
+    # The others can only do as much as the balance of roll and pitch allows.
+    np.testing.assert_allclose(thrust[4:], 10.0, atol=1e-6)
+
+
+def power(allocation: Allocation, thrust: np.ndarray) -> float:
+    return float(allocation.power_factor @ np.abs(thrust) ** allocation.power_exponent)
+
+
+def test_sound_thrusters_give_what_they_are_asked_to_the_last_bit() -> None:
+    effect, thrust = Effect.sound(8), np.random.default_rng(0).normal(size=8)
+    np.testing.assert_array_equal(effect.given(thrust), thrust)
+    np.testing.assert_array_equal(effect.asked(thrust), thrust)

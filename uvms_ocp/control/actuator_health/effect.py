@@ -1,0 +1,45 @@
+"""What comes of the thrust that is asked for, thruster by thruster, as far as faults are known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Effect:
+    """Thrust in the water is ``share * asked + constant``."""
+
+    share: np.ndarray
+    """(n_thrusters,) [-]: 1 is sound, 0 dead or stuck, below 0 reversed."""
+    constant: np.ndarray
+    """(n_thrusters,) [N] of a stuck thruster."""
+
+    @staticmethod
+    def sound(n: int) -> Effect:
+        """n thrusters that do what they are asked."""
+        return Effect(share=np.ones(n), constant=np.zeros(n))
+
+    @property
+    def works(self) -> np.ndarray:
+        """(n_thrusters,) whether anything follows the command at all."""
+        return self.share != 0.0
+
+    @property
+    def share_or_one(self) -> np.ndarray:
+        """(n_thrusters,) [-] to divide by."""
+        return np.where(self.works, self.share, 1.0)
+
+    def given(self, asked: np.ndarray) -> np.ndarray:
+        """Thrust in the water (n_thrusters,) [N] for the asked one (n_thrusters,) [N]."""
+        return self.share * asked + self.constant
+
+    def asked(self, given: np.ndarray) -> np.ndarray:
+        """What to ask (n_thrusters,) [N] for thrust in the water (n_thrusters,) [N]; 0 of what does not follow."""
+        return np.where(self.works, (given - self.constant) / self.share_or_one, 0.0)
+
+    def limits(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Least and largest thrust in the water (n_thrusters,) [N] for the limits of what may be asked."""
+        ends = np.array([self.given(lower), self.given(upper)])
+        return ends.min(axis=0), ends.max(axis=0)

@@ -1,0 +1,51 @@
+"""Joints that are asked to move, are pushed, and do not."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from uvms_ocp.control.actuator_health.tuning import HealthTuning
+from uvms_ocp.control.actuator_health.verdicts import FaultKind, Health, JointVerdict
+
+_MEMORY = 2.0  # [s] of the way that a joint was asked to go
+_MOVED = 0.1  # share of that way which counts as having moved
+
+
+class JointMonitor:
+    """Verdicts on all joints. Holds the ways they were asked to go and went: build one per run."""
+
+    def __init__(self, effort: np.ndarray, *, tuning: HealthTuning, dt: float) -> None:
+        """effort (n_joints,) [N m or N] limits; dt [s] of a tick."""
+        n = len(effort)
+        self._effort, self._tuning, self._dt = effort, tuning, dt
+        self._keep = math.exp(-dt / _MEMORY)
+        self._asked, self._moved = np.zeros(n), np.zeros(n)
+        self.jammed = np.zeros(n, dtype=bool)
+        """(n_joints,)"""
+        self.verdicts = [JointVerdict() for _ in range(n)]
+        """On each joint."""
+
+    def pause(self) -> None:
+        """Encoders are silent: forget."""
+        self._asked[:], self._moved[:] = 0.0, 0.0
+
+    def update(self, reference: np.ndarray, rate: np.ndarray, resistance: np.ndarray, t: float) -> tuple[int, ...]:
+        """Take in the reference and the measured velocity (n_joints,) [rad/s or m/s] at time t [s].
+
+        resistance (n_joints,) [N m or N]: what the observer finds to act on the joints beside motors and model. Returns
+        the joints that were found jammed now.
+        """
+        self._asked = self._keep * self._asked + self._dt * reference
+        self._moved = self._keep * self._moved + self._dt * rate
+        way = np.abs(self._asked)
+        if way.max(initial=0.0) < self._tuning.jam_travel:
+            return ()
+        stands = (way > self._tuning.jam_travel) & (np.abs(self._moved) < _MOVED * way)
+        resists = -np.sign(self._asked) * resistance > self._tuning.jam_effort * self._effort
+        found = np.flatnonzero(stands & resists & ~self.jammed)
+        for j in found:
+            self.jammed[j] = True
+            self.verdicts[j] = JointVerdict(health=Health.FAULTY, kind=FaultKind.JAMMED, since=t)
+        return tuple(int(j) for j in found)

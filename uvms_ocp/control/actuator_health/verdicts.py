@@ -1,0 +1,72 @@
+"""What is known of thrusters and joints: sound, suspect or faulty, and how."""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+
+
+class Health(enum.IntEnum):
+    """How far an actuator does what it is asked."""
+
+    GOOD = 0
+    SUSPECT = 1
+    """The motion is not what it should be, and this may be why."""
+    FAULTY = 2
+    """Named, and no longer relied on."""
+
+
+class FaultKind(enum.Enum):
+    """What is wrong."""
+
+    DEAD = "dead"
+    WEAK = "weak"
+    STUCK = "stuck"
+    REVERSED = "reversed"
+    JAMMED = "jammed"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ThrusterVerdict:
+    """On one thruster."""
+
+    health: Health = Health.GOOD
+    kind: FaultKind | None = None
+    """Of what is faulty."""
+    share: float = 1.0
+    """[-] of the thrust that is asked for."""
+    constant: float = 0.0
+    """[N] of a stuck thruster."""
+    confidence: float = 0.0
+    """[-] gain over the next best explanation: twice a logarithm of likelihoods."""
+    since: float = math.nan
+    """[s] time from which on it explains the motion."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class JointVerdict:
+    """On one joint."""
+
+    health: Health = Health.GOOD
+    kind: FaultKind | None = None
+    since: float = math.nan
+    """[s] time from which on it has not moved."""
+
+
+def thruster_alarm(number: int, name: str, verdict: ThrusterVerdict) -> str:
+    """One line on a faulty thruster, counted from 1 as in faults that are asked for."""
+    who = f"thruster {number} ({name})"
+    if verdict.kind is FaultKind.STUCK:
+        return f"{who} is stuck at {verdict.constant:.0f} N: taken out, the others make up for it"
+    given = f"{who} gives {100 * verdict.share:.0f} % of what it is asked"
+    if verdict.kind is FaultKind.DEAD:
+        return f"{who} gives 0 % of what it is asked: taken out"
+    if verdict.kind is FaultKind.REVERSED:
+        return f"{given}: reversed, and driven the other way"
+    return f"{given}: weak, and asked for more"
+
+
+def joint_alarm(number: int, name: str, verdict: JointVerdict) -> str:
+    """One line on a jammed joint, counted from 1."""
+    return f"joint {number} ({name}) does not move: jammed, and left alone"
