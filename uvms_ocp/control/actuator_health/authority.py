@@ -86,7 +86,9 @@ def authority_of(
 def _reach(
     matrix: np.ndarray, lower: np.ndarray, upper: np.ndarray, trim: np.ndarray, righting: np.ndarray
 ) -> np.ndarray:
-    return np.array([[_largest(matrix, lower, upper, trim, righting, axis, way) for way in (-1, 1)] for axis in range(6)])
+    return np.array(
+        [[_largest(matrix, lower, upper, trim, righting, axis, way) for way in (-1, 1)] for axis in range(6)]
+    )
 
 
 def _largest(

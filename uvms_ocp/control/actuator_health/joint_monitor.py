@@ -22,6 +22,7 @@ class JointMonitor:
         self._effort, self._tuning, self._dt = effort, tuning, dt
         self._keep = math.exp(-dt / _MEMORY)
         self._asked, self._moved = np.zeros(n), np.zeros(n)
+        self._since = np.full(n, math.inf)
         self.jammed = np.zeros(n, dtype=bool)
         """(n_joints,)"""
         self.verdicts = [JointVerdict() for _ in range(n)]
@@ -29,7 +30,7 @@ class JointMonitor:
 
     def pause(self) -> None:
         """Encoders are silent: forget."""
-        self._asked[:], self._moved[:] = 0.0, 0.0
+        self._asked[:], self._moved[:], self._since[:] = 0.0, 0.0, math.inf
 
     def update(self, reference: np.ndarray, rate: np.ndarray, resistance: np.ndarray, t: float) -> tuple[int, ...]:
         """Take in the reference and the measured velocity (n_joints,) [rad/s or m/s] at time t [s].
@@ -40,12 +41,12 @@ class JointMonitor:
         self._asked = self._keep * self._asked + self._dt * reference
         self._moved = self._keep * self._moved + self._dt * rate
         way = np.abs(self._asked)
-        if way.max(initial=0.0) < self._tuning.jam_travel:
-            return ()
         stands = (way > self._tuning.jam_travel) & (np.abs(self._moved) < _MOVED * way)
         resists = -np.sign(self._asked) * resistance > self._tuning.jam_effort * self._effort
-        found = np.flatnonzero(stands & resists & ~self.jammed)
+        self._since = np.where(stands & resists, np.minimum(self._since, t), math.inf)
+        found = np.flatnonzero((t - self._since >= self._tuning.jam_time) & ~self.jammed)
         for j in found:
             self.jammed[j] = True
-            self.verdicts[j] = JointVerdict(health=Health.FAULTY, kind=FaultKind.JAMMED, since=t)
+            since = float(self._since[j])
+            self.verdicts[j] = JointVerdict(health=Health.FAULTY, kind=FaultKind.JAMMED, since=since)
         return tuple(int(j) for j in found)

@@ -106,7 +106,12 @@ class ActuatorMonitor:
         rest = np.zeros(self._robot.n_v)
         weight = self._dynamics.inverse_dynamics(seen.q, rest, rest)[:6]
         self.authority = authority_of(
-            self._matrix, self._lower, self._upper, self.effect, weight - seen.disturbance[:6] - shift, self._righting(seen.q)
+            self._matrix,
+            self._lower,
+            self._upper,
+            self.effect,
+            weight - seen.disturbance[:6] - shift,
+            self._righting(seen.q),
         )
         end = "" if self.authority.can_go_on else "; the mission cannot go on"
         self.alarms.append((t, f"{self.authority}{end}"))

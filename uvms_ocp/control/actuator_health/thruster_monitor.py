@@ -19,7 +19,10 @@ _IN_A_ROW = 2  # looks that must agree before a probe begins
 _DOUBT = 0.3  # [-] difference between two estimates of a share that says nothing
 _UNPROBED = 1e3  # [-] standard deviation of a share that no probe has looked at
 _NOTHING = 0.25  # share below which a thruster is dead, not weak
-_STUCK_SIGMAS, _STUCK_SHARE = 4.0, 0.03  # constant thrust that is told from none, in its standard deviation and of the limit
+_STUCK_SIGMAS, _STUCK_SHARE = (
+    4.0,
+    0.03,
+)  # constant thrust that is told from none, in its standard deviation and of the limit
 
 
 class ThrusterMonitor:
@@ -32,7 +35,14 @@ class ThrusterMonitor:
     """
 
     def __init__(
-        self, matrix: np.ndarray, lower: np.ndarray, upper: np.ndarray, *, tuning: HealthTuning, bandwidth: float, dt: float
+        self,
+        matrix: np.ndarray,
+        lower: np.ndarray,
+        upper: np.ndarray,
+        *,
+        tuning: HealthTuning,
+        bandwidth: float,
+        dt: float,
     ) -> None:
         """matrix (6, n) [N/N, N m/N]; lower, upper (n,) [N] limits; bandwidth [rad/s] of the residual; dt [s] of a tick."""
         n = matrix.shape[1]

@@ -55,10 +55,12 @@ class HealthTuning:
     """[-] of what is asked that a thruster gives at least, else it is weak; less than a quarter counts as nothing."""
     settling: float = 1.5
     """[s] after a start or a verdict that are not looked at."""
-    jam_travel: float = 0.03
+    jam_travel: float = 0.05
     """[rad or m] that a joint is asked to go, and does not, before it counts as jammed."""
-    jam_effort: float = 0.1
+    jam_effort: float = 0.2
     """[-] share of the joint's effort that must resist it."""
+    jam_time: float = 0.5
+    """[s] for which it stands still all the time."""
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
