@@ -49,6 +49,7 @@ class Benchmark:
 ALONE = tuple(
     Benchmark(script=script, files=(script,))
     for script in (
+        "actuator_faults",
         "bluerov_reach",
         "calls",
         "faults",

@@ -1,0 +1,120 @@
+"""Thrusters that fail, found and named: ``python benchmarks/actuator_faults.py [--seeds N] [--free N]``.
+
+Writes actuator_faults.csv, one row per robot and kind, and actuator_faults.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from actuators.hovering import Hover, Outcome, ThrusterFault, run
+from recording.report import Report, Row, Table, begin, parser_of
+
+from uvms_ocp.control.actuator_health.verdicts import Health
+
+ROBOTS = {"girona_maris7_full": 150.0, "bluerov2_alpha5": 40.0}
+KINDS = ("dead", "weak", "stuck", "reversed")
+WRONG = ((1.0, 1.0), (0.8, 0.8), (1.2, 1.2), (0.8, 1.2), (1.2, 0.8))
+PROSE = """
+Each of 8 thrusters fails in {seeds} runs of {duration:g} s per kind, after 8 to 11 s of small manoeuvres in a current of 0.3 or
+0.5 m/s with gusts, with the noise of the sensors. Weak gives half of what it is asked; stuck gives 10 to 40 % of its limit,
+either way. Fault-free runs: {free} a robot, gusts of 0.05 and 0.1 m/s, added mass and drag up to 20 % off.
+"""
+
+
+def fault_of(kind: str, thruster: int, seed: int, limit: float) -> ThrusterFault:
+    """The one of that kind; limit [N]."""
+    rng = np.random.default_rng(100 * seed + thruster)
+    onset = 8.0 + 3.0 * float(rng.uniform())
+    share = {"dead": 0.0, "weak": 0.5, "stuck": 0.0, "reversed": -1.0}[kind]
+    constant = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.4)) * limit if kind == "stuck" else 0.0
+    return ThrusterFault(thruster=thruster, share=share, constant=constant, onset=onset)
+
+
+def faulty_runs(
+    robot: str, kind: str, seeds: int, duration: float, thrusters: int
+) -> Iterator[tuple[ThrusterFault, Outcome]]:
+    """All of one kind."""
+    for seed in range(seeds):
+        for i in range(thrusters):
+            fault = fault_of(kind, i, seed, ROBOTS[robot])
+            current = (0.5, 0.3)[i % 2]
+            yield (
+                fault,
+                run(Hover(robot=robot, seed=1000 * seed + i, faults=(fault,), duration=duration, current=current)),
+            )
+
+
+def row_of(robot: str, kind: str, runs: list[tuple[ThrusterFault, Outcome]]) -> Row:
+    """Figures of all runs of one kind."""
+    times, right, wrong = [], 0, 0
+    for fault, outcome in runs:
+        assert outcome.monitor is not None
+        verdicts = outcome.monitor.thrusters.verdicts
+        named = [i for i, verdict in enumerate(verdicts) if verdict.health is Health.FAULTY]
+        told = [t for t, text in outcome.alarms if text.startswith(f"thruster {fault.thruster + 1} ")]
+        times += [told[0] - fault.onset] if told else []
+        mine = verdicts[fault.thruster].kind
+        right += mine is not None and mine.value == kind
+        wrong += any(i != fault.thruster for i in named)
+    return {
+        "robot": robot,
+        "kind": kind,
+        "runs": len(runs),
+        "thruster found": len(times),
+        "kind right at the end": right,
+        "another thruster named": wrong,
+        "median time [s]": float(np.median(times)) if times else float("nan"),
+    }
+
+
+def free_row(robot: str, n: int, duration: float) -> Row:
+    """Figures of runs without a fault."""
+    alarms, probes = 0, 0.0
+    for seed in range(n):
+        hover = Hover(
+            robot=robot,
+            seed=seed,
+            duration=duration,
+            moves=1.0 if seed % 3 else 0.3,
+            current=(0.5, 0.3, 0.5, 0.1)[seed % 4],
+            gusts=(0.05, 0.1)[seed % 2],
+            wrong=WRONG[seed % 5],
+        )
+        outcome = run(hover)
+        alarms += bool(outcome.alarms)
+        probes += float(np.mean(outcome.probed)) / n
+    return {"robot": robot, "runs": n, "with an alarm": alarms, "share of time probing": probes}
+
+
+def main() -> None:
+    """Run all."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--seeds", type=int, default=2, metavar="N", help="runs of each thruster and kind")
+    parser.add_argument("--free", type=int, default=100, metavar="N", help="runs without a fault, per robot")
+    given, bench = begin(parser)
+    seeds, free, duration, thrusters = (1, 1, 2.0, 1) if bench.quick else (given.seeds, given.free, 30.0, 8)
+    rows = [
+        row_of(robot, kind, list(faulty_runs(robot, kind, seeds, duration, thrusters)))
+        for robot in ROBOTS
+        for kind in KINDS
+    ]
+    sound = [free_row(robot, free, duration) for robot in ROBOTS]
+    formats = {"median time [s]": ".1f", "share of time probing": ".3f"}
+    bench.write(
+        Report(
+            name="actuator_faults",
+            title="Thrusters that fail",
+            prose=PROSE.format(seeds=seeds, duration=duration, free=free),
+            tables=[
+                Table(rows=rows, columns={name: formats.get(name, "") for name in rows[0]}),
+                Table(rows=sound, columns={name: formats.get(name, "") for name in sound[0]}),
+            ],
+            data={"actuator_faults": rows},
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Short dynamic runs with thrusters that fail, for the benchmark and the tests."""

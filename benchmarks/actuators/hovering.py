@@ -1,0 +1,196 @@
+"""A vehicle that keeps station in a gusty current, goes to small way points and moves its arm, while actuators fail."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.control.actuator_health.monitor import ActuatorMonitor
+from uvms_ocp.control.force.dynamic import DynamicController
+from uvms_ocp.control.navigation.estimator import Estimator
+from uvms_ocp.control.navigation.watchdog import Watchdog
+from uvms_ocp.control.velocity.kinematic import KinematicController
+from uvms_ocp.model.dynamics import robot_dynamics
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.sensing import sensors_of
+from uvms_ocp.model.state import Command, Measurement, State
+from uvms_ocp.model.water.coefficients import links_in_water
+from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
+from uvms_ocp.sim.dynamic_plant import DynamicPlant
+from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.seafloor import FlatSeafloor
+from uvms_ocp.sim.sensors import SensorSuite
+from uvms_ocp.sim.thrusters import ThrusterBank
+
+DT = 1 / 200  # [s]
+STATION = np.array([0.0, 0.0, -20.0])  # [m]
+_WAY = np.array([1.5, 1.0, 0.7])  # [m] to the farthest way point, either way
+_GAIN, _FASTEST, _FASTEST_JOINT = 0.5, 0.3, 0.3  # [1/s], [m/s], [rad/s]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThrusterFault:
+    """What one thruster gives from `onset` [s] on: ``share * asked + constant`` [N]."""
+
+    thruster: int
+    share: float = 0.0
+    constant: float = 0.0
+    onset: float = 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hover:
+    """One run."""
+
+    robot: str = "girona_maris7_full"
+    seed: int = 0
+    faults: tuple[ThrusterFault, ...] = ()
+    jam: tuple[int, float] | None = None
+    """A joint and when it jams [s]."""
+    duration: float = 30.0
+    moves: float = 1.0
+    """[-] size of the way."""
+    current: float = 0.5
+    """[m/s]"""
+    gusts: float = 0.05
+    """[m/s] standard deviation."""
+    wrong: tuple[float, float] = (1.0, 1.0)
+    """[-] true added mass and drag, in those that the controller knows."""
+    watched: bool = True
+
+
+@dataclass(kw_only=True)
+class Outcome:
+    """What came of it."""
+
+    monitor: ActuatorMonitor | None
+    alarms: list[tuple[float, str]]
+    errors: np.ndarray
+    """(n,) [m] true distance from where the vehicle should be at each tick."""
+    commands: np.ndarray
+    """(n, n_thrusters) [N]"""
+    given_up: str = ""
+    probed: list[bool] = field(default_factory=list)
+
+
+class Failing(ThrusterBank):
+    """Thrusters of which some fail."""
+
+    def __init__(self, robot: Robot, faults: Sequence[ThrusterFault]) -> None:
+        super().__init__(robot)
+        self._faults, self._t = faults, 0.0
+
+    def step(self, command: Any, dt: float) -> np.ndarray:
+        asked = np.clip(np.array(command, dtype=float), self._lower, self._upper)
+        for fault in self._faults:
+            if self._t >= fault.onset:
+                asked[fault.thruster] = fault.share * asked[fault.thruster] + fault.constant
+        self._t += dt
+        return super().step(asked, dt)
+
+
+class WayPoints(KinematicController):
+    """Stands in for a mission: the same in every run of a seed, and quick."""
+
+    def __init__(self, robot: Robot, hover: Hover) -> None:
+        self.robot, self.dt, self.watchdog = robot, DT, Watchdog()
+        self.given_up = ""
+        self._rng, self._moves = np.random.default_rng(hover.seed + 1000), hover.moves
+        self._v, self._joints = np.zeros(robot.n_v), np.array(robot.home)
+        self.goal, self._yaw, self._next = STATION.copy(), 0.0, float(self._rng.uniform(2.0, 6.0))
+
+    def observe(self, measurement: Measurement, t: float) -> Any:
+        self.measurement, self._t = measurement, t
+        return self
+
+    def give_up(self, t: float, reason: str) -> None:
+        self.given_up = self.given_up or reason
+
+    def command(self, tick: Any) -> Command:
+        if self._t >= self._next:
+            self._choose()
+        q, limits = self.measurement.q, self.robot.limits
+        R = pin.Quaternion(q[3:7]).toRotationMatrix()
+        linear = _GAIN * (R.T @ (self.goal - q[:3]))
+        linear *= min(1.0, _FASTEST / max(float(np.linalg.norm(linear)), 1e-9))
+        angular = _GAIN * pin.log3(R.T @ pin.rpy.rpyToMatrix(0.0, 0.0, self._yaw))
+        joints = np.clip(_GAIN * (self._joints - q[7:]), -_FASTEST_JOINT, _FASTEST_JOINT)
+        wanted = np.clip(np.concatenate([linear, angular, joints]), -0.8 * limits.velocity, 0.8 * limits.velocity)
+        step = 0.5 * np.minimum(limits.acceleration, 5.0) * DT
+        self._v = self._v + np.clip(wanted - self._v, -step, step)
+        return Command(v=self._v.copy())
+
+    def _choose(self) -> None:
+        rng, home = self._rng, np.array(self.robot.home)
+        self._next = self._t + float(rng.uniform(4.0, 9.0))
+        self.goal = STATION + self._moves * rng.uniform(-1.0, 1.0, 3) * _WAY
+        self._yaw = self._moves * float(rng.uniform(-1.0, 1.0))
+        self._joints = home + 0.15 * rng.uniform(-1.0, 1.0, len(home))
+
+
+def run(hover: Hover) -> Outcome:
+    """Simulate with the noise, rates and delays of the robot's sensors."""
+    robot, rng = load_robot(hover.robot), np.random.default_rng(hover.seed)
+    plant, floor = _plant(robot, hover, rng.uniform(0.0, 2.0 * np.pi))
+    specs = sensors_of(robot.description)
+    suite, estimator = SensorSuite(robot, floor, specs, hover.seed), Estimator(robot, specs)
+    points = WayPoints(robot, hover)
+    controller = DynamicController(robot=robot, dynamics=robot_dynamics(robot), kinematic=points)
+    monitor = controller.monitor
+    if not hover.watched:
+        controller.monitor = None
+    outcome = Outcome(monitor=monitor, alarms=points.watchdog.alarms, errors=np.zeros(0), commands=np.zeros((0, 0)))
+    errors, commands = [], []
+    command: Command | None = None
+    for k in range(round(hover.duration / DT)):
+        t = k * DT
+        command = controller(estimator(suite.read(plant.state, t), t, command), t)
+        before = plant.state
+        plant.step(command, DT)
+        if hover.jam is not None and t >= hover.jam[1]:
+            plant.state = _jammed(plant.state, before, hover.jam[0])
+        errors.append(float(np.linalg.norm(plant.state.q[:3] - points.goal)))
+        commands.append(command.thrust)
+        outcome.probed.append(monitor is not None and monitor.thrusters.probe(t) is not None)
+    outcome.errors, outcome.commands, outcome.given_up = np.array(errors), np.array(commands), points.given_up
+    return outcome
+
+
+def _plant(robot: Robot, hover: Hover, heading: float) -> tuple[DynamicPlant, FlatSeafloor]:
+    flow = hover.current * np.array([np.cos(heading), np.sin(heading), 0.05])
+    current = GustyCurrent(base=UniformCurrent(flow), sigma=hover.gusts, seed=hover.seed)
+    real, floor = with_wrong_water(robot, *hover.wrong), FlatSeafloor(z=-60.0)
+    start = np.array(robot.configuration(position=STATION))
+    environment = Environment(seafloor=floor, current=current)
+    plant = DynamicPlant(real, start, dynamics=robot_dynamics(real), environment=environment, max_step=DT)
+    plant._bank = Failing(robot, hover.faults)
+    return plant, floor
+
+
+def _jammed(state: State, before: State, joint: int) -> State:
+    q, v = state.q.copy(), state.v.copy()
+    q[7 + joint], v[6 + joint] = before.q[7 + joint], 0.0
+    return State(q=q, v=v)
+
+
+def with_wrong_water(robot: Robot, mass: float, drag: float) -> Robot:
+    """The robot with other added mass and drag of its links that have coefficients, in shares of its own."""
+    factors = {"added_mass": mass, "linear_drag": drag, "quadratic_drag": drag}
+    links = {}
+    for name, link in robot.description.links.items():
+        given = link.coefficients
+        if given is not None:
+            scaled = {key: _scaled(getattr(given, key), factor) for key, factor in factors.items()}
+            link = link.model_copy(update={"coefficients": given.model_copy(update=scaled)})
+        links[name] = link
+    description = robot.description.model_copy(update={"links": links})
+    return replace(robot, description=description, hydrodynamics=links_in_water(description))
+
+
+def _scaled(values: Any, factor: float) -> Any:
+    return values if values is None else tuple(np.multiply(values, factor).tolist())
