@@ -36,10 +36,10 @@ class Effect:
         return self.share * asked + self.constant
 
     def asked(self, given: np.ndarray) -> np.ndarray:
-        """What to ask (n_thrusters,) [N] for thrust in the water (n_thrusters,) [N]; 0 of what does not follow."""
+        """What to ask (n_thrusters,) [N] for the thrust given (n_thrusters,) [N] in the water; 0 of what does not follow."""
         return np.where(self.works, (given - self.constant) / self.share_or_one, 0.0)
 
     def limits(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Least and largest thrust in the water (n_thrusters,) [N] for the limits of what may be asked."""
+        """Least and largest thrust in the water (n_thrusters,) [N]; lower, upper (n_thrusters,) [N] of what may be asked."""
         ends = np.array([self.given(lower), self.given(upper)])
         return ends.min(axis=0), ends.max(axis=0)

@@ -33,7 +33,7 @@ class JointMonitor:
         self._asked[:], self._moved[:], self._since[:] = 0.0, 0.0, math.inf
 
     def update(self, reference: np.ndarray, rate: np.ndarray, resistance: np.ndarray, t: float) -> tuple[int, ...]:
-        """Take in the reference and the measured velocity (n_joints,) [rad/s or m/s] at time t [s].
+        """Take in the reference (n_joints,) and the measured rate (n_joints,) [rad/s or m/s] at time t [s].
 
         resistance (n_joints,) [N m or N]: what the observer finds to act on the joints beside motors and model. Returns
         the joints that were found jammed now.

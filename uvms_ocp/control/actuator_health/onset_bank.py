@@ -62,7 +62,7 @@ class OnsetBank:
             array[...] = 0.0
 
     def look(self, thrust: np.ndarray, innovation: Innovation, t: float, *, keep: bool) -> None:
-        """Take in the filtered thrust (n,) [N] asked and the newest innovation; keep: begin no new onset."""
+        """Take in the filtered thrust (n,) [N] asked and the newest innovation at time t [s]; keep: begin no new onset."""
         if not keep:
             if self._count % _GAP == 0:
                 self._begin(thrust, t)
@@ -80,7 +80,7 @@ class OnsetBank:
         self._looks += 1.0
 
     def best(self, asked: np.ndarray) -> Suspicion:
-        """The likeliest single fault of the thrusters (n,) that are asked for."""
+        """The likeliest single fault of the thrusters that are asked for; asked (n,) [-]: whether each is."""
         gain = np.where(asked, self._gains(), 0.0)
         by_thruster = gain.max(axis=0)
         i = int(by_thruster.argmax())

@@ -29,7 +29,7 @@ class Answer:
     thrusters: tuple[int, ...]
     """Those that fall short."""
     theta: np.ndarray
-    """[-] by how much each of them, share of what it is asked."""
+    """(k,) [-] by how much each of them, share of what it is asked."""
     gain: float
     """[-] over all being sound, in variances."""
     lead: float
@@ -76,7 +76,7 @@ class Probe:
         return n if n and abs(n * per_cycle - len(self._seen)) < 0.5 else 0
 
     def look(self, thrust: np.ndarray, innovation: Innovation, t: float) -> None:
-        """Take in the filtered thrust (n,) [N] asked and the newest innovation."""
+        """Take in the filtered thrust (n,) [N] asked and the newest innovation at time t [s]."""
         if self._mean is None:
             self._mean = thrust.copy()
         change = thrust - self._mean

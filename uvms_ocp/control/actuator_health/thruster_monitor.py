@@ -73,7 +73,7 @@ class ThrusterMonitor:
         self._started = False
 
     def update(self, residual: np.ndarray, asked: np.ndarray, t: float) -> tuple[int, ...]:
-        """Take in the residual wrench (6,) [N, N m] and the thrust (n,) [N] that was asked, as modelled, at time t [s].
+        """Take in the residual (6,) [N, N m] and the thrust asked (n,) [N], as modelled, at time t [s].
 
         Returns the thrusters that were found faulty now.
         """

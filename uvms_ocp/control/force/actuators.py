@@ -68,7 +68,7 @@ class Actuators:
         return self._lag.drive(wanted if probe is None else wanted + probe, hurry=hurry)
 
     def adapt(self, effect: Effect, jammed: np.ndarray) -> None:
-        """From now on: what thrusters make of their commands; jammed (n_joints,) joints get no torque."""
+        """From now on: what thrusters make of their commands; jammed (n_joints,) [-]: which joints get no torque."""
         self._effect, self._idle = effect, jammed
         self._allocation = DegradedAllocation(self._whole, effect)
 
