@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from actuators.hovering import Hover, ThrusterFault, run
+from actuators.hovering import Hover, run
 
 from uvms_ocp.control.actuator_health.authority import authority_of
 from uvms_ocp.control.actuator_health.effect import Effect
 from uvms_ocp.control.actuator_health.joint_monitor import JointMonitor
 from uvms_ocp.control.actuator_health.probe import wave_of
 from uvms_ocp.control.actuator_health.tuning import HealthTuning
-from uvms_ocp.control.actuator_health.verdicts import FaultKind, Health
+from uvms_ocp.control.actuator_health.verdicts import FaultKind
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.thrusters import thrust_limits, thruster_matrix
@@ -84,16 +84,6 @@ def test_impossible_tunings_are_refused() -> None:
         HealthTuning(sound_share=1.0)
     with pytest.raises(InvalidInput, match="rest"):
         HealthTuning(rest=0.0)
-
-
-def test_a_reversed_thruster_is_named_and_the_vehicle_stays_where_it_should() -> None:
-    fault = ThrusterFault(thruster=4, share=-1.0, onset=5.0)
-    outcome = run(Hover(faults=(fault,), duration=14.0, seed=4))
-    assert outcome.monitor is not None
-    verdicts = outcome.monitor.thrusters.verdicts
-    assert verdicts[4].kind is FaultKind.REVERSED
-    assert [k for k, verdict in enumerate(verdicts) if verdict.health is Health.FAULTY] == [4]
-    assert any(text.startswith("thruster 5 (vertical_bow_port)") for _, text in outcome.alarms)
 
 
 def test_commands_are_the_same_to_the_last_bit_while_nothing_is_suspect() -> None:
