@@ -80,7 +80,7 @@ class EventMeta(MetaValue):
 
 
 class AlarmMeta(MetaValue):
-    """What the watchdog said, which hears of every channel."""
+    """What the watchdog said, or the monitor of the sensors, which names the channel first."""
 
     t: Number
     """[s]"""

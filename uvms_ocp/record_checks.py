@@ -24,6 +24,8 @@ _UNKNOWN = ("thruster_energy",)
 _ENDLESS = ("altimeter_range", "activity", "residual", "quantities")
 """Where infinity too may stand, such as for a range without an echo, and at ticks whose input the solver refused."""
 _VEHICLE_Q, _VEHICLE_V = 7, 6
+_WORST_HEALTH = 2
+"""Codes of health: 0 good, 1 suspect, 2 lost."""
 
 
 def check_series(series: Series, meta: RunMeta | PlanMeta) -> None:
@@ -40,6 +42,7 @@ def check_series(series: Series, meta: RunMeta | PlanMeta) -> None:
             raise InvalidInput(f"series {name!r} has shape {shape}; its metadata allow {shape[0]} rows of {columns}")
     _check_counts(series, meta)
     _check_quaternions(series, meta)
+    _check_health(series, meta)
     if isinstance(meta, RunMeta):
         _check_start_and_events(series["t"], meta)
 
@@ -129,6 +132,18 @@ def _check_counts(series: Series, meta: RunMeta | PlanMeta) -> None:
                 raise InvalidInput(
                     f"series {name!r} counts what the metadata do not have; allowed: whole numbers below {n}"
                 )
+
+
+def _check_health(series: Series, meta: RunMeta | PlanMeta) -> None:
+    if "health" not in series:
+        return
+    values, n = series["health"], len(meta.channels) if isinstance(meta, RunMeta) else 0
+    columns = values.ndim == 2 and values.shape[1] == n and values.dtype.kind in "iu"
+    if not columns or (values.size and not 0 <= values.min() <= values.max() <= _WORST_HEALTH):
+        raise InvalidInput(
+            f"series 'health' is {values.dtype} of shape {values.shape}; "
+            f"allowed: whole numbers from 0 to {_WORST_HEALTH}, a column for each of {n} channels"
+        )
 
 
 def _check_quaternions(series: Series, meta: RunMeta | PlanMeta) -> None:

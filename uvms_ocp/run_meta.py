@@ -94,6 +94,8 @@ class RunMeta(RecordMeta):
     alarms: tuple[AlarmMeta, ...] = ()
     faults: tuple[FaultMeta, ...] = ()
     """What went wrong on purpose; what the mission was not told."""
+    channels: tuple[str, ...] = ()
+    """Names of the sensors, one per column of the series ``health``; empty in older records."""
     true_quantities: tuple[QuantityMeta, ...] = ()
     """At the true state at the end."""
     sensors_allow: tuple[QuantityMeta, ...] = ()
@@ -104,6 +106,11 @@ class RunMeta(RecordMeta):
     noise: bool = False
     wall_s: Number = 0.0
     """[s] that the simulation took."""
+
+    @model_validator(mode="after")
+    def _has_channels_of_one_meaning(self) -> RunMeta:
+        require_once("channels", self.channels)
+        return self
 
     @model_validator(mode="after")
     def _goes_from_phase_to_phase(self) -> RunMeta:

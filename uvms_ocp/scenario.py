@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike
 from uvms_ocp.arguments import DAY, Count, checked
 from uvms_ocp.control.force.dynamic import DynamicController, VelocityGains
 from uvms_ocp.control.navigation.estimator import Estimator, PassThrough
+from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
+from uvms_ocp.control.navigation.health.monitor import HealthMonitor
 from uvms_ocp.control.velocity.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.meta_values import FaultMeta
@@ -128,11 +130,12 @@ class Scenario:
         """
         kinematic = kinematic or self.controller()
         plant, controller = self._plant_and_controller(kinematic)
+        estimator = self._estimator()
         begin = perf_counter()
         recorder = simulate(
             plant=plant,
             sensors=self._sensor_suite().read,
-            estimator=self._estimator(),
+            estimator=estimator,
             controller=controller,
             dt=self.dt,
             duration=self.duration,
@@ -142,7 +145,7 @@ class Scenario:
         truth = kinematic.evaluate(self._true_measurement(plant.state), recorder.last("t"))
         at_events = self._truth_at_events(kinematic, recorder)
         ending = Ending(q=recorder.last("q"), quantities=truth, at_events=at_events, wall_s=wall)
-        return recorder.freeze(self._meta(kinematic, ending))
+        return recorder.freeze(self._meta(kinematic, estimator.monitor, ending))
 
     def _truth_at_events(self, kinematic: KinematicController, recorder: Recorder) -> tuple[dict[str, float], ...]:
         """All quantities at the true state when each phase ended, of the goals that it had."""
@@ -153,7 +156,7 @@ class Scenario:
             truths.append(kinematic.evaluate(self._true_measurement(then), event.t, state))
         return tuple(truths)
 
-    def _meta(self, controller: KinematicController, ending: Ending) -> RunMeta:
+    def _meta(self, controller: KinematicController, monitor: HealthMonitor, ending: Ending) -> RunMeta:
         return run_meta(
             name=self.name,
             setup=self.setup(),
@@ -164,6 +167,7 @@ class Scenario:
             markers=self.markers,
             faults=tuple(map(_told, self.faults)),
             controller=controller,
+            monitor=monitor,
             ending=ending,
         )
 
@@ -180,7 +184,12 @@ class Scenario:
         floor = self.environment.seafloor
         return SensorSuite(self.robot, floor, self.sensors, self.seed, self.altimeter_frame, self.faults)
 
-    def _estimator(self) -> StateEstimator:
+    def _estimator(self) -> GuardedEstimator:
+        """With a monitor that keeps from it what cannot be true."""
+        monitor = HealthMonitor(self.robot, self.sensors, altimeter_frame=self.altimeter_frame)
+        return GuardedEstimator(self._unguarded(), self.robot, self.sensors, monitor)
+
+    def _unguarded(self) -> StateEstimator:
         if self.sensors == IDEAL_SENSORS:
             return PassThrough(self.robot, self.sensors)
         return Estimator(self.robot, self.sensors, altimeter_frame=self.altimeter_frame)

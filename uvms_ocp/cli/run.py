@@ -201,6 +201,11 @@ def _print_what_went_wrong(console: Console, report: dict[str, Any]) -> None:
         console.print(f"fault from {fault['t']:g} s{until}: {fault['text']}", style="yellow")
     for alarm in report["alarms"]:
         console.print(plain_line(f"alarm at {alarm['t']:.2f} s: {alarm['text']}"), style="yellow")
+    for row in report["sensor_health"]:
+        if row["first_s"] is not None:
+            times = f"suspect for {row['suspect_s']:.2f} s, lost for {row['lost_s']:.2f} s"
+            text = f"{row['channel']} {times}, first at {row['first_s']:.2f} s: {row['why']}"
+            console.print(plain_line(text), style="yellow")
 
 
 def _title(name: str, title: str) -> str:

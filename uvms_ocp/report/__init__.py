@@ -7,6 +7,7 @@ from uvms_ocp.report.ocp_motion import ocp_report as ocp_report
 from uvms_ocp.report.planned_motion import motion_record as motion_record
 from uvms_ocp.report.planned_motion import plan_report as plan_report
 from uvms_ocp.report.resources import resources as resources
+from uvms_ocp.report.sensor_health import sensor_health as sensor_health
 from uvms_ocp.report.series import max_velocity_step as max_velocity_step
 from uvms_ocp.report.series import quantity as quantity
 from uvms_ocp.report.summary import phase_table as phase_table

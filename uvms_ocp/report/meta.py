@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from uvms_ocp.collision.collision_scene import Nearest
 from uvms_ocp.collision.obstacle_file import describe_obstacle
+from uvms_ocp.control.navigation.health.monitor import HealthMonitor
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.meta_values import (
     AlarmMeta,
@@ -78,11 +79,12 @@ def run_meta(
     markers: Markers,
     faults: tuple[FaultMeta, ...],
     controller: KinematicController,
+    monitor: HealthMonitor,
     ending: Ending,
 ) -> RunMeta:
     """What a record tells of a run of the mission in `setup`.
 
-    controller: the one that ran, which knows what happened. `noise` tells whether the sensors had any.
+    controller, monitor: those that ran, which know what happened. `noise` tells whether the sensors had any.
     """
     robot, tasks, state = setup.robot, setup.mission.hierarchy.tasks, controller.state
     return RunMeta(
@@ -106,7 +108,8 @@ def run_meta(
         pending="" if state.completed else controller.pending(),
         abort_phase="" if setup.mission.abort is None else setup.mission.abort.phase.name,
         events=_events(controller, ending),
-        alarms=tuple(AlarmMeta(t=t, text=text) for t, text in controller.watchdog.alarms),
+        alarms=tuple(AlarmMeta(t=t, text=text) for t, text in sorted([*monitor.alarms, *controller.watchdog.alarms])),
+        channels=monitor.channels,
         faults=faults,
         true_quantities=_values(ending.quantities),
         sensors_allow=_values(quantity_spreads(setup, ending.q)),

@@ -13,6 +13,7 @@ from uvms_ocp.report.cause import cause_of_end
 from uvms_ocp.report.goals import ended_too_early, goal_table
 from uvms_ocp.report.meta import versions
 from uvms_ocp.report.resources import figures_between, resources
+from uvms_ocp.report.sensor_health import sensor_health
 from uvms_ocp.report.series import known, largest, max_velocity_step, quantities_at, quantity
 
 _SETTLING = 0.5  # [s] after the start of a phase, before its drift counts
@@ -42,6 +43,7 @@ def summarize(record: Record) -> dict[str, Any]:
         "seed": meta.seed,
         "noise": meta.noise,
         "faults": [fault.model_dump() for fault in meta.faults],
+        "sensor_health": sensor_health(record),
         "alarms": [alarm.model_dump() for alarm in meta.alarms],
         "tool_position_error_m": known(meta.true_quantity(f"{task}.position_error")),
         "tool_orientation_error_rad": known(meta.true_quantity(f"{task}.orientation_error")),

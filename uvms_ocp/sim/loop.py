@@ -70,6 +70,12 @@ def require_few_ticks(duration: float, dt: float) -> None:
         )
 
 
+def _health(measurement: Measurement) -> dict[str, Any]:
+    """Where somebody judges."""
+    judged = measurement.health
+    return {"health": np.array([channel.trust for channel in judged], dtype=np.int8)} if judged else {}
+
+
 def _row(t: float, plant: Plant, measurement: Measurement, command: Command) -> Mapping[str, Any]:
     return {
         "t": np.float64(t),
@@ -79,6 +85,7 @@ def _row(t: float, plant: Plant, measurement: Measurement, command: Command) -> 
         "v_measured": measurement.v,
         "altimeter_range": np.float64(measurement.altimeter_range),
         "command": command.v,
+        **_health(measurement),
         **command.telemetry,
         **plant.telemetry(),
     }

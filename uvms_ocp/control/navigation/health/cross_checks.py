@@ -1,0 +1,72 @@
+"""Pairs of channels that tell of the same motion, and which of a pair is to blame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.control.navigation.health.channel_state import ChannelState
+from uvms_ocp.control.navigation.health.disagreement import (
+    DepthAgainstPosition,
+    RateAgainstAttitude,
+    VelocityAgainstPosition,
+)
+from uvms_ocp.control.navigation.health.history import Estimate
+from uvms_ocp.model.sensing import SensorSpec
+from uvms_ocp.model.state import Reading
+
+_RECENT = 10.0  # [s] for which a refused reading speaks against its channel when it comes to blame
+
+
+class Quarrel(NamedTuple):
+    """Two channels that cannot both be right."""
+
+    channels: tuple[str, str]
+    why: str
+
+
+class CrossChecks:
+    """Hears every reading that is used. Build one per run."""
+
+    def __init__(self, specs: Mapping[str, SensorSpec]) -> None:
+        """specs: of every channel that the robot has."""
+        noise = {name: spec.sigma + max(map(abs, spec.biases)) for name, spec in specs.items()}
+        position, attitude, depth = (noise.get(name, 0.0) for name in ("position", "attitude", "depth"))
+        self._velocity = VelocityAgainstPosition(position)
+        self._rate = RateAgainstAttitude(attitude)
+        self._depth = DepthAgainstPosition(float(np.hypot(position, depth)))
+
+    def hear(self, name: str, reading: Reading[Any], estimate: Estimate) -> tuple[Quarrel, ...]:
+        """What the reading of a channel makes clear; the estimate is that of when it was taken."""
+        value, t = reading.value, reading.t
+        if name == "position":
+            return self._fix(value, t, estimate)
+        if name == "linear_velocity":
+            self._velocity.velocity(_in_world(estimate, value), t)
+        elif name == "depth":
+            self._depth.depth(float(value), t)
+        elif name == "angular_velocity":
+            self._rate.rate(value, t)
+        elif name == "attitude" and (why := self._rate.attitude(value, t)):
+            return (Quarrel(("angular_velocity", "attitude"), why),)
+        return ()
+
+    def _fix(self, p: np.ndarray, t: float, estimate: Estimate) -> tuple[Quarrel, ...]:
+        moving = self._velocity.position(p, t)
+        deep = self._depth.position(p, _in_world(estimate, estimate.v[:3]), t)
+        found = ((("linear_velocity", "position"), moving), (("depth", "position"), deep))
+        return tuple(Quarrel(channels, why) for channels, why in found if why)
+
+
+def blamed(quarrel: Quarrel, states: Mapping[str, ChannelState], t: float) -> tuple[str, ...]:
+    """The one of the two whose readings were refused not long before time t [s]; both where that does not tell."""
+    there = tuple(name for name in quarrel.channels if name in states)
+    guilty = tuple(name for name in there if t - states[name].refused_at <= _RECENT)
+    return guilty if len(guilty) == 1 else there
+
+
+def _in_world(estimate: Estimate, v_B: np.ndarray) -> np.ndarray:
+    return pin.Quaternion(estimate.q[3:7]) * v_B

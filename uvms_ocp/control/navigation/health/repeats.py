@@ -1,0 +1,59 @@
+"""Values that repeat themselves bit by bit although the sensor has noise: it is frozen."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+_SHARE = 0.5  # of the noise that a sensor is said to have, which it is taken to have at least
+
+
+class Repeats:
+    """Counts how often each component of a channel has repeated itself.
+
+    A sensor repeats a value by chance where its resolution is no finer than its noise. The smallest change that it ever made
+    is an upper bound of its resolution, so that the chance p of one repetition is at most that of noise staying within this
+    change, and n repetitions speak against it where p^n is below a chance that one does not expect to meet. A sensor at
+    rest whose resolution is much coarser than its noise has p near 1 and never alarms; nor does one without noise.
+    """
+
+    def __init__(self, sigma: float, *, each: bool, chance: float) -> None:
+        """sigma [unit of the channel]: noise. each: judge every component by itself, not all together alone.
+
+        chance [-]: that repetitions have without a fault.
+        """
+        self._noise, self._each, self._chance = _SHARE * sigma, each, math.log(chance)
+        self._last: np.ndarray | None = None
+        self._runs = np.zeros(0, dtype=int)
+        self._finest = math.inf
+        """[unit of the channel] smallest change so far."""
+
+    def frozen(self, value: Any) -> str | None:
+        """Why the channel counts as frozen, by the newest value."""
+        if self._noise == 0.0:
+            return None
+        new = np.atleast_1d(np.asarray(value, dtype=float))
+        if self._last is None:
+            self._last, self._runs = new.copy(), np.zeros(len(new), dtype=int)
+            return None
+        change = np.abs(new - self._last)
+        same = change == 0.0
+        self._runs = np.where(same, self._runs + 1, 0)
+        self._finest = min(self._finest, float(np.min(change, where=~same, initial=math.inf)))
+        self._last = new.copy()
+        return self._verdict()
+
+    def _verdict(self) -> str | None:
+        most, all_together = int(self._runs.max()), int(self._runs.min())
+        if most < 2 or not self._unlikely(most, all_together):
+            return None
+        which = "" if all_together >= 2 or len(self._runs) == 1 else f", component {int(self._runs.argmax()) + 1}"
+        return f"the same value {max(most, 1) + 1} times{which}"
+
+    def _unlikely(self, most: int, all_together: int) -> bool:
+        p = math.erf(self._finest / (2.0 * self._noise)) if math.isfinite(self._finest) else 1.0
+        one = math.log(max(p, 1e-300))
+        together = all_together >= 2 and all_together * len(self._runs) * one < self._chance
+        return together or (self._each and most * one < self._chance)
