@@ -203,9 +203,13 @@ def _print_what_went_wrong(console: Console, report: dict[str, Any]) -> None:
         console.print(plain_line(f"alarm at {alarm['t']:.2f} s: {alarm['text']}"), style="yellow")
     for row in report["sensor_health"]:
         if row["first_s"] is not None:
-            times = f"suspect for {row['suspect_s']:.2f} s, lost for {row['lost_s']:.2f} s"
-            text = f"{row['channel']} {times}, first at {row['first_s']:.2f} s: {row['why']}"
-            console.print(plain_line(text), style="yellow")
+            console.print(plain_line(_ill(row)), style="yellow")
+
+
+def _ill(row: dict[str, Any]) -> str:
+    """How a channel fared that was not always good."""
+    spans = f"suspect for {row['suspect_s']:.2f} s, lost for {row['lost_s']:.2f} s"
+    return f"{row['channel']} {spans}, first at {row['first_s']:.2f} s: {row['why']}"
 
 
 def _title(name: str, title: str) -> str:

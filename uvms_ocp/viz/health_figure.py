@@ -46,9 +46,7 @@ def _bar(axis: Axes, t: np.ndarray, row: int, codes: np.ndarray) -> None:
     starts = np.flatnonzero(np.diff(codes, prepend=-1))
     ends = np.append(starts[1:], len(t) - 1)
     for color, code in zip(_COLORS.values(), range(len(_COLORS)), strict=True):
-        pieces = [
-            (t[i], t[j] - t[i]) for i, j, state in zip(starts, ends, codes[starts], strict=True) if state == code
-        ]
+        pieces = [(t[i], t[j] - t[i]) for i, j, state in zip(starts, ends, codes[starts], strict=True) if state == code]
         axis.broken_barh(pieces, (row - _HEIGHT / 2, _HEIGHT), facecolors=color, lw=0)
 
 

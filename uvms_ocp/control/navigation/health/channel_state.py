@@ -17,8 +17,8 @@ _health = trusted(ChannelHealth)
 class ChannelState:
     """The last reading that was used, and a verdict with its reason.
 
-    A complaint makes a channel suspect for `HealthTuning.clean` seconds, silence makes it suspect and then lost, and so do readings
-    that are all refused. A reading that is used ends the loss; nothing is lost for good.
+    A complaint makes a channel suspect for `HealthTuning.clean` seconds; silence makes it suspect and then lost, and so do
+    readings that are all refused. A reading that is used ends the loss; nothing is lost for good.
     """
 
     def __init__(self, name: str, spec: SensorSpec, tuning: HealthTuning) -> None:

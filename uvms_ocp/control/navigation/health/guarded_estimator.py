@@ -93,7 +93,7 @@ class GuardedEstimator:
         return all(getattr(readings, name) is not None for name in asked)
 
     def _altitude_known(self, t: float) -> bool:
-        """An estimator carries the altitude on while the altimeter is suspect; the last echo alone is true for its moment only."""
+        """An estimator carries the altitude on while the altimeter is suspect; an echo alone is true for its moment only."""
         name = "altimeter_range"
         if name not in self.monitor.channels:
             return True

@@ -82,7 +82,9 @@ def _vehicle_gates(limits: Limits, tuning: HealthTuning) -> dict[str, Gate]:
         "position": Gate(_position, tuning.position, tuning.position_drift, v, fixes[1:], unit="m"),
         "depth": Gate(_depth, tuning.position, tuning.position_drift, v, fixes, unit="m"),
         "attitude": Gate(_attitude, tuning.attitude, tuning.attitude_drift, w, ("angular_velocity",), unit="rad"),
-        "angular_velocity": Gate(_angular_velocity, tuning.rate, alpha, alpha, (), 4 * w + tuning.rate, "rad/s"),
+        "angular_velocity": Gate(
+            _angular_velocity, tuning.rate, tuning.rate_drift, alpha, ("attitude",), 4 * w + tuning.rate, "rad/s"
+        ),
         "linear_velocity": Gate(_velocity, tuning.velocity, tuning.velocity_drift, a, fixes[:1], v, "m/s"),
     }
 

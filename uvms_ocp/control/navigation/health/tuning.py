@@ -50,6 +50,8 @@ class HealthTuning:
     """[m/s2] of a velocity that position fixes carry."""
     rate: float = 0.2
     """[rad/s] of the vehicle: a blow."""
+    rate_drift: float = 0.1
+    """[rad/s2] of a rate that attitudes carry."""
     joints: float = 0.05
     """[rad or m] of joint positions."""
     joint_rate: float = 0.5
@@ -57,11 +59,15 @@ class HealthTuning:
     current: float = 1.0
     """[m/s] of water, which moves a vehicle beyond its own velocity limits."""
     slope: float = 3.0
-    """[-] of a floor: the steepest side of one that is called rough, 2, and of two that overlap."""
+    """[-] of a floor; the steepest way over 1350 lines across floors with large protuberances is 2.8."""
+    relief: float = 10.0
+    """[m] of the highest step of a floor: nearly twice the highest of large protuberances."""
     step_time: float = 2.0
     """[s] for which echoes from a floor that is farther away agree before they are believed: twenty of a 10 Hz altimeter."""
     step_travel: float = 0.2
     """[m] of vertical motion in that time, which a value that is stuck does not follow; ten times the noise."""
+    step_way: float = 0.3
+    """[m] of horizontal motion after which there may be another floor."""
     floor_memory: float = 60.0
     """[s] for which an echo tells of the floor where it was taken."""
     encoder_travel: float = 0.02

@@ -1,0 +1,83 @@
+"""A robot that sways above a floor, its sensors, a defect for some seconds, and what the guarded estimator makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import corruptors
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.control.navigation.estimator import Estimator
+from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
+from uvms_ocp.model.health import Trust
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.sensing import SensorSpecs
+from uvms_ocp.model.state import Command, Readings, State
+from uvms_ocp.sim.seafloor import FlatSeafloor, Seafloor
+from uvms_ocp.sim.sensors import SensorSuite
+
+Motion = Callable[[float], np.ndarray]
+Spoil = Callable[[Readings, float], Readings]
+
+FLOOR = FlatSeafloor(z=-40.0)
+
+
+def swaying(robot: Robot) -> Motion:
+    amplitude = np.array([0.3, 0.2, 0.2, 0.1, 0.1, 0.2] + [0.3] * robot.n_joints)
+    frequency = np.linspace(0.5, 1.2, robot.n_v)  # [rad/s]
+    return lambda t: amplitude * np.sin(frequency * t)
+
+
+class HealthRun:
+    """Series over the ticks of one run."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        *,
+        duration: float,
+        spoil: Spoil = lambda readings, t: readings,
+        motion: Motion | None = None,
+        specs: SensorSpecs | None = None,
+        floor: Seafloor = FLOOR,
+        dt: float = 0.01,
+        start_z: float = -36.0,
+        seed: int = 0,
+    ) -> None:
+        """spoil: what happens to the readings on their way."""
+        specs, motion = specs or SensorSpecs(), motion or swaying(robot)
+        suite, q = SensorSuite(robot, floor, specs, seed=seed), robot.configuration(position=(0.0, 0.0, start_z))
+        self.guard = GuardedEstimator(Estimator(robot, specs), robot, specs)
+        self.t, rows, command = dt * np.arange(round(duration / dt)), [], None
+        for t in self.t:
+            v = motion(t)
+            m = self.guard(spoil(suite.read(State(q=q, v=v), t), t), t, command)
+            rows.append((q, m.q, v, m.v, m.altimeter_range, m.age, m.joint_age, [h.trust for h in m.health]))
+            command, q = Command(v=motion(t + dt)), pin.integrate(robot.model, q, motion(t + dt / 2) * dt)
+        columns = [np.array(column) for column in zip(*rows, strict=True)]
+        self.q, self.q_estimated, self.v, self.v_estimated, self.range, self.age, self.joint_age, self.trust = columns
+
+    def of(self, channel: str) -> np.ndarray:
+        """The verdicts on a channel."""
+        return np.asarray(self.trust[:, self.guard.monitor.channels.index(channel)])
+
+    def first_bad(self, channel: str, since: float) -> float:
+        """Time after `since` [s] until the channel is no longer good; inf if it stays good."""
+        bad = self.t[(self.of(channel) != Trust.GOOD) & (self.t >= since)]
+        return float(bad[0]) - since if len(bad) else np.inf
+
+    def last_bad(self, channel: str) -> float:
+        """[s] when the channel was bad for the last time."""
+        bad = self.t[self.of(channel) != Trust.GOOD]
+        return float(bad[-1]) if len(bad) else -np.inf
+
+
+def between(name: str, defect: str, start: float, end: float) -> Spoil:
+    """A defect of a channel from `start` to `end` [s]."""
+    corrupt = corruptors.DEFECTS[defect](name)
+    return lambda readings, t: (
+        corruptors.with_defect(readings, name, corrupt, t)
+        if start <= t < end and getattr(readings, name) is not None
+        else readings
+    )

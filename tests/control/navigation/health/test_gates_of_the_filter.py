@@ -1,0 +1,102 @@
+"""What an estimator with gates of its own tells of its readings, and joints that do not do as they are told."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from health_run import FLOOR
+
+from uvms_ocp.control.navigation.estimator import Estimator, PassThrough
+from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
+from uvms_ocp.control.navigation.health.tuning import HealthTuning
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.health import Trust
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.sensing import IDEAL_SENSORS
+from uvms_ocp.model.state import Command, Measurement, Readings, State
+from uvms_ocp.sim.sensors import SensorSuite
+
+DT = 0.01
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot("girona_maris7")
+
+
+class Gated(Estimator):
+    """Refuses, it says, position fixes of some time."""
+
+    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
+        self._now, self._fix = t, readings.position
+        return super().__call__(readings, t, command)
+
+    def outcome(self, channel: str) -> tuple[float, float, int, bool] | None:
+        reading = self._fix if channel == "position" else None
+        return None if reading is None else (reading.t, 75.0, 3, not 2.0 <= reading.t < 5.0)
+
+
+def test_readings_that_the_filter_refuses_make_a_channel_suspect_then_lost_and_good_again(robot: Robot) -> None:
+    suite, guard = SensorSuite(robot, FLOOR), GuardedEstimator(Gated(robot), robot)
+    state, trust = State(q=robot.configuration(position=(0, 0, -36)), v=np.zeros(robot.n_v)), {}
+    for k in range(800):
+        measurement = guard(suite.read(state, k * DT), k * DT)
+        trust[round(k * DT, 2)] = next(h for h in measurement.health if h.channel == "position")
+    assert trust[1.9].trust is Trust.GOOD
+    assert trust[2.1].trust is Trust.SUSPECT
+    assert trust[2.1].why == "5 times the innovation expected"
+    assert trust[4.5].trust is Trust.LOST
+    assert trust[7.0].trust is Trust.GOOD
+    assert {h.channel for h in measurement.health if h.trust is not Trust.GOOD} == set()
+
+
+@pytest.mark.parametrize("ideal", [True, False])
+def test_encoders_that_stand_still_while_joints_are_asked_to_move_are_frozen(robot: Robot, ideal: bool) -> None:
+    specs = {"specs": IDEAL_SENSORS} if ideal else {}
+    suite = SensorSuite(robot, FLOOR, **specs)
+    inner = PassThrough(robot) if ideal else Estimator(robot)
+    guard, asked = GuardedEstimator(inner, robot, **specs), np.zeros(robot.n_v)
+    asked[robot.joint_v] = 0.2
+    state, first = State(q=robot.configuration(position=(0, 0, -36)), v=np.zeros(robot.n_v)), None
+    for k in range(60):
+        readings = suite.read(state, k * DT)
+        first = first or readings
+        assert first.joint_positions is not None
+        frozen = replace(first.joint_positions, t=k * DT)
+        measurement = guard(replace(readings, joint_positions=frozen), k * DT, Command(v=asked))
+    health = {h.channel: h for h in measurement.health}["joint_positions"]
+    assert health.trust is not Trust.GOOD
+    assert "joint1 does not change while" in health.why
+    assert measurement.joint_age > 0.3
+
+
+def test_locked_joints_are_not_asked_to_move(robot: Robot) -> None:
+    suite, guard = SensorSuite(robot, FLOOR, IDEAL_SENSORS), GuardedEstimator(PassThrough(robot), robot, IDEAL_SENSORS)
+    state = State(q=robot.configuration(position=(0, 0, -36)), v=np.zeros(robot.n_v))
+    for k in range(100):
+        guard(suite.read(state, k * DT), k * DT, Command(v=np.full(robot.n_v, 0.2), brakes=True))
+    assert guard.monitor.alarms == []
+
+
+def test_nothing_but_nonsense_from_the_start_gives_no_measurement_and_no_end(robot: Robot) -> None:
+    suite, guard = SensorSuite(robot, FLOOR, IDEAL_SENSORS), GuardedEstimator(PassThrough(robot), robot, IDEAL_SENSORS)
+    state = State(q=robot.configuration(position=(0, 0, -36)), v=np.zeros(robot.n_v))
+    for k in range(50):
+        readings = suite.read(state, k * DT)
+        assert readings.attitude is not None
+        bad = replace(readings.attitude, value=np.zeros(4)) if k < 40 else readings.attitude
+        measurement = guard(replace(readings, attitude=bad), k * DT)
+        assert (measurement.age == math.inf) == (k < 40)
+    assert guard.monitor.alarms[0][1] == "attitude suspect: a quaternion of length 0"
+
+
+@pytest.mark.parametrize("name", HealthTuning.__slots__)
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
+def test_wrong_tunings_of_the_monitor_are_refused_in_one_line(name: str, value: float) -> None:
+    with pytest.raises(InvalidInput, match=name) as error:
+        HealthTuning(**{name: value})
+    assert "\n" not in str(error.value)

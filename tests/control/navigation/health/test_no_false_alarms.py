@@ -1,0 +1,106 @@
+"""Where nothing fails nothing is said, and nothing changes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from health_run import FLOOR, HealthRun, swaying
+
+from uvms_ocp.control.navigation.estimator import Estimator, PassThrough
+from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
+from uvms_ocp.control.navigation.health.repeats import Repeats
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpec, SensorSpecs
+from uvms_ocp.model.state import Command, State
+from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
+from uvms_ocp.sim.sensors import SensorSuite
+
+LATE = SensorSpecs(
+    position=SensorSpec(rate=5.0, sigma=0.02, delay=1.0),
+    linear_velocity=SensorSpec(rate=5.0, sigma=0.002, delay=0.2),
+    joint_positions=SensorSpec(rate=200.0, sigma=1e-4, delay=0.01),
+    altimeter_range=SensorSpec(rate=10.0, sigma=0.01, delay=0.1),
+)
+LOSSY = SensorSpecs(
+    position=SensorSpec(rate=5.0, sigma=0.02, dropout=0.3),
+    attitude=SensorSpec(rate=100.0, sigma=0.001, dropout=0.3),
+    altimeter_range=SensorSpec(rate=10.0, sigma=0.01, dropout=0.3),
+)
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot("girona_maris7")
+
+
+@pytest.mark.parametrize("specs", [SensorSpecs(), LATE, LOSSY], ids=["usual", "late", "lossy"])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_swaying_robot_with_sound_sensors_raises_no_alarm(robot: Robot, specs: SensorSpecs, seed: int) -> None:
+    assert HealthRun(robot, duration=15.0, specs=specs, seed=seed).guard.monitor.alarms == []
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_sound_readings_pass_as_they_are(robot: Robot, moving: bool) -> None:
+    suite, bare = SensorSuite(robot, FLOOR, seed=2), Estimator(robot)
+    guarded = GuardedEstimator(Estimator(robot), robot)
+    v = swaying(robot)(1.0) if moving else np.zeros(robot.n_v)
+    q, command = robot.configuration(position=(0.0, 0.0, -36.0)), Command(v=np.zeros(robot.n_v))
+    for k in range(600):
+        readings = suite.read(State(q=q, v=np.zeros(robot.n_v)), k * 0.005)
+        a, b = (estimator(readings, k * 0.005, command) for estimator in (bare, guarded))
+        np.testing.assert_array_equal(a.q, b.q)
+        np.testing.assert_array_equal(a.v, b.v)
+        np.testing.assert_array_equal(a.altimeter_range, b.altimeter_range)
+        assert a.age == b.age or np.isinf(a.age) or a.age < 0.3
+    assert guarded.monitor.alarms == []
+    assert len(v) == robot.n_v
+
+
+@pytest.mark.parametrize("plant", ["kinematic", "dynamic"])
+def test_ideal_sensors_give_the_run_that_they_gave_without_a_monitor(
+    monkeypatch: pytest.MonkeyPatch, plant: str
+) -> None:
+    scenario = case1(plant=plant, duration=1.5, dt=0.02)
+    watched = scenario.run()
+    monkeypatch.setattr(GuardedEstimator, "__call__", lambda self, *args: self.estimator(*args))
+    bare = scenario.run()
+    assert watched.meta.alarms == bare.meta.alarms == ()
+    assert not watched["health"].any()
+    for name in ("q", "v", "command", "altimeter_range", "quantities"):
+        np.testing.assert_array_equal(watched[name], bare[name])
+
+
+def test_case1_with_noise_in_gusts_raises_no_alarm() -> None:
+    current = GustyCurrent(base=UniformCurrent([0.2, 0.1, 0.0]), seed=1)
+    record = case1(noise=True, seed=5, current=current, duration=4.0, dt=0.01).run()
+    assert record.meta.alarms == ()
+    assert not record["health"].any()
+
+
+@pytest.mark.parametrize("quantum", [0.0, 0.02, 0.25, 1.0, 3.0, 30.0])
+def test_a_robot_at_rest_with_coarse_sensors_does_not_count_as_frozen(quantum: float) -> None:
+    rng, sigma = np.random.default_rng(3), 0.01
+    repeats, last = Repeats(sigma, each=True, chance=1e-9), ""
+    for k in range(4000):
+        value = min(k, 300) * 0.3 * sigma + sigma * rng.standard_normal(3)  # moves, then rests
+        step = quantum * sigma
+        last = repeats.frozen(value if quantum == 0.0 else step * np.round(value / step)) or last
+    assert last == ""
+
+
+def test_sensors_without_noise_do_not_count_as_frozen() -> None:
+    repeats = Repeats(0.0, each=True, chance=1e-9)
+    assert not any(repeats.frozen(np.ones(3)) for _ in range(1000))
+
+
+def test_every_channel_of_ideal_sensors_may_rest(robot: Robot) -> None:
+    suite = SensorSuite(robot, FLOOR, IDEAL_SENSORS)
+    guarded = GuardedEstimator(PassThrough(robot), robot, IDEAL_SENSORS)
+    state = State(q=robot.configuration(position=(0.0, 0.0, -36.0)), v=np.zeros(robot.n_v))
+    rest = Command(v=np.zeros(robot.n_v))
+    ages = [guarded(suite.read(state, k * 0.005), k * 0.005, rest).age for k in range(400)]
+    assert ages == [0.0] * 400
+    assert guarded.monitor.alarms == []
+    assert len(guarded.monitor.channels) == 8
