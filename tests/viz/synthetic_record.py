@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.meta_values import LevelMeta, MarkerMeta, PhaseMeta, SurroundingsMeta, TaskMeta, ThresholdMeta
+from uvms_ocp.meta_values import AlarmMeta, LevelMeta, MarkerMeta, PhaseMeta, SurroundingsMeta, TaskMeta, ThresholdMeta
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.record import Record
 from uvms_ocp.run_meta import RunMeta
@@ -39,10 +39,17 @@ def synthetic_record(robot: Robot, *, duration: float = 6.0, dt: float = 0.02, *
         "activity": np.column_stack([np.ones((len(t), robot.n_v)), 1.0 - phase, 1.0 - phase, phase]),
         "quantities": np.exp(-np.outer(t, np.arange(1, 1 + len(QUANTITIES)))),
         "status": np.zeros(len(t), dtype=int),
+        "health": _health(t),
         "tick_time": 1e-4 * (1.5 + np.sin(7 * t)),
         **_efforts(robot, t),
     }
     return Record(series=series, meta=RunMeta(**{**_meta(robot), **meta}))
+
+
+def _health(t: np.ndarray) -> np.ndarray:
+    """One channel that is good throughout, one that is suspect, lost and suspect again."""
+    codes = np.array([0, 1, 2, 1, 0], dtype=np.int8)[np.clip(5 * np.arange(len(t)) // max(len(t), 1), 0, 4)]
+    return np.column_stack([np.zeros_like(codes), codes])
 
 
 def without(record: Record, *names: str, rows: slice = slice(None)) -> Record:
@@ -91,5 +98,11 @@ def _meta(robot: Robot) -> dict[str, Any]:
         "quantities": QUANTITIES,
         "thresholds": (ThresholdMeta(quantity="LA.altitude", limit=0.17, sign="<", phase="A"),),
         "joints": robot.joint_names,
+        "channels": ("position", "altimeter_range"),
+        "alarms": (
+            AlarmMeta(t=1.2, text="altimeter_range suspect: the same value 4 times"),
+            AlarmMeta(t=1.5, text="measurements are 0.60 s old: holding"),
+            AlarmMeta(t=2.4, text="altimeter_range lost: the same value 4 times"),
+        ),
         "surroundings": SURROUNDINGS,
     }

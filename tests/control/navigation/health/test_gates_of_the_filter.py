@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -28,6 +28,16 @@ def robot() -> Robot:
     return load_robot("girona_maris7")
 
 
+@dataclass(frozen=True, kw_only=True)
+class Told:
+    """Of one reading."""
+
+    t: float
+    squared: float
+    degrees: int
+    accepted: bool
+
+
 class Gated(Estimator):
     """Refuses, it says, position fixes of some time."""
 
@@ -35,9 +45,11 @@ class Gated(Estimator):
         self._now, self._fix = t, readings.position
         return super().__call__(readings, t, command)
 
-    def outcome(self, channel: str) -> tuple[float, float, int, bool] | None:
+    def outcome(self, channel: str) -> Told | None:
         reading = self._fix if channel == "position" else None
-        return None if reading is None else (reading.t, 75.0, 3, not 2.0 <= reading.t < 5.0)
+        if reading is None:
+            return None
+        return Told(t=reading.t, squared=75.0, degrees=3, accepted=not 2.0 <= reading.t < 5.0)
 
 
 def test_readings_that_the_filter_refuses_make_a_channel_suspect_then_lost_and_good_again(robot: Robot) -> None:
@@ -47,8 +59,8 @@ def test_readings_that_the_filter_refuses_make_a_channel_suspect_then_lost_and_g
         measurement = guard(suite.read(state, k * DT), k * DT)
         trust[round(k * DT, 2)] = next(h for h in measurement.health if h.channel == "position")
     assert trust[1.9].trust is Trust.GOOD
-    assert trust[2.1].trust is Trust.SUSPECT
-    assert trust[2.1].why == "5 times the innovation expected"
+    assert trust[2.5].trust is Trust.SUSPECT
+    assert trust[2.5].why == "5 times the innovation expected"
     assert trust[4.5].trust is Trust.LOST
     assert trust[7.0].trust is Trust.GOOD
     assert {h.channel for h in measurement.health if h.trust is not Trust.GOOD} == set()

@@ -35,7 +35,8 @@ class ChannelState:
         """Readings in a row that agreed with the estimate."""
         self.verdict = _health(channel=name, trust=Trust.GOOD)
         self._seen: Reading[Any] | None = None
-        self._complaint, self._bad_at, self._empty, self._gated = "", -math.inf, False, False
+        self._complaint, self._refusal, self._bad_at = "", "", -math.inf
+        self._empty, self._gated = False, False
 
     @property
     def is_good(self) -> bool:
@@ -54,12 +55,15 @@ class ChannelState:
             self._taken(t)
 
     def gate(self, why: str | None, t: float) -> None:
-        """The filter refused the reading at time t [s], and why, or `None` where it has fused it."""
+        """The filter refused the reading at time t [s], and why, or `None` where it has fused it.
+
+        Its gate is narrow enough to refuse a sound reading now and then: refusals count as silence, and give it their reason.
+        """
         self._gated = True
-        if why is not None:
-            self.refuse(why, t)
-        elif self.used is not None:
+        if why is None:
             self._taken(t)
+        else:
+            self.refused_at, self._refusal = t, why
 
     def pass_empty(self, reading: Reading[Any]) -> None:
         """The sensor works but has nothing to tell, such as an echo that does not come back."""
@@ -107,7 +111,9 @@ class ChannelState:
 
     def _silent(self, quiet: float, t: float) -> None:
         if not self._complaint or self._bad_at < t - quiet:
-            self._complaint = f"{'no echo' if self._empty else 'silent'} for {quiet:.2f} s"
+            silence = f"{'no echo' if self._empty else 'silent'} for {quiet:.2f} s"
+            refused = self._gated and self.refused_at >= t - quiet
+            self._complaint = self._refusal if refused else silence
         self._bad_at = t
 
 

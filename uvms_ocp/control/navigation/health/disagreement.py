@@ -68,7 +68,7 @@ class RateAgainstAttitude:
         self._omega, self._t = omega, t
 
     def attitude(self, quaternion: np.ndarray, t: float) -> str | None:
-        """Why the two disagree, by an attitude xyzw (4,) [-] at time t [s]."""
+        """Why the two disagree, by the attitude quaternion (4,) [-], xyzw, at time t [s]."""
         if not abs(t - self._t) <= _GAP:
             self._offsets.clear()
             return None

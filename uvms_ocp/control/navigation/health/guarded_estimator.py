@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -20,25 +20,32 @@ from uvms_ocp.model.state import Command, Measurement, Readings
 _measurement = trusted(Measurement)
 
 
-class Outcome(NamedTuple):
-    """What the gate of a filter said of a reading."""
+class Outcome(Protocol):
+    """What the gate of a filter said of the newest reading of a channel."""
 
-    t: float
-    """[s] when it was fused or refused."""
-    nis: float
-    """[-] normalised innovation squared."""
-    dof: int
-    """[-] of it."""
-    accepted: bool
-    """Whether it was fused."""
+    @property
+    def t(self) -> float:
+        """[s] when it was taken."""
+
+    @property
+    def squared(self) -> float:
+        """[-] normalised innovation, squared."""
+
+    @property
+    def degrees(self) -> int:
+        """[-] of freedom."""
+
+    @property
+    def accepted(self) -> bool:
+        """Whether it was fused."""
 
 
 @runtime_checkable
 class Gating(Protocol):
-    """An estimator with gates of its own."""
+    """An estimator with gates of its own, which also finds rates from attitudes where there is no gyro."""
 
-    def outcome(self, channel: str) -> tuple[float, float, int, bool] | None:
-        """Of the last reading of a channel, as an `Outcome`; `None` before the first."""
+    def outcome(self, channel: str) -> Outcome | None:
+        """Of the newest reading of a channel that was compared with the estimate; `None` before the first."""
 
 
 @checked
@@ -62,7 +69,7 @@ class GuardedEstimator:
         self._exact = isinstance(estimator, PassThrough)
         self._gating = estimator if isinstance(estimator, Gating) else None
         self._needed = needed_channels(robot, specs, rates=self._exact)
-        self._stand_ins = stand_ins(self.monitor.tuning)
+        self._stand_ins = stand_ins(self.monitor.tuning, gyro_by_attitude=self._gating is not None)
         self._nothing = _measurement(
             q=robot.configuration(), v=np.zeros(robot.n_v), altimeter_range=math.nan, age=math.inf, joint_age=math.inf
         )
@@ -76,12 +83,12 @@ class GuardedEstimator:
             return changed(self._nothing, health=self.monitor.judge(self._nothing, t))
         measurement = self.estimator(vetted, t, command)
         if self._gating is not None:
-            self._tell_outcomes(self._gating)
+            self._tell_outcomes(self._gating, t)
         taken = self.monitor.taken()
         aged = changed(
             measurement,
-            age=age_by_support(self._needed, taken, self._stand_ins, t),
-            joint_age=age_by_support(("joint_positions",), taken, {}, t),
+            age=age_by_support(self._needed, taken, self._stand_ins, t)[0],
+            joint_age=age_by_support(("joint_positions",), taken, {}, t)[0],
         )
         health = self.monitor.judge(aged, t)
         echo = measurement.altimeter_range if self._altitude_known(t) else math.nan
@@ -101,10 +108,10 @@ class GuardedEstimator:
         recent = since is None or t - since <= self.monitor.tuning.least_to_suspect or not self._exact
         return recent and self.monitor.trust(name) is not Trust.LOST
 
-    def _tell_outcomes(self, estimator: Gating) -> None:
-        """Every outcome once."""
+    def _tell_outcomes(self, estimator: Gating, t: float) -> None:
+        """Every outcome once, at time t [s]."""
         for name in self.monitor.channels:
             outcome = estimator.outcome(name)
-            if outcome is not None and outcome[0] > self._heard.get(name, -math.inf):
-                self._heard[name] = outcome[0]
-                self.monitor.hear(name, *outcome)
+            if outcome is not None and outcome.t > self._heard.get(name, -math.inf):
+                self._heard[name] = outcome.t
+                self.monitor.hear(name, t, outcome.squared, outcome.degrees, outcome.accepted)

@@ -83,10 +83,10 @@ class HealthMonitor:
 
     @late
     def hear(self, channel: str, t: float, nis: float, dof: int, accepted: bool) -> None:
-        """The outcome of the filter's own gate on a reading at time t [s].
+        """The outcome of the filter's own gate on a reading, at time t [s].
 
         nis [-]: its normalised innovation squared, of dof [-] degrees of freedom. A channel whose readings the filter refuses is
-        suspect from the first, and lost after as long as a silent one; the filter decides when it takes them again.
+        suspect and lost as one that is silent; the filter decides when it takes them again.
         """
         why = None if accepted else f"{math.sqrt(nis / dof):.3g} times the innovation expected"
         self._states[channel].gate(why, t)
@@ -134,10 +134,9 @@ class HealthMonitor:
 
 def _present(robot: Robot, specs: SensorSpecs, altimeter_frame: str | None) -> list[str]:
     """Channels that the robot has."""
-    absent = set() if altimeter_frame else {"altimeter_range"}
-    if not robot.n_vehicle:
-        absent |= {"position", "depth", "attitude", "angular_velocity", "linear_velocity"}
-    return [name for name in CHANNELS if getattr(specs, name) is not None and name not in absent]
+    names = CHANNELS if robot.n_vehicle else _JOINTS
+    absent = () if altimeter_frame else ("altimeter_range",)
+    return [name for name in names if getattr(specs, name) is not None and name not in absent]
 
 
 def _told(verdict: ChannelHealth) -> str:

@@ -22,13 +22,14 @@ class StandIn(NamedTuple):
     """[s] for which they do, after which the estimate has drifted too far."""
 
 
-def stand_ins(tuning: HealthTuning) -> dict[str, StandIn]:
+def stand_ins(tuning: HealthTuning, *, gyro_by_attitude: bool) -> dict[str, StandIn]:
     """By the channel that is missing.
 
     Depth is replaced by the z of position and joint velocities by the change of joint positions, always: nobody needs them.
-    Encoders, the gyro and the altimeter are replaced by nothing.
+    Encoders and the altimeter are replaced by nothing. gyro_by_attitude: the estimator finds rates from attitudes alone.
     """
-    return {
+    gyro = {"angular_velocity": StandIn("attitude", math.inf)} if gyro_by_attitude else {}
+    return gyro | {
         "position": StandIn("linear_velocity", tuning.dead_reckoning),
         "linear_velocity": StandIn("position", math.inf),
         "attitude": StandIn("angular_velocity", tuning.gyro_alone),
@@ -46,20 +47,21 @@ def needed_channels(robot: Robot, specs: SensorSpecs, *, rates: bool) -> tuple[s
 
 def age_by_support(
     needed: tuple[str, ...], taken: Mapping[str, float | None], stand_in: Mapping[str, StandIn], t: float
-) -> float:
-    """Age [s] at time t [s] of what is least supported; inf before the first reading of any needed channel.
+) -> tuple[float, str]:
+    """Age [s] at time t [s] of what is least supported, and its channel; inf before the first reading of any needed one.
 
     taken [s]: when the last used reading of each channel was taken, `None` before the first. A channel without readings counts
     as old as its stand-in's, and ages from when that falls silent too or has carried it for as long as it can.
     """
-    oldest = t
+    oldest, channel = t, ""
     for name in needed:
         own = taken[name]
         if own is None:
-            return math.inf
+            return math.inf, name
         other = stand_in.get(name)
         carried = None if other is None else taken.get(other.channel)
         if other is not None and carried is not None:
             own = max(own, min(carried, own + other.time))
-        oldest = min(oldest, own)
-    return t - oldest
+        if own < oldest:
+            oldest, channel = own, name
+    return t - oldest, channel

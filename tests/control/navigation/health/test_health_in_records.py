@@ -1,0 +1,82 @@
+"""From a defect to record, report and figure, and records that do not say what they should."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from corruptors import frozen, with_defect
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.state import Readings, State
+from uvms_ocp.record import Record
+from uvms_ocp.report.sensor_health import sensor_health
+from uvms_ocp.report.summary import summarize
+from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.sim.sensors import SensorSuite
+from uvms_ocp.viz.health_figure import figure_health
+
+START = 2.0  # [s]
+
+
+@pytest.fixture(scope="module")
+def record() -> Record:
+    """A piece of Case 1 whose altimeter freezes."""
+    corrupt, sound = frozen("altimeter_range"), SensorSuite.read
+
+    def read(self: SensorSuite, state: State, t: float) -> Readings:
+        readings = sound(self, state, t)
+        return with_defect(readings, "altimeter_range", corrupt, t) if t >= START else readings
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(SensorSuite, "read", read)
+        return case1(noise=True, seed=1, duration=4.0, dt=0.02).run()
+
+
+def test_record_report_and_figure_name_the_channel_and_say_why(record: Record, tmp_path: Path) -> None:
+    column = record.run_meta.channels.index("altimeter_range")
+    first = record["t"][np.argmax(record["health"][:, column] > 0)]
+    assert START < first < START + 0.7
+    assert not np.delete(record["health"], column, axis=1).any()
+    told = [alarm.text for alarm in record.run_meta.alarms if alarm.text.startswith("altimeter_range")]
+    assert told[0].startswith("altimeter_range suspect: the same value ")
+    assert told[1].startswith("altimeter_range lost: the same value ")
+    rows = {row["channel"]: row for row in sensor_health(record)}
+    assert rows == {row["channel"]: row for row in summarize(record)["sensor_health"]}
+    row = rows.pop("altimeter_range")
+    assert row["first_s"] == first
+    assert row["lost_s"] > 0.5
+    assert row["why"].startswith("the same value ")
+    assert all(row["first_s"] is None and not row["why"] for row in rows.values())
+    assert figure_health(record) is not None
+    record.save(tmp_path / "record.npz")
+    again = Record.load(tmp_path / "record.npz")
+    np.testing.assert_array_equal(again["health"], record["health"])
+    assert again.run_meta.channels == record.run_meta.channels
+
+
+def test_a_record_without_health_has_none(record: Record) -> None:
+    series = {name: values for name, values in record.series.items() if name != "health"}
+    old = Record(series=series, meta=record.run_meta.model_copy(update={"channels": ()}))
+    assert sensor_health(old) == []
+    assert figure_health(old) is None
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda health: health[:, 1:],
+        lambda health: health[:, 0],
+        lambda health: health + 3,
+        lambda health: health - 1,
+        lambda health: health.astype(float),
+    ],
+)
+def test_wrong_series_of_health_are_refused_in_one_line(record: Record, tmp_path: Path, spoil) -> None:
+    wrong = replace(record, series={**record.series, "health": spoil(record["health"])})
+    wrong.save(tmp_path / "record.npz")
+    with pytest.raises(InvalidInput, match="health") as error:
+        Record.load(tmp_path / "record.npz")
+    assert "\n" not in str(error.value)
