@@ -13,6 +13,8 @@ from uvms_ocp.model.state import Reading
 
 _health = trusted(ChannelHealth)
 
+_SILENCES = ("silent", "no echo")  # of a sensor, of one that has nothing to tell
+
 
 class ChannelState:
     """The last reading that was used, and a verdict with its reason.
@@ -87,7 +89,7 @@ class ChannelState:
         quiet = t - self._used_at
         trust = self._by_silence(quiet, period)
         if trust is not Trust.GOOD:
-            self._silent(quiet, t)
+            self._silent(quiet, t, anew=trust is not self.verdict.trust)
         elif t - self._bad_at <= self._tuning.clean:
             trust = Trust.SUSPECT
         else:
@@ -109,9 +111,10 @@ class ChannelState:
             return Trust.LOST
         return Trust.SUSPECT if quiet > suspect else Trust.GOOD
 
-    def _silent(self, quiet: float, t: float) -> None:
-        if not self._complaint or self._bad_at < t - quiet:
-            silence = f"{'no echo' if self._empty else 'silent'} for {quiet:.2f} s"
+    def _silent(self, quiet: float, t: float, *, anew: bool) -> None:
+        """anew: the verdict changes, and its reason gets new figures."""
+        if not self._complaint or self._bad_at < t - quiet or (anew and self._complaint.startswith(_SILENCES)):
+            silence = f"{_SILENCES[self._empty]} for {quiet:.2f} s"
             refused = self._gated and self.refused_at >= t - quiet
             self._complaint = self._refusal if refused else silence
         self._bad_at = t

@@ -8,15 +8,18 @@ from typing import Any
 import numpy as np
 
 _SHARE = 0.5  # of the noise that a sensor is said to have, which it is taken to have at least
+_FINE = 1e-3  # of the noise: a resolution that is finer makes no difference
+_LEAST = 3  # repetitions, however unlikely: some sensors send a reading twice
 
 
 class Repeats:
     """Counts how often each component of a channel has repeated itself.
 
-    A sensor repeats a value by chance where its resolution is no finer than its noise. The smallest change that it ever made
-    is an upper bound of its resolution, so that the chance p of one repetition is at most that of noise staying within this
-    change, and n repetitions speak against it where p^n is below a chance that one does not expect to meet. A sensor at
-    rest whose resolution is much coarser than its noise has p near 1 and never alarms; nor does one without noise.
+    A sensor repeats a value by chance where its resolution is no finer than its noise. All its changes are multiples of its
+    resolution, whose upper bound is their greatest common measure; so the chance p of one repetition is at most that of noise
+    staying within it, and n repetitions speak against the sensor where p^n is below a chance that one does not expect to
+    meet. A sensor at rest whose resolution is much coarser than its noise has p near 1 and never alarms; nor does one
+    without noise.
     """
 
     def __init__(self, sigma: float, *, each: bool, chance: float) -> None:
@@ -28,7 +31,7 @@ class Repeats:
         self._last: np.ndarray | None = None
         self._runs = np.zeros(0, dtype=int)
         self._finest = math.inf
-        """[unit of the channel] smallest change so far."""
+        """[unit of the channel] greatest common measure of all changes so far; no finer than `_FINE` of the noise."""
 
     def frozen(self, value: Any) -> str | None:
         """Why the channel counts as frozen, by the newest value."""
@@ -41,19 +44,29 @@ class Repeats:
         change = np.abs(new - self._last)
         same = change == 0.0
         self._runs = np.where(same, self._runs + 1, 0)
-        self._finest = min(self._finest, float(np.min(change, where=~same, initial=math.inf)))
+        if self._finest > _FINE * self._noise:
+            for step in change[~same].tolist():
+                self._finest = _common(self._finest, step, _FINE * self._noise)
         self._last = new.copy()
         return self._verdict()
 
     def _verdict(self) -> str | None:
         most, all_together = int(self._runs.max()), int(self._runs.min())
-        if most < 2 or not self._unlikely(most, all_together):
+        if most < _LEAST or not self._unlikely(most, all_together):
             return None
-        which = "" if all_together >= 2 or len(self._runs) == 1 else f", component {int(self._runs.argmax()) + 1}"
-        return f"the same value {max(most, 1) + 1} times{which}"
+        which = "" if all_together >= _LEAST or len(self._runs) == 1 else f", component {int(self._runs.argmax()) + 1}"
+        return f"the same value {most + 1} times{which}"
 
     def _unlikely(self, most: int, all_together: int) -> bool:
         p = math.erf(self._finest / (2.0 * self._noise)) if math.isfinite(self._finest) else 1.0
         one = math.log(max(p, 1e-300))
-        together = all_together >= 2 and all_together * len(self._runs) * one < self._chance
+        together = all_together >= _LEAST and all_together * len(self._runs) * one < self._chance
         return together or (self._each and most * one < self._chance)
+
+
+def _common(measure: float, step: float, tolerance: float) -> float:
+    """The greatest common measure of two lengths > 0, by Euclid, not below the tolerance; inf is a multiple of all."""
+    while step > tolerance:
+        rest = abs(math.remainder(measure, step)) if math.isfinite(measure) else 0.0
+        measure, step = step, rest
+    return max(measure, tolerance)
