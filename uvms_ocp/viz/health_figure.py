@@ -34,7 +34,9 @@ def figure_health(record: Record) -> Figure | None:
     axis.set_yticks(range(len(names)), [shown(name) for name in names])
     axis.set_ylim(len(names) - 0.5, -0.5)
     axis.grid(visible=False, axis="y")
-    axis.set_xlabel("\n".join(["time [s]", *told]))
+    axis.set_xlabel("time [s]")
+    if told:
+        figure.supxlabel("\n".join(told), x=0.01, ha="left", fontsize=7)
     shade_phases([axis], phase_spans(record), share=0.85)
     patches = [Patch(color=color, label=name) for name, color in _COLORS.items()]
     figure.legend(handles=patches, loc="outside upper right", ncols=len(patches))

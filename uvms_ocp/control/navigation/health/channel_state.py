@@ -24,7 +24,7 @@ class ChannelState:
     """
 
     def __init__(self, name: str, spec: SensorSpec, tuning: HealthTuning) -> None:
-        self.spec, self._tuning = spec, tuning
+        self.spec, self._tuning, self._losses = spec, tuning, _losses(spec.dropout, tuning.chance)
         self.used: Reading[Any] | None = None
         """What the filter sees: the last reading that was not refused, or one that says that there is nothing to read."""
         self.taken: float | None = None
@@ -104,7 +104,7 @@ class ChannelState:
             self.taken, self._used_at = self.used.t, t
 
     def _by_silence(self, quiet: float, period: float) -> Trust:
-        patience = self.spec.delay + period * _losses(self.spec.dropout, self._tuning.chance)
+        patience = self.spec.delay + period * self._losses
         lost = patience + max(self._tuning.least_to_lose, self._tuning.periods_to_lose * period)
         suspect = patience + max(self._tuning.least_to_suspect, self._tuning.periods_to_suspect * period)
         if quiet > lost and not self._empty:

@@ -9,6 +9,7 @@ import numpy as np
 
 _SHARE = 0.5  # of the noise that a sensor is said to have, which it is taken to have at least
 _FINE = 1e-3  # of the noise: a resolution that is finer makes no difference
+_ENOUGH = 5e-3  # of the noise: what is known to be finer is not looked at any more
 _LEAST = 3  # repetitions, however unlikely: some sensors send a reading twice
 
 
@@ -41,14 +42,16 @@ class Repeats:
         if self._last is None:
             self._last, self._runs = new.copy(), np.zeros(len(new), dtype=int)
             return None
-        change = np.abs(new - self._last)
-        same = change == 0.0
-        self._runs = np.where(same, self._runs + 1, 0)
-        if self._finest > _FINE * self._noise:
-            for step in change[~same].tolist():
-                self._finest = _common(self._finest, step, _FINE * self._noise)
+        same = new == self._last
+        if self._finest > _ENOUGH * self._noise:
+            self._refine(np.abs(new - self._last)[~same])
         self._last = new.copy()
-        return self._verdict()
+        self._runs = (self._runs + 1) * same
+        return self._verdict() if same.any() else None
+
+    def _refine(self, changes: np.ndarray) -> None:
+        for change in changes.tolist():
+            self._finest = _common(self._finest, change, _FINE * self._noise)
 
     def _verdict(self) -> str | None:
         most, all_together = int(self._runs.max()), int(self._runs.min())
