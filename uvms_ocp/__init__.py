@@ -12,12 +12,12 @@ from uvms_ocp.mission.conditions import Below as Below
 from uvms_ocp.mission.conditions import Transition as Transition
 from uvms_ocp.mission.mission import Mission as Mission
 from uvms_ocp.mission.phase import Phase as Phase
+from uvms_ocp.model.assembly.mounting import mount as mount
+from uvms_ocp.model.assembly.mounting import without_arm as without_arm
 from uvms_ocp.model.dynamics import robot_dynamics as robot_dynamics
 from uvms_ocp.model.files.library import list_robots as list_robots
 from uvms_ocp.model.kinematics import Kinematics as Kinematics
 from uvms_ocp.model.loading import load_robot as load_robot
-from uvms_ocp.model.mounting import mount as mount
-from uvms_ocp.model.mounting import without_arm as without_arm
 from uvms_ocp.model.robot import Robot as Robot
 from uvms_ocp.model.symbolic.tree import SymbolicModel as SymbolicModel
 from uvms_ocp.model.water.hydrodynamics import Water as Water

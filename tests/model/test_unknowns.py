@@ -9,11 +9,11 @@ import pinocchio as pin
 import pytest
 import yaml
 
+from uvms_ocp.model.assembly.mounting import without_arm
+from uvms_ocp.model.assembly.trim import without_trim
 from uvms_ocp.model.files.library import list_robots, robot_folder
 from uvms_ocp.model.files.unknowns import link_masses, links_without_water
 from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.mounting import without_arm
-from uvms_ocp.model.trim import without_trim
 from uvms_ocp.preflight.robot_check import Verdict, check_robot, check_robot_files
 from uvms_ocp.scenarios.case1 import case1
 

@@ -9,10 +9,10 @@ from typer.testing import CliRunner
 
 from uvms_ocp.cli import app
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.assembly.mounting import without_arm
+from uvms_ocp.model.assembly.trim import without_trim
 from uvms_ocp.model.files.library import example_robot_data, list_robots, robot_folder
 from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.mounting import without_arm
-from uvms_ocp.model.trim import without_trim
 from uvms_ocp.preflight.robot_check import (
     Finding,
     RobotReport,

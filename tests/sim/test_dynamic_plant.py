@@ -11,16 +11,16 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.assembly.mounting import without_arm
+from uvms_ocp.model.assembly.trim import with_trim
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.model.files.description import TrimBody
 from uvms_ocp.model.files.library import list_robots
 from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.mounting import without_arm
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.spatial import quaternion_to_matrix
 from uvms_ocp.model.state import Command
 from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
-from uvms_ocp.model.trim import with_trim
 from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics
 from uvms_ocp.sim.contact import ContactModel
 from uvms_ocp.sim.currents import Current, GustyCurrent, ShearedCurrent, UniformCurrent

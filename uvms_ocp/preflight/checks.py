@@ -9,8 +9,8 @@ import numpy as np
 from uvms_ocp.arguments import checked
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.parameters import parameters_of
+from uvms_ocp.model.assembly.trim import without_trim
 from uvms_ocp.model.files.unknowns import unknowns
-from uvms_ocp.model.trim import without_trim
 from uvms_ocp.preflight.accuracy import check_accuracy
 from uvms_ocp.preflight.altitude import check_altitude, check_echo, check_goals
 from uvms_ocp.preflight.findings import Finding, PreflightReport, Severity

@@ -12,11 +12,11 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.exceptions import RobotDataError
+from uvms_ocp.model.assembly.trim import static_residual, without_trim
 from uvms_ocp.model.files.unknowns import unknowns
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.thrusters import thruster_matrix
-from uvms_ocp.model.trim import static_residual, without_trim
 
 FORCE_TOLERANCE = 0.5  # [N] residual of a trimmed robot with its arm stowed
 MOMENT_TOLERANCE = 0.5  # [N m]

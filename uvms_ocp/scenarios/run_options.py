@@ -15,12 +15,12 @@ from uvms_ocp.control.force.dynamic import VelocityGains
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.exceptions import NameNotFound
 from uvms_ocp.mission.mission import Mission
+from uvms_ocp.model.assembly.trim import with_trim
 from uvms_ocp.model.files.description import TrimBody
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, sensors_of
 from uvms_ocp.model.shapes.obstacles import Obstacle
-from uvms_ocp.model.trim import with_trim
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.sim.currents import Current, StillWater, UniformCurrent
 from uvms_ocp.sim.environment import Environment
