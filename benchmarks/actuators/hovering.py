@@ -10,9 +10,11 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.control.actuator_health.monitor import ActuatorMonitor
+from uvms_ocp.control.actuator_health.tuning import HealthTuning
 from uvms_ocp.control.force.dynamic import DynamicController
 from uvms_ocp.control.navigation.estimator import Estimator
 from uvms_ocp.control.navigation.watchdog import Watchdog
+from uvms_ocp.control.velocity.distress import Strain
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.loading import load_robot
@@ -108,8 +110,8 @@ class WayPoints(KinematicController):
         self.measurement, self._t = measurement, t
         return self
 
-    def give_up(self, t: float, reason: str) -> None:
-        self.given_up = self.given_up or reason
+    def feel(self, strain: Strain) -> None:
+        self.given_up = self.given_up or strain.fault
 
     def command(self, tick: Any) -> Command:
         if self._t >= self._next:
@@ -140,7 +142,7 @@ def run(hover: Hover) -> Outcome:
     specs = sensors_of(robot.description)
     suite, estimator = SensorSuite(robot, floor, specs, hover.seed), Estimator(robot, specs)
     points = WayPoints(robot, hover)
-    controller = DynamicController(robot=robot, dynamics=robot_dynamics(robot), kinematic=points)
+    controller = DynamicController(robot=robot, dynamics=robot_dynamics(robot), kinematic=points, health=HealthTuning())
     monitor = controller.monitor
     if not hover.watched:
         controller.monitor = None

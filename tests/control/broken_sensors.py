@@ -6,9 +6,10 @@ import math
 from dataclasses import dataclass, field, replace
 
 from uvms_ocp.control.navigation.estimator import PassThrough
+from uvms_ocp.control.navigation.health.monitor import HealthMonitor
 from uvms_ocp.model.health import ChannelHealth, Trust
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import CHANNELS
+from uvms_ocp.model.sensing import CHANNELS, IDEAL_SENSORS
 from uvms_ocp.model.state import Command, Measurement, Readings
 
 
@@ -27,7 +28,7 @@ class BrokenSensors:
     last: Measurement | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
-        self.sound = PassThrough(self.robot)
+        self.sound, self.monitor = PassThrough(self.robot), HealthMonitor(self.robot, IDEAL_SENSORS)
 
     def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
         measured = self.sound(readings, t)

@@ -90,7 +90,7 @@ def steps(scenario: Scenario, record: Record) -> float:
 
 
 def test_a_vehicle_that_its_altimeter_sends_into_the_floor_feels_it_and_climbs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Scenario, "_estimator", lambda self: High(self.robot))
+    monkeypatch.setattr(Scenario, "_unguarded", lambda self: High(self.robot))
     start, below = pose_at((10.0, 37.5, -38.8)), pose_at((10.4, 37.45, -39.9))
     scenario = case1(dt=DT, start=start, way_point=below)
     record = scenario.run()

@@ -12,9 +12,9 @@ import pytest
 from fault_registry import MACHINE, WATER
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.assembly.mounting import without_arm
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.loading import load_robot
-from uvms_ocp.model.mounting import without_arm
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command
 from uvms_ocp.sim.dynamic_plant import DynamicPlant

@@ -74,7 +74,11 @@ class DynamicController:
         gains: VelocityGains | None = None,
         health: HealthTuning | None = None,
     ) -> None:
-        """Raises `InvalidInput` for a vehicle without thrusters."""
+        """health: thresholds of the search for faulty thrusters and joints, which is off unless given: how often it alarms in vain
+        is not measured yet.
+
+        Raises `InvalidInput` for a vehicle without thrusters.
+        """
         if robot.n_vehicle and not robot.description.thrusters:
             raise InvalidInput(
                 f"robot {robot.name!r} has no thrusters; give some in its YAML, or use the kinematic plant"
@@ -86,7 +90,7 @@ class DynamicController:
         self._actuators = Actuators(robot, lead=self._gains.lead, dt=self._dt)
         self._observer = observer_of(robot, dynamics, self._gains, self._dt)
         self.monitor = self._monitor(health)
-        """Of thrusters and joints; `None` without the observer, whose findings it reads."""
+        """Of thrusters and joints; `None` where it is off, and without the observer, whose findings it reads."""
         self._free = np.ones(robot.n_v, dtype=bool)
         self._K_p = _per_axis(robot, self._gains.vehicle, self._gains.joints)
         self._reset = _per_axis(robot, self._gains.vehicle_reset, self._gains.joints_reset)

@@ -8,9 +8,9 @@ import numpy as np
 import scipy.linalg
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.assembly.trim import with_trim
 from uvms_ocp.model.files.description import TrimBody
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.trim import with_trim
 from uvms_ocp.sim.faults.fault import Fault
 
 _TOOL = "tool"

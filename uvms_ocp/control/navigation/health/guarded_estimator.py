@@ -85,9 +85,11 @@ class GuardedEstimator:
         if self._gating is not None:
             self._tell_outcomes(self._gating, t)
         taken = self.monitor.taken()
+        age, oldest = age_by_support(self._needed, taken, self._stand_ins, t)
         aged = changed(
             measurement,
-            age=age_by_support(self._needed, taken, self._stand_ins, t)[0],
+            age=age,
+            oldest=oldest,
             joint_age=age_by_support(("joint_positions",), taken, {}, t)[0],
         )
         health = self.monitor.judge(aged, t)
