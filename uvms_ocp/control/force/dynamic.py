@@ -74,8 +74,8 @@ class DynamicController:
         gains: VelocityGains | None = None,
         health: HealthTuning | None = None,
     ) -> None:
-        """health: thresholds of the search for faulty thrusters and joints, which is off unless given: how often it alarms in vain
-        is not measured yet.
+        """health: thresholds of the search for faulty thrusters and joints, which is off unless given: how often it alarms in
+        vain is not measured yet.
 
         Raises `InvalidInput` for a vehicle without thrusters.
         """
