@@ -163,7 +163,6 @@ class Scenario:
             plant=self.plant,
             solver=type(self.solver).__name__,
             seed=self.seed,
-            noise=self.sensors != IDEAL_SENSORS,
             markers=self.markers,
             faults=tuple(map(_told, self.faults)),
             controller=controller,

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.control.actuator_health.monitor import ActuatorMonitor
-from uvms_ocp.control.actuator_health.tuning import HealthTuning
+from uvms_ocp.control.actuator_health.thresholds import HealthTuning
 from uvms_ocp.control.force.dynamic import DynamicController
 from uvms_ocp.control.navigation.estimator import Estimator
 from uvms_ocp.control.navigation.watchdog import Watchdog

@@ -10,7 +10,7 @@ from uvms_ocp.control.actuator_health.authority import authority_of
 from uvms_ocp.control.actuator_health.effect import Effect
 from uvms_ocp.control.actuator_health.joint_monitor import JointMonitor
 from uvms_ocp.control.actuator_health.probe import wave_of
-from uvms_ocp.control.actuator_health.tuning import HealthTuning
+from uvms_ocp.control.actuator_health.thresholds import HealthTuning
 from uvms_ocp.control.actuator_health.verdicts import FaultKind
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.loading import load_robot

@@ -61,7 +61,7 @@ def test_a_mission_that_waits_for_what_is_not_known_says_so() -> None:
     name = record.meta.quantities[0]
     last = record.meta.phases[int(record["phase"][-1])].name
     waits = (ThresholdMeta(quantity=name, limit=1e-12, sign="<", phase=last),)
-    asked = {"completed": False, "events": (), "thresholds": waits}
+    asked = {"completed": False, "events": (), "thresholds": waits, "alarms": ()}
     cause = cause_of_end(replace(record, meta=record.run_meta.model_copy(update=asked)))
     assert cause == {"kind": "stalled", "text": f"phase {last}: {name} is not known, and its condition not met"}
     other = cause_of_end(replace(known, meta=known.run_meta.model_copy(update=asked)))

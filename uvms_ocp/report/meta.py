@@ -37,6 +37,7 @@ from uvms_ocp.meta_values import (
 from uvms_ocp.mission.conditions import Condition
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model.limits import Limits
+from uvms_ocp.model.sensing import IDEAL_SENSORS
 from uvms_ocp.preflight.accuracy import quantity_spreads
 from uvms_ocp.preflight.setup import Setup
 from uvms_ocp.report.motion import Motion
@@ -75,7 +76,6 @@ def run_meta(
     plant: str,
     solver: str,
     seed: int,
-    noise: bool,
     markers: Markers,
     faults: tuple[FaultMeta, ...],
     controller: KinematicController,
@@ -84,7 +84,7 @@ def run_meta(
 ) -> RunMeta:
     """What a record tells of a run of the mission in `setup`.
 
-    controller, monitor: those that ran, which know what happened. `noise` tells whether the sensors had any.
+    controller, monitor: those that ran, which know what happened.
     """
     robot, tasks, state = setup.robot, setup.mission.hierarchy.tasks, controller.state
     return RunMeta(
@@ -115,7 +115,7 @@ def run_meta(
         sensors_allow=_values(quantity_spreads(setup, ending.q)),
         statuses=tuple(status.value for status in Status),
         seed=seed,
-        noise=noise,
+        noise=setup.sensors != IDEAL_SENSORS,
         wall_s=ending.wall_s,
     )
 

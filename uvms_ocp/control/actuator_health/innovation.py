@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from uvms_ocp.control.actuator_health.tuning import HealthTuning
+from uvms_ocp.control.actuator_health.thresholds import HealthTuning
 
 _OUTLIER, _USUAL = 2.0, 0.73  # variances that one look can teach at most, and what it then teaches on average
 _START = 16.0  # floors of variance to begin with, until it is learned

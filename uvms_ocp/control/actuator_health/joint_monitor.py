@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from uvms_ocp.control.actuator_health.tuning import HealthTuning
+from uvms_ocp.control.actuator_health.thresholds import HealthTuning
 from uvms_ocp.control.actuator_health.verdicts import FaultKind, Health, JointVerdict
 
 _MEMORY = 2.0  # [s] of the way that a joint was asked to go

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uvms_ocp.control.actuator_health.innovation import Innovation
-from uvms_ocp.control.actuator_health.tuning import HealthTuning
+from uvms_ocp.control.actuator_health.thresholds import HealthTuning
 
 _CANCELLED = 1e-6  # relative wrench that counts as none
 _LEAST_PART = 0.2  # of the thruster in question in a wave

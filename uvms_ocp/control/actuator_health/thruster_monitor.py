@@ -12,7 +12,7 @@ from uvms_ocp.control.actuator_health.effect import Effect
 from uvms_ocp.control.actuator_health.innovation import Innovation
 from uvms_ocp.control.actuator_health.onset_bank import OnsetBank, Suspicion
 from uvms_ocp.control.actuator_health.probe import Answer, Probe, wave_of
-from uvms_ocp.control.actuator_health.tuning import HealthTuning
+from uvms_ocp.control.actuator_health.thresholds import HealthTuning
 from uvms_ocp.control.actuator_health.verdicts import FaultKind, Health, ThrusterVerdict
 
 _IN_A_ROW = 2  # looks that must agree before a probe begins

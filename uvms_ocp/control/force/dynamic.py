@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from uvms_ocp.arguments import changed, checked, late
 from uvms_ocp.control.actuator_health.monitor import ActuatorMonitor, Seen
-from uvms_ocp.control.actuator_health.tuning import HealthTuning
+from uvms_ocp.control.actuator_health.thresholds import HealthTuning
 from uvms_ocp.control.force.actuators import Actuators, Realized
 from uvms_ocp.control.force.allocation import allocation_of
 from uvms_ocp.control.force.observer import DisturbanceObserver
