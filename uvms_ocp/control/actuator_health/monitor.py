@@ -10,8 +10,8 @@ import numpy as np
 from uvms_ocp.control.actuator_health.authority import Authority, authority_of
 from uvms_ocp.control.actuator_health.effect import Effect
 from uvms_ocp.control.actuator_health.joint_monitor import JointMonitor
-from uvms_ocp.control.actuator_health.thruster_monitor import ThrusterMonitor
 from uvms_ocp.control.actuator_health.thresholds import HealthTuning
+from uvms_ocp.control.actuator_health.thruster_monitor import ThrusterMonitor
 from uvms_ocp.control.actuator_health.verdicts import joint_alarm, thruster_alarm
 from uvms_ocp.model.dynamics import Dynamics
 from uvms_ocp.model.robot import Robot
