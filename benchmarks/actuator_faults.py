@@ -17,9 +17,9 @@ ROBOTS = {"girona_maris7_full": 150.0, "bluerov2_alpha5": 40.0}
 KINDS = ("dead", "weak", "stuck", "reversed")
 WRONG = ((1.0, 1.0), (0.8, 0.8), (1.2, 1.2), (0.8, 1.2), (1.2, 0.8))
 PROSE = """
-Each of 8 thrusters fails in {seeds} runs of {duration:g} s per kind, after 8 to 11 s of small manoeuvres in a current of 0.3 or
-0.5 m/s with gusts, with the noise of the sensors. Weak gives half of what it is asked; stuck gives 10 to 40 % of its limit,
-either way. Fault-free runs: {free} a robot, gusts of 0.05 and 0.1 m/s, added mass and drag up to 20 % off.
+Each thruster fails in {seeds} runs of {duration:g} s per kind, amid small manoeuvres in a gusty current, with the noise of the
+sensors. Weak gives half of what it is asked; stuck gives a share of its limit, either way. Fault-free runs: {free} a robot, in
+gusts, with added mass and drag that are not what the controller knows.
 """
 
 

@@ -100,12 +100,13 @@ def test_a_robot_whose_altimeter_looks_up_has_not_landed(robot: Robot, roll: flo
     report = summarize(record)
     assert not report["completed"]
     assert report["goals"] == []
-    assert report["pending"] == f"LA.altitude = - not {condition.sign} 0.17"
+    assert report["pending"].startswith(
+        f"LA.altitude = - not {condition.sign} 0.17; altimeter_range suspect: no echo for "
+    )
     assert np.isnan(altitudes(record)).all()
     assert report["phases"][-1]["final_errors"]["LA.altitude"] is None
     assert report["phases"][-1]["true_errors"]["LA.altitude"] is None
-    texts = [alarm["text"] for alarm in report["alarms"]]
-    assert [text.partition(":")[0] for text in texts] == ["altimeter_range suspect", "measurements are 0.62 s old"]
+    assert report["alarms"][0]["text"].startswith("altimeter_range suspect: no echo for ")
 
 
 def test_a_robot_on_its_side_that_rights_itself_lands_on_its_first_echo_not_before(robot: Robot) -> None:
@@ -113,7 +114,10 @@ def test_a_robot_on_its_side_that_rights_itself_lands_on_its_first_echo_not_befo
     assert record.run_meta.completed
     tilt, altitude = quantity(record, "HA.tilt"), altitudes(record)
     assert tilt is not None
-    np.testing.assert_array_equal(np.isnan(altitude), tilt >= math.acos(STEEP))
+    tilted = tilt >= math.acos(STEEP)
+    assert np.isnan(altitude[tilted]).all()
+    upright = record["t"][tilted].max()
+    assert not np.isnan(altitude[record["t"] > upright + 1.0]).any(), "believed again once a few echoes agree"
     assert np.isnan(altitude[0])
     assert altitude[-1] < LANDED.limit <= np.nanmin(altitude[:-1])
 
@@ -124,9 +128,8 @@ def test_upright_without_an_echo_the_altitude_is_unknown_and_nothing_sinks(robot
     record = given.run()
     assert np.isnan(altitudes(record)).all()
     assert record["q"][:, 2].min() >= FLOOR + 4 - 1e-9
-    deaf, holding = record.run_meta.alarms
+    (deaf,) = record.run_meta.alarms
     assert deaf.text.startswith("altimeter_range suspect: no echo for ")
-    assert holding.t == pytest.approx(Watchdog().hold_after, abs=2 * DT)
 
 
 def test_with_an_echo_the_altitude_is_what_it_was_and_the_truth_is_that_of_the_floor(robot: Robot) -> None:

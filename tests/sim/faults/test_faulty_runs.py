@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.preflight.accuracy import quantity_spreads
 from uvms_ocp.record import Record
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenario import Scenario
@@ -91,7 +92,17 @@ def test_a_scenario_names_what_was_meant() -> None:
         case1(faults="altimetre:frozen@8")
 
 
-def test_a_run_that_ends_with_a_joint_beyond_its_limits_has_a_record() -> None:
+def test_what_sensors_allow_is_told_of_a_run_that_ends_with_a_joint_beyond_its_limits() -> None:
+    scenario = case1(noise=True)
+    q = scenario.start.copy()
+    q[scenario.robot.joint_q] = scenario.robot.limits.position_upper + 0.01
+    spreads = quantity_spreads(scenario.setup(), q)
+    assert spreads
+    assert all(0.0 < spread < 1.0 for spread in spreads.values())
+
+
+def test_an_encoder_that_sticks_takes_no_joint_past_its_limits() -> None:
     scenario = case1(noise=True, dt=0.02, duration=4.0, faults=("joint3_position:stuck=0.3@0.1",))
-    q = scenario.run()["q"][:, scenario.robot.joint_q]
-    assert (q > scenario.robot.limits.position_upper).any() or (q < scenario.robot.limits.position_lower).any()
+    q, limits = scenario.run()["q"][:, scenario.robot.joint_q], scenario.robot.limits
+    assert (q <= limits.position_upper + 2e-3).all()
+    assert (q >= limits.position_lower - 2e-3).all()
