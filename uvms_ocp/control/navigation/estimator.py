@@ -65,7 +65,8 @@ class Estimator:
         self._beam = None if frame is None else BeamMount(robot, frame, memory)
         self._chart = JointChart(robot, memory)
         self._joints = self._chart.configuration()
-        self._tick = bound_tick(memory, compiled=compiled)
+        self.advance = bound_tick(memory, compiled=compiled)
+        """The filter alone: from what `memory` has been given to what it tells."""
         self._seen: dict[str, Reading | None] = dict.fromkeys(CHANNELS)
         self._refused: frozenset[str] = frozenset()
         self._response = np.zeros(robot.n_v)
@@ -84,7 +85,7 @@ class Estimator:
         self._take_in(readings)
         if self._beam is not None:
             self._beam.place(self._joints)
-        self._tick()
+        self.advance()
         return self._told()
 
     def outcome(self, channel: str) -> Outcome | None:
