@@ -19,7 +19,7 @@ times apart by their correlation time; *least* and *most* hold 95 % for all rows
 with readings in time, {late_inside} of {rows} with all of them late.
 
 Delays: root mean square errors of the same truths with a channel late, over those with none ({largest:.2f} at most for position,
-attitude and altitude with an accelerometer and one channel late). Without an accelerometer nothing tells what the vehicle has done
+attitude and altitude with an accelerometer and one channel late). Without an accelerometer nothing tells what the vehicle did
 since the newest reading of its velocity: {bound:.0f} mm/s after {dvl:g} s of the driving jerk, which is the bound of any filter.
 
 Mission: Case 1 with default sensors and noise, whose vehicle is not driven by white jerk; *ratio* is the mean squared error over

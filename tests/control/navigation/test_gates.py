@@ -21,7 +21,7 @@ from uvms_ocp.sim.sensors import SensorSuite
 DT = 0.01
 SPECS = SensorSpecs(specific_force=ACCELEROMETER, joint_velocities=SensorSpec(rate=50.0, sigma=0.01))
 JUMPS = {
-    "position": 50.0,
+    "position": np.array([50.0, 50.0, 0.0]),  # a depth that stays would contradict it
     "depth": 20.0,
     "attitude": 0.8,
     "angular_velocity": 3.0,
@@ -104,6 +104,8 @@ def test_a_jump_is_refused_and_believed_only_where_it_lasts(channel: str) -> Non
     assert outcome.squared > 25.0
     assert rest.estimator.used(channel) == before
     assert rest.error(rest.run(0.3)) < 0.03
+    if channel == "depth":
+        return  # which position fixes contradict
     rest.run(2.5, channel, jumped(channel))
     lasting = rest.estimator.outcome(channel)
     assert lasting is not None
@@ -159,5 +161,8 @@ def test_no_delay_makes_the_estimate_diverge(seed: int) -> None:
             if t >= late[name]:
                 arrived[name] = past[name][k - math.floor(late[name] / DT)]
         measurement = rest.estimator(Readings(**arrived), t)
-    assert rest.error(measurement) < 0.1
-    assert np.abs(measurement.v).max() < 0.2
+    error = pin.difference(rest.robot.model, rest.q, measurement.q)
+    assert np.abs(error / measurement.spread).max() < 5.0
+    assert measurement.spread.max() < 0.5
+    assert np.abs(measurement.v).max() < 0.5
+    assert measurement.age < 2.4

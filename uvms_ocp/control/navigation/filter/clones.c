@@ -5,8 +5,20 @@ static void learn_lag(double *m, int c) {
   if (age > 1.5 * m_dt[0] + EARLY && age > m_lag[c]) m_lag[c] = smaller_of(age, LONGEST_LAG);
 }
 
-static double spacing(const double *m, int c) {
-  return larger_of(m_period[c], (m_lag[c] + 2.0 * m_dt[0]) / MOST_CLONES);
+static double wanted(const double *m, int c) {
+  return (m_lag[c] + 2.0 * m_dt[0]) / larger_of(larger_of(m_period[c], m_dt[0]), EARLY) + 1.0;
+}
+
+static void space_out(double *m, int first, int last, int slots) {
+  double most = MOST_CLONES, sum = slots + 1;
+  for (; most > 2; most -= 1) {
+    sum = 0;
+    for (int c = first; c < last; ++c)
+      if (m_lag[c] > 0) sum += smaller_of(most, wanted(m, c));
+    if (sum <= slots) break;
+  }
+  for (int c = first; c < last; ++c)
+    if (m_lag[c] > 0) m_apart[c] = larger_of(m_period[c], (m_lag[c] + 2.0 * m_dt[0]) / (most - 1.0));
 }
 
 /* The clone for the fresh reading of channel c, -1 for now; true if it is near enough. */
@@ -15,14 +27,16 @@ static int nearest(const double *m, int c, const double *owner, const double *ta
   *best = -1, *delta = m_stamp[c] - m_now[0];
   for (int slot = 0; slot < slots; ++slot)
     if (owner[slot] == c && fabs(m_stamp[c] - taken[slot]) < fabs(*delta)) *best = slot, *delta = m_stamp[c] - taken[slot];
-  if (*best >= 0) reach += spacing(m, c);
+  if (*best >= 0) reach += m_apart[c];
   return fabs(*delta) <= reach;
 }
 
 static int is_due(double *m, int c) {
   if (m_lag[c] <= 0 || m_now[0] < m_due[c] - EARLY) return 0;
-  double apart = spacing(m, c), phase = isfinite(m_last[c]) ? m_last[c] : 0;
-  m_due[c] = apart <= m_dt[0] + EARLY ? m_now[0] : phase + (floor((m_now[0] - phase) / apart + 1e-6) + 1.0) * apart;
+  double apart = m_apart[c], period = m_period[c], phase = isfinite(m_last[c]) ? m_last[c] : 0;
+  if (apart <= m_dt[0] + EARLY) m_due[c] = m_now[0];
+  else if (period <= m_dt[0]) m_due[c] = m_now[0] + apart;
+  else m_due[c] = phase + (floor((m_now[0] - phase) / period + 1e-6) + ceil(apart / period - 1e-6)) * period;
   return 1;
 }
 

@@ -12,6 +12,21 @@ from uvms_ocp.control.navigation.filter.memory import CONSTANTS, ORDERS, Channel
 _NOW = -1
 
 
+def space_out(m: Memory, first: int, last: int, slots: int) -> None:
+    """Share the slots among the late ones of channels first to last: where all their readings do not fit, none has many."""
+    channels = [c for c in range(first, last) if m.lag[c] > 0.0]
+    most = CONSTANTS.most_clones
+    while most > 2.0 and sum(min(most, _wanted(m, c)) for c in channels) > slots:
+        most -= 1.0
+    for c in channels:
+        m.apart[c] = max(m.period[c], (m.lag[c] + 2.0 * m.dt[0]) / (most - 1.0))
+
+
+def _wanted(m: Memory, c: int) -> float:
+    """Clones at a time if every reading of channel c has one."""
+    return float((m.lag[c] + 2.0 * m.dt[0]) / max(m.period[c], m.dt[0], CONSTANTS.early) + 1.0)
+
+
 def learn_lag(m: Memory, c: int) -> None:
     """Remember how late the fresh reading of channel c is."""
     age = m.now[0] - m.stamp[c]
@@ -26,7 +41,7 @@ def nearest(m: Memory, c: int, owner: Array, taken: Array) -> tuple[int, float, 
         if abs(m.stamp[c] - taken[slot]) < abs(delta):
             best, delta = int(slot), m.stamp[c] - taken[slot]
     if best != _NOW:
-        reach += _spacing(m, c)
+        reach += m.apart[c]
     return best, float(delta), bool(abs(delta) <= reach)
 
 
@@ -34,11 +49,15 @@ def is_due(m: Memory, c: int) -> bool:
     """Whether channel c is late and takes a reading at this tick; if so the next time is noted."""
     if m.lag[c] <= 0.0 or m.now[0] < m.due[c] - CONSTANTS.early:
         return False
-    spacing, phase = _spacing(m, c), m.last[c] if math.isfinite(m.last[c]) else 0.0
+    spacing, period = m.apart[c], m.period[c]
     if spacing <= m.dt[0] + CONSTANTS.early:
         m.due[c] = m.now[0]
+    elif period <= m.dt[0]:
+        m.due[c] = m.now[0] + spacing
     else:
-        m.due[c] = phase + (math.floor((m.now[0] - phase) / spacing + 1e-6) + 1.0) * spacing
+        phase = m.last[c] if math.isfinite(m.last[c]) else 0.0
+        steps = math.floor((m.now[0] - phase) / period + 1e-6) + math.ceil(spacing / period - 1e-6)
+        m.due[c] = phase + steps * period
     return True
 
 
@@ -52,11 +71,6 @@ def free_slot(owner: Array) -> int:
     """The first free one, -1 for none."""
     free = np.flatnonzero(owner < 0)
     return int(free[0]) if len(free) else -1
-
-
-def _spacing(m: Memory, c: int) -> float:
-    """[s] between two clones of channel c."""
-    return float(max(m.period[c], (m.lag[c] + 2.0 * m.dt[0]) / CONSTANTS.most_clones))
 
 
 def allowance(m: Memory, c: Channel) -> float:

@@ -267,6 +267,7 @@ static void clone(double *m, int c, Sight *s) {
 
 static void fuse(double *m) {
   static _Thread_local Sight s;
+  space_out(m, 0, N_VEHICLE, SLOTS);
   for (int c = 0; c < N_VEHICLE; ++c)
     if (m_fresh[c]) take(m, c, &s);
   for (int c = 0; c < N_VEHICLE; ++c) {

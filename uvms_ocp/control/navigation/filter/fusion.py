@@ -11,8 +11,27 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.arrays import Array, Mask
-from uvms_ocp.control.navigation.filter.clones import allowance, expire, free_slot, is_due, learn_lag, nearest, note
-from uvms_ocp.control.navigation.filter.memory import CONSTANTS, MAIN, N_VEHICLE, ROWS, Channel, Memory, Noise, Part
+from uvms_ocp.control.navigation.filter.clones import (
+    allowance,
+    expire,
+    free_slot,
+    is_due,
+    learn_lag,
+    nearest,
+    note,
+    space_out,
+)
+from uvms_ocp.control.navigation.filter.memory import (
+    CONSTANTS,
+    MAIN,
+    N_VEHICLE,
+    ROWS,
+    SLOTS,
+    Channel,
+    Memory,
+    Noise,
+    Part,
+)
 from uvms_ocp.control.navigation.filter.sights import Sight, doubt_of, look
 from uvms_ocp.control.navigation.filter.vehicle import active, clear, is_unknown, part, rotation, turned
 
@@ -37,6 +56,7 @@ _FREE = -1.0
 
 def fuse(m: Memory) -> None:
     """Use what is fresh, then clone what late channels see now."""
+    space_out(m, 0, N_VEHICLE, SLOTS)
     for c in Channel:
         if c < N_VEHICLE and m.fresh[c]:
             _take(m, c)

@@ -132,6 +132,7 @@ static void clone_joints(double *m, int c) {
 }
 
 static void fuse_joints(double *m) {
+  space_out(m, CHANNEL_JOINT_POSITIONS, N_CHANNELS, JOINT_SLOTS);
   for (int c = CHANNEL_JOINT_POSITIONS; c < N_CHANNELS; ++c)
     if (m_fresh[c]) take_joints(m, c);
   for (int c = CHANNEL_JOINT_POSITIONS; c < N_CHANNELS; ++c) {

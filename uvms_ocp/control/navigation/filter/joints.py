@@ -7,8 +7,17 @@ import math
 import numpy as np
 
 from uvms_ocp.arrays import Array, Mask
-from uvms_ocp.control.navigation.filter.clones import allowance, expire, free_slot, is_due, learn_lag, nearest, note
-from uvms_ocp.control.navigation.filter.memory import CONSTANTS, Channel, Memory, Noise
+from uvms_ocp.control.navigation.filter.clones import (
+    allowance,
+    expire,
+    free_slot,
+    is_due,
+    learn_lag,
+    nearest,
+    note,
+    space_out,
+)
+from uvms_ocp.control.navigation.filter.memory import CONSTANTS, JOINT_SLOTS, N_CHANNELS, Channel, Memory, Noise
 
 _FIRST = Channel.JOINT_POSITIONS
 _CHANNELS = (Channel.JOINT_POSITIONS, Channel.JOINT_VELOCITIES)
@@ -40,6 +49,7 @@ def predict(m: Memory) -> None:
 
 def fuse(m: Memory) -> None:
     """Use what is fresh, then clone what late channels see now."""
+    space_out(m, _FIRST, N_CHANNELS, JOINT_SLOTS)
     for c in _CHANNELS:
         if m.fresh[c] and _is_usable(m, c):
             _take(m, c)

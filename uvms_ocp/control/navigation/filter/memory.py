@@ -90,7 +90,7 @@ class Constants:
     longest_lag: float = 3.0
     """[s] of readings that are older no state is remembered."""
     most_clones: float = 24.0
-    """[-] of one channel; more would be needed: they stand further apart."""
+    """[-] of one channel; where more are needed they stand further apart."""
     persuasion: float = 4.0
     """[-] variance, in squared innovations, that is added to what rejected readings have proved wrong."""
     surprise: float = 0.05
@@ -190,6 +190,8 @@ class Memory:
     """(9,) [s] time of the newest that was believed."""
     lag: Array
     """(9,) [s] largest delay expected."""
+    apart: Array
+    """(9,) [s] between two clones of each."""
     due: Array
     """(9,) [s] time of the next clone."""
     echo: Array
@@ -256,7 +258,7 @@ def shapes(n_joints: int) -> dict[str, tuple[int, ...]]:
     n, c = n_joints, N_CHANNELS
     return {
         **dict.fromkeys(("sigma", "period", "gate", "agility", "recovery", "needed", "fresh", "stamp"), (c,)),
-        **dict.fromkeys(("last", "used", "lag", "due", "since"), (c,)),
+        **dict.fromkeys(("last", "used", "lag", "apart", "due", "since"), (c,)),
         **dict.fromkeys(("echo_memory", "floating", "guided", "now", "told", "started", "before", "dt", "echo"), (1,)),
         **dict.fromkeys(("gravity", "beam_at", "beam_up", "asked_W", "asked_spin"), (3,)),
         "drive": (len(Noise),),
