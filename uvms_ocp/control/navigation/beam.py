@@ -22,7 +22,7 @@ class BeamMount:
         self._look(pin.neutral(robot.model)[robot.joint_q])
 
     def place(self, joints: Array) -> None:
-        """Tell the filter, if it may have moved; `joints` is that part of q [rad or m]."""
+        """Tell the filter, if it may have moved; `joints` (n_joint_q,) is that part of q [rad or m]."""
         if self._moves:
             self._look(joints)
 

@@ -35,7 +35,10 @@ def learn_lag(m: Memory, c: int) -> None:
 
 
 def nearest(m: Memory, c: int, owner: Array, taken: Array) -> tuple[int, float, bool]:
-    """The clone for the fresh reading of channel c, -1 for now; by how much the reading is newer [s]; if near enough."""
+    """The clone for the fresh reading of channel c, -1 for now; by how much the reading is newer [s]; if near enough.
+
+    owner (slots,) [-] and taken (slots,) [s]: channel and time of each clone.
+    """
     best, delta, reach = _NOW, m.stamp[c] - m.now[0], 1.5 * m.dt[0] + CONSTANTS.early
     for slot in np.flatnonzero(owner == c):
         if abs(m.stamp[c] - taken[slot]) < abs(delta):
@@ -62,13 +65,16 @@ def is_due(m: Memory, c: int) -> bool:
 
 
 def expire(m: Memory, c: int, owner: Array, taken: Array) -> None:
-    """Free clones of channel c whose readings are lost, or that are older than the last one."""
+    """Free clones of channel c whose readings are lost, or that are older than the last one.
+
+    owner (slots,) [-] and taken (slots,) [s]: channel and time of each clone.
+    """
     old = (m.now[0] - taken > m.lag[c] + 2.0 * m.dt[0] + CONSTANTS.early) | (taken <= m.last[c] + CONSTANTS.early)
     owner[(owner == c) & old] = -1.0
 
 
 def free_slot(owner: Array) -> int:
-    """The first free one, -1 for none."""
+    """The first free one, -1 for none; owner (slots,) [-]."""
     free = np.flatnonzero(owner < 0)
     return int(free[0]) if len(free) else -1
 
@@ -84,7 +90,7 @@ def allowance(m: Memory, c: Channel) -> float:
 
 
 def note(m: Memory, c: Channel, squared: float, degrees: int, *, believed: bool) -> None:
-    """What became of the fresh reading of channel c."""
+    """What became of the fresh reading of channel c: `squared` [-] and its degrees of freedom."""
     m.outcome[c] = m.stamp[c], squared, degrees, float(believed)
     if believed:
         m.used[c] = m.stamp[c]

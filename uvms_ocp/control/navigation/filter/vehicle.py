@@ -125,7 +125,7 @@ def _forget_unknown(m: Memory) -> None:
 
 
 def clear(m: Memory, i: int, n: int, variance: float) -> None:
-    """Take entry i out of all correlations among the first n and give it a variance."""
+    """Take entry i out of all correlations among the first n and give it a variance [square of its unit]."""
     m.P[i, :n] = 0.0
     m.P[:n, i] = 0.0
     m.P[i, i] = variance
