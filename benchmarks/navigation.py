@@ -40,7 +40,7 @@ def main() -> None:
     delays = [
         row
         for specs in (WITH, WITHOUT)
-        for row in delay_table(robot, specs, seeds=range(2 if run.quick else 20), duration=6.0 if run.quick else 12.0)
+        for row in delay_table(robot, specs, seeds=range(2 if run.quick else 20), duration=9.0 if run.quick else 16.0)
     ]
     missions = mission_table(
         1 if run.quick else 20, plant="kinematic" if run.quick else "dynamic", duration=2.0 if run.quick else 120.0

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from estimation.consistency import CALM, DELAYS, SETTLED, error_of, late
+from estimation.consistency import CALM, DELAYS, error_of, late
 from estimation.drawn import Watched
 from uvms_ocp.control.navigation.filter.memory import Part
 from uvms_ocp.model.robot import Robot
@@ -20,6 +20,8 @@ CASES: Mapping[str, Mapping[str, float]] = {
     "all": DELAYS,
 }
 """Delays [s] by channel: each alone, and all at once."""
+SETTLED = 8.0
+"""[s] after which errors count: a fix a second and a half late has to come a few times first."""
 OF = ("position", "attitude", "altitude", "velocity", "rates", "joint_rates")
 
 
