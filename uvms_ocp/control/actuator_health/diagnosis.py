@@ -11,13 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uvms_ocp.control.actuator_health.innovation import Innovation
+from uvms_ocp.control.actuator_health.innovation import CONSTANT_GAIN, LARGEST_LOSS, TINY, Innovation
 
 _LOOKS = 120  # that are kept
 _AFTER = 8  # looks that an onset must be back at least
-_TINY = 1e-12
-_SMALLEST, _LARGEST = 0.2, 2.6  # theta of a fault
-_CONSTANT = 6.0  # gain that an unknown constant must be worth
+_SMALLEST = 0.2  # theta of a fault
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -88,11 +86,11 @@ class Window:
 
 
 def _likeliest(t: np.ndarray, J: np.ndarray, y: np.ndarray, given: float) -> Diagnosis:
-    J11, J12, J22 = np.maximum(J[0], _TINY), J[1], np.maximum(J[2], _TINY)
+    J11, J12, J22 = np.maximum(J[0], TINY), J[1], np.maximum(J[2], TINY)
     missing = -y[0] / J11
-    share = np.where((missing > _SMALLEST) & (missing < _LARGEST), missing**2 * J11, 0.0)
+    share = np.where((missing > _SMALLEST) & (missing < LARGEST_LOSS), missing**2 * J11, 0.0)
     constant = (y[1] + given * J12) / J22
-    stuck = -2.0 * given * y[0] - given**2 * J11 + constant**2 * J22 - _CONSTANT
+    stuck = -2.0 * given * y[0] - given**2 * J11 + constant**2 * J22 - CONSTANT_GAIN
     share[-_AFTER:], stuck[-_AFTER:] = 0.0, 0.0
     k, m = int(share.argmax()), int(stuck.argmax())
     lead = float(stuck[m] - share[k])

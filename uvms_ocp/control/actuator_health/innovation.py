@@ -12,6 +12,13 @@ import numpy as np
 
 from uvms_ocp.control.actuator_health.thresholds import HealthTuning
 
+TINY = 1e-12
+"""Stands in for a size that is 0, to divide by."""
+LARGEST_LOSS = 2.6
+"""[-] of the thrust that is asked: more than what a reversed thruster takes is no fault of one thruster."""
+CONSTANT_GAIN = 6.0
+"""[-] that an unknown constant thrust must be worth."""
+
 _OUTLIER, _USUAL = 2.0, 0.73  # variances that one look can teach at most, and what it then teaches on average
 _START = 16.0  # floors of variance to begin with, until it is learned
 

@@ -12,13 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uvms_ocp.control.actuator_health.innovation import Innovation
+from uvms_ocp.control.actuator_health.innovation import CONSTANT_GAIN, LARGEST_LOSS, TINY, Innovation
 
 _SLOTS = 12  # onsets that are kept
 _GAP = 5  # looks between them
-_TINY = 1e-12
-_SMALLEST, _LARGEST = 0.25, 2.6  # theta of a fault
-_CONSTANT = 6.0  # gain that an unknown constant must be worth
+_SMALLEST = 0.25  # theta of a fault
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -86,7 +84,7 @@ class OnsetBank:
         i = int(by_thruster.argmax())
         slot = int(gain[:, i].argmax())
         rest = np.delete(by_thruster, i).max(initial=0.0)
-        size = max(float(self._J[0, slot, i]), _TINY)
+        size = max(float(self._J[0, slot, i]), TINY)
         expected = 6.0 * max(float(self._looks[slot]), 1.0) / self._correlation
         return Suspicion(
             thruster=i,
@@ -108,8 +106,8 @@ class OnsetBank:
 
     def _gains(self) -> np.ndarray:
         """Of the better of both: a share that is missing, or a thruster that follows no more, (slots, n) [-]."""
-        J11, J12, J22 = np.maximum(self._J[0], _TINY), self._J[1], np.maximum(self._J[2], _TINY)
+        J11, J12, J22 = np.maximum(self._J[0], TINY), self._J[1], np.maximum(self._J[2], TINY)
         theta = -self._y[0] / J11
-        share = np.where((theta > _SMALLEST) & (theta < _LARGEST), theta**2 * J11, 0.0)
-        stuck = -2.0 * self._y[0] - J11 + (self._y[1] + J12) ** 2 / J22 - _CONSTANT
+        share = np.where((theta > _SMALLEST) & (theta < LARGEST_LOSS), theta**2 * J11, 0.0)
+        stuck = -2.0 * self._y[0] - J11 + (self._y[1] + J12) ** 2 / J22 - CONSTANT_GAIN
         return np.where(np.isfinite(self._onset)[:, None], np.maximum(share, stuck), 0.0)
