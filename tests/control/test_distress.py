@@ -9,7 +9,7 @@ import pytest
 from broken_sensors import BrokenSensors
 
 from uvms_ocp.control.navigation.estimator import PassThrough
-from uvms_ocp.control.velocity.distress import Distress, Strain
+from uvms_ocp.control.velocity.distress import Distress, Strain, climb_goal
 from uvms_ocp.mission.abort import Abort
 from uvms_ocp.model.state import Command, Measurement, Readings
 from uvms_ocp.record import Record
@@ -67,6 +67,17 @@ def test_a_mission_that_comes_nearer_or_waits_for_nothing_is_not_stalled(
 ) -> None:
     assert not any(reasons(with_abort(still, stall_after=1.0), Strain(), 4.0, error=error, rate=rate))
     assert any(reasons(with_abort(still, stall_after=1.0), Strain(), 4.0, error=1.0, rate=0.001))
+
+
+@pytest.mark.parametrize("beyond", [1e-3, 30.0])
+def test_a_robot_that_takes_its_joints_for_beyond_their_limits_still_climbs(still: Scenario, beyond: float) -> None:
+    q = still.start.copy()
+    q[still.robot.joint_q] = still.robot.limits.position_upper + beyond
+    tick = still.controller().observe(Measurement(q=q, v=np.zeros(still.robot.n_v), altimeter_range=3.0), 0.0)
+    goal = climb_goal(still.mission, tick, robot=still.robot, floor=np.nan)
+    assert goal is not None
+    assert still.mission.abort is not None
+    np.testing.assert_allclose(goal.translation - q[:3], [0.0, 0.0, still.mission.abort.altitude])
 
 
 def test_pushing_counts_only_while_a_minimum_altitude_is_asked_for(still: Scenario) -> None:

@@ -20,6 +20,7 @@ from uvms_ocp.model.dynamics import Dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, Measurement
 
+_EASE = 1.0  # [s] in which the bandwidth of the velocity loop changes
 _ENCODER_SILENCE = 0.05  # [s] after which joints are no longer fed back; a joint falls faster than a vehicle drifts
 
 
@@ -94,6 +95,7 @@ class DynamicController:
         self._free = np.ones(robot.n_v, dtype=bool)
         self._K_p = _per_axis(robot, self._gains.vehicle, self._gains.joints)
         self._reset = _per_axis(robot, self._gains.vehicle_reset, self._gains.joints_reset)
+        self._share = np.ones(robot.n_v)
         self._integral = np.zeros(robot.n_v)
         self._reference = np.zeros(robot.n_v)
 
@@ -105,12 +107,13 @@ class DynamicController:
         if command.stop:
             self._integral[self._robot.vehicle_v] = 0.0
         trusted = self._trusted(command, sound)
+        self._soften(tick.restriction.feedback)
         disturbance = self._disturbance(sound, command)
         self._watch(command, sound, trusted, t)
         v = np.where(self._free, command.v, 0.0)
         error = np.where(trusted & self._free, v - sound.v, 0.0)
         tau = self._force(sound.q, v, error) - disturbance
-        tau += self._dynamics.damping_matrix(sound.q, v) @ (self._reset * self._integral)
+        tau += self._dynamics.damping_matrix(sound.q, v) @ (self._share * self._reset * self._integral)
         self._reference = v
         if command.stop:
             tau[self._robot.vehicle_v] = 0.0
@@ -131,7 +134,9 @@ class DynamicController:
 
     def _force(self, q: np.ndarray, v: np.ndarray, error: np.ndarray) -> np.ndarray:
         """Generalized force (n_v,) [N, N m] of the reference v (n_v,), whose last change counts, corrected by PI."""
-        a = (v - self._reference) / self._dt + self._K_p * (error + self._reset * self._integral)
+        a = (v - self._reference) / self._dt + self._share * self._K_p * (
+            error + self._share * self._reset * self._integral
+        )
         return self._dynamics.inverse_dynamics(q, v, a)
 
     def _met(self, q: np.ndarray, disturbance: np.ndarray, realized: Realized) -> Strain:
@@ -151,13 +156,18 @@ class DynamicController:
         joints = not command.brakes and measurement.joint_age <= _ENCODER_SILENCE
         return np.repeat([not command.hold, joints], [self._robot.n_vehicle, self._robot.n_joints])
 
+    def _soften(self, feedback: float) -> None:
+        """Bring the bandwidth of the vehicle's loops nearer to the share `feedback` [-] of their own."""
+        vehicle = self._robot.vehicle_v
+        self._share[vehicle] += min(1.0, self._dt / _EASE) * (feedback - self._share[vehicle])
+
     def _disturbance(self, measurement: Measurement, command: Command) -> np.ndarray:
         if self._observer is None:
             return np.zeros(self._robot.n_v)
         if command.hold:
             self._observer.pause(forget=command.stop)
             return self._observer.estimate
-        return self._observer.update(measurement.q, measurement.v, self._actuators.force)
+        return self._observer.update(measurement.q, measurement.v, self._actuators.force, self._share)
 
     def _watch(self, command: Command, measurement: Measurement, trusted: np.ndarray, t: float) -> None:
         """Look for faults of thrusters and joints, and do without what is faulty from now on."""

@@ -34,20 +34,21 @@ class DisturbanceObserver:
         if forget:
             self.estimate[:] = 0.0
 
-    def update(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
+    def update(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, share: np.ndarray | float = 1.0) -> np.ndarray:
         """The estimate (n_v,) [N, N m] after a tick with measured q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
 
-        tau (n_v,) [N, N m] has acted since the last one.
+        tau (n_v,) [N, N m] has acted since the last one. share (n_v,) [-]: of the bandwidth, as much as v bears now.
         Drag is that of the measured velocity: what it damps is no disturbance, and must not be compensated.
         """
         if self._v_hat is None:
             self._v_hat = v.copy()
+        w = self._bandwidth * share
         innovation = v - self._v_hat
-        correction = self._bandwidth**2 * innovation
+        correction = w**2 * innovation
         rate = self._dynamics.mass_matrix(q) @ correction
         self.estimate += self._dt * rate
         np.clip(self.estimate, -self._limit, self._limit, out=self.estimate)
-        self.prompt = self.estimate + rate / self._bandwidth
+        self.prompt = self.estimate + rate / w
         acceleration = self._dynamics.forward_dynamics(q, v, tau + self.estimate)
-        self._v_hat = self._v_hat + self._dt * (acceleration + 2 * self._bandwidth * innovation)
+        self._v_hat = self._v_hat + self._dt * (acceleration + 2 * w * innovation)
         return self.estimate

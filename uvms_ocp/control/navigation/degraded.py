@@ -11,6 +11,7 @@ from uvms_ocp.model.health import ChannelHealth, Trust
 
 ALTIMETER, ENCODERS = "altimeter_range", "joint_positions"
 _SLOW = 0.5
+_SOFT = 0.25  # of Case 1 without DVL: at 1 it runs away, at 0.5 it swings by 0.4 m, at 0.25 by less than 0.1 m
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -33,6 +34,8 @@ class Mode:
     """The robot comes to rest; the mission waits."""
     blind: bool = False
     """Without feedback of the vehicle's velocity."""
+    feedback: float = 1.0
+    """[-] more than 0; share of the usual bandwidth of the velocity loop: a velocity that is known late bears less."""
     bears: float = math.inf
     """[s] after which the mission is given up."""
     climbs: bool = True
@@ -49,6 +52,7 @@ class Restriction:
     joints_held: bool = False
     hold: bool = False
     blind: bool = False
+    feedback: float = 1.0
     climbs: bool = True
     """As the fields of `Mode`."""
     abort: str = ""
@@ -81,9 +85,9 @@ MODES = (
     _mode(ALTIMETER, trust=Trust.SUSPECT, known="the last floor", no_descent=True),
     _mode(ALTIMETER, known="the last floor", no_descent=True, bears=5.0),
     _mode("position", trust=Trust.SUSPECT, known="velocity, integrated", speed=_SLOW),
-    _mode("position", known="velocity, integrated", speed=_SLOW, bears=30.0),
-    _mode("position", "depth", known="velocity, integrated", speed=_SLOW, no_descent=True, bears=10.0),
-    _mode("linear_velocity", trust=Trust.SUSPECT, known="the change of position", speed=_SLOW),
+    _mode("position", known="velocity, integrated", speed=_SLOW, no_descent=True, bears=30.0),
+    _mode("position", "depth", known="velocity, integrated", bears=10.0),
+    _mode("linear_velocity", trust=Trust.SUSPECT, known="the change of position", speed=_SLOW, feedback=_SOFT),
     _mode("angular_velocity", trust=Trust.SUSPECT, known="the change of attitude", speed=_SLOW),
     _mode("attitude", trust=Trust.SUSPECT, known="angular velocity, integrated", speed=_SLOW),
     _mode("attitude", known="angular velocity, integrated", hold=True, bears=10.0, climbs=False),
@@ -113,6 +117,7 @@ def restriction_of(health: Sequence[ChannelHealth], t: float, *, altitude_matter
         joints_held=any(mode.joints_held for mode in modes),
         hold=any(mode.hold for mode in modes),
         blind=any(mode.blind for mode in modes),
+        feedback=min((mode.feedback for mode in modes), default=1.0),
         climbs=all(mode.climbs for mode in modes),
         abort=told(_all_of(over, bad)),
         bad=tuple(bad.values()),

@@ -15,7 +15,6 @@ from uvms_ocp.mission.abort import Abort
 from uvms_ocp.mission.conditions import Below
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import MissionState
-from uvms_ocp.model.kinematics import Kinematics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.tasks.altitude import MinimumAltitude
 
@@ -121,7 +120,10 @@ def climb_goal(mission: Mission, tick: TickState, *, robot: Robot, floor: float)
     """
     if mission.abort is None or tick.stopped:
         return None
-    X_WF = Kinematics(robot, tick.measurement.q).pose(mission.climb_frame)
+    # No `Kinematics`: what sends the robot here may show joints beyond their limits.
+    data, frame = robot.model.createData(), robot.frame_id(mission.climb_frame)
+    pin.framesForwardKinematics(robot.model, data, tick.measurement.q)
+    X_WF = data.oMf[frame]
     here, altitude = float(X_WF.translation[2]), mission.abort.altitude
     believed = math.isfinite(floor) and ALTIMETER not in tick.restriction.doubted
     z = max(here, floor + altitude) if believed else here + altitude

@@ -26,11 +26,12 @@ def stand_ins(tuning: HealthTuning, *, gyro_by_attitude: bool) -> dict[str, Stan
     """By the channel that is missing.
 
     Depth is replaced by the z of position and joint velocities by the change of joint positions, always: nobody needs them.
-    Encoders and the altimeter are replaced by nothing. gyro_by_attitude: the estimator finds rates from attitudes alone.
+    Encoders and the altimeter are replaced by nothing. A DVL carries the position for as long as the mission bears it
+    (`uvms_ocp.control.navigation.degraded`). gyro_by_attitude: the estimator finds rates from attitudes alone.
     """
     gyro = {"angular_velocity": StandIn("attitude", math.inf)} if gyro_by_attitude else {}
     return gyro | {
-        "position": StandIn("linear_velocity", tuning.dead_reckoning),
+        "position": StandIn("linear_velocity", math.inf),
         "linear_velocity": StandIn("position", math.inf),
         "attitude": StandIn("angular_velocity", tuning.gyro_alone),
     }

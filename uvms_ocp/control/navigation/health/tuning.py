@@ -72,8 +72,6 @@ class HealthTuning:
     """[s] for which an echo tells of the floor where it was taken."""
     encoder_travel: float = 0.02
     """[rad or m] that is asked of a joint while its encoder does not change by a bit."""
-    dead_reckoning: float = 30.0
-    """[s] for which a DVL stands in for position fixes: 0.3 m at a bias of 1 cm/s."""
     gyro_alone: float = 10.0
     """[s] for which a gyro stands in for the attitude: 0.01 rad at a drift of 1e-3 rad/s."""
 
