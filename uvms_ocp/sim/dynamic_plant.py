@@ -11,6 +11,7 @@ import numpy as np
 from uvms_ocp.arguments import Period, checked, late, trusted
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.buffered import BufferedFunction
+from uvms_ocp.functions.compile import compile_function
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.spatial import quaternion_to_matrix
@@ -65,7 +66,7 @@ class DynamicPlant(Plant):
             contact=contact or ContactModel(),
             stops=stops or JointStops(),
         )
-        self._step = BufferedFunction(step_function(self._model))
+        self._step = BufferedFunction(compile_function(step_function(self._model)))
         self._faults = tuple(fault for fault in faults if fault.strikes.family in _STRUCK)
         self._active: tuple[Fault, ...] = ()
         self._matrix = thruster_matrix(robot)
@@ -118,6 +119,7 @@ class DynamicPlant(Plant):
             self._carry(had, have)
         if have != had or locked != self._model.locked:
             self._model = replace(self._model, dynamics=self._dynamics.symbolic, locked=locked)
+            # Not compiled: a run does not wait for that in its middle.
             self._step = BufferedFunction(step_function(self._model))
 
     def _carry(self, had: tuple[Fault, ...], have: tuple[Fault, ...]) -> None:
