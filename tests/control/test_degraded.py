@@ -137,6 +137,17 @@ def test_without_an_abort_phase_the_robot_holds_and_says_what_holds_it_back(scen
     assert record.run_meta.pending.endswith("; joint_positions lost: broken by a test since 8.0 s")
 
 
+@pytest.mark.parametrize("start", [4.0, 8.9, 12.3])
+def test_a_doubt_that_is_over_leaves_no_haste_behind(scenario: Scenario, sound: Record, run: Run, start: float) -> None:
+    """In phase A the robot only ever gets slower as it comes nearer, and whether it paused to doubt makes no difference."""
+    short = replace(scenario, duration=start + 6.0)
+    record = run(short, channels=("position",), start=start, end=start + 2.0, trust=Trust.SUSPECT)
+    before = np.abs(sound["command"][sound["t"] < start][-1])
+    assert (np.abs(after(record, "command", start))[:, :3] <= 1.01 * before[:3] + 1e-3).all()
+    way, gone = sound["q"][:, :3], record["q"][:, :3]
+    assert max(np.linalg.norm(way - place, axis=1).min() for place in gone) < 0.02
+
+
 def test_a_slower_robot_goes_the_same_way(scenario: Scenario, sound: Record, run: Run) -> None:
     """Else a strict hierarchy lets other axes join in for what one may not do."""
     ends = [record["q"][-1, :2] for record in (sound, run(channels=("linear_velocity",), start=8.0))]

@@ -167,8 +167,8 @@ class KinematicController:
         q, v = tick.measurement.q, tick.measurement.v
         stop = self._viability.stop.ahead(q, self._motion.v) if self._motion.near else None
         parameters = mission_parameters(self.mission, tick.mission, tick.t, gates=tick.gates, q=q, stop=stop)
-        previous, change = self._motion.v / self._motion.pace, self._motion.change / self._motion.pace
-        return q, v, previous, change, np.array([tick.echo]), parameters, tick.gates
+        previous = self._motion.v / self._motion.pace
+        return q, v, previous, self._motion.change, np.array([tick.echo]), parameters, tick.gates
 
     def _viable(self, tick: TickState, result: TickResult) -> Motion:
         """The velocity that the solver asks for, as far as restrictions let it and a stop from it keeps all limits."""
@@ -183,14 +183,14 @@ class KinematicController:
             gates=tick.gates,
             quantities=result.extras[0],
         )
-        change = kept.v - self._motion.v
+        change = kept.v / pace - self._motion.v / self._motion.pace
         return Motion(q=tick.measurement.q, v=kept.v, change=change, near=kept.near, share=kept.share, pace=pace)
 
     def _stopping(self) -> Motion:
         """Along the stop that the last tick with a measurement has found clear."""
         q = pin.integrate(self.robot.model, self._motion.q, self._motion.v * self.dt)
         v = self._viability.stop.slower(q, self._motion.v)
-        return replace(self._motion, q=q, v=v, change=v - self._motion.v, share=0.0)
+        return replace(self._motion, q=q, v=v, change=(v - self._motion.v) / self._motion.pace, share=0.0)
 
     def _holds(self, tick: TickState) -> bool:
         """Whether the robot comes to rest, whatever the tasks want."""

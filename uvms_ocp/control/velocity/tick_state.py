@@ -56,7 +56,7 @@ class Motion:
     v: np.ndarray
     """(n_v,) [m/s, rad/s] commanded."""
     change: np.ndarray
-    """(n_v,) [m/s, rad/s] of v since the tick before."""
+    """(n_v,) [m/s, rad/s] of v / pace since the tick before: a change of pace is none of the hierarchy's, and not to be eased."""
     near: bool
     """The stop from v could come to a limit on positions."""
     share: float
