@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.arguments import DAY, Count, checked
 from uvms_ocp.control.force.dynamic import DynamicController, VelocityGains
-from uvms_ocp.control.navigation.estimator import Estimator, PassThrough
+from uvms_ocp.control.navigation.estimator import Estimator
 from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.control.navigation.health.monitor import HealthMonitor
+from uvms_ocp.control.navigation.pass_through import PassThrough
 from uvms_ocp.control.velocity.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.meta_values import FaultMeta

@@ -517,6 +517,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "DynamicPlant": dynamic_plant,
     "PassThrough": lambda: control.PassThrough(robot()),
     "Estimator": lambda: control.Estimator(robot()),
+    "Outcome": lambda: control.Outcome(t=1.0, squared=2.0, degrees=3, accepted=True),
     "Nmpc": nmpc,
     "Watchdog": Watchdog,
     "BufferedFunction": lambda: dynamics()._mass,
