@@ -33,7 +33,7 @@ class EstimatorTuning:
     """[m/s/sqrt(s)] of the bias."""
     force_drift: float = 1e-4
     """[m/s2/sqrt(s)] of the bias."""
-    joint_acceleration: float = 0.02
+    joint_acceleration: float = 0.05
     """[rad/s2/sqrt(Hz)]"""
     floor_roughness: float = 0.3
     """[-] slope."""
@@ -43,6 +43,8 @@ class EstimatorTuning:
     """[s] for which the altitude is known without an echo."""
     response_time: float = 0.1
     """[s] with which velocities are taken to follow commands."""
+    response_doubt: float = 0.3
+    """[-] standard deviation of a velocity after a step of the commanded one, as a share of that step."""
     recovery: float = 1.0
     """[s] for which readings that contradict the estimate must agree with each other to be believed."""
 

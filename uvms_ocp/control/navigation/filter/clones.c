@@ -53,9 +53,11 @@ static int free_slot(const double *owner, int slots) {
   return -1;
 }
 
+/* Time in which the robot can have done something else since the last reading that was believed. */
+static double unseen(const double *m, int c) { return smaller_of(m_stamp[c] - m_used[c], LONGEST_LAG) + SURPRISE; }
+
 static double allowance(const double *m, int c) {
-  double elapsed = smaller_of(m_stamp[c] - m_used[c], LONGEST_LAG) + SURPRISE;
-  double moved = m_agility[c];
+  double elapsed = unseen(m, c), moved = m_agility[c];
   for (int i = 0; i < orders_of[c]; ++i) moved *= elapsed;
   moved /= orders_of[c] > 1 ? orders_of[c] : 1;
   return moved * moved / 25.0;

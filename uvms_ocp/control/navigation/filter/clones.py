@@ -84,9 +84,13 @@ def allowance(m: Memory, c: Channel) -> float:
 
     Of what the robot can have done since the last reading that was believed; the gate is five standard deviations wide.
     """
-    elapsed = min(m.stamp[c] - m.used[c], CONSTANTS.longest_lag) + CONSTANTS.surprise
-    moved = m.agility[c] * elapsed ** ORDERS[c] / max(1, ORDERS[c])
+    moved = m.agility[c] * unseen(m, c) ** ORDERS[c] / max(1, ORDERS[c])
     return float(moved * moved / 25.0)
+
+
+def unseen(m: Memory, c: Channel) -> float:
+    """Time [s] in which the robot can have done something else since the last reading of channel c that was believed."""
+    return float(min(m.stamp[c] - m.used[c], CONSTANTS.longest_lag) + CONSTANTS.surprise)
 
 
 def note(m: Memory, c: Channel, squared: float, degrees: int, *, believed: bool) -> None:

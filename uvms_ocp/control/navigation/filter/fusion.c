@@ -132,14 +132,10 @@ static int is_convincing(double *m, int c, const Sight *s, double more, const do
   return agrees && m_stamp[c] - m_since[c] >= m_recovery[c] - EARLY;
 }
 
-/* What the channel alone can put right is wrong, now and in its clones, by an unknown and common amount. */
-static void yield_to(double *m, int c, double squared) {
+/* An error of that variance of what the channel alone can put right, now and in its clones. */
+static void doubt_own(double *m, int c, double variance) {
   double G[STATES][3], R[9];
-  int rows = rows_of[c];
-  for (int slot = 0; slot < SLOTS; ++slot)
-    if (m_owner[slot] != c) m_owner[slot] = -1;
-  m_since[c] = NAN;
-  int n = active(m);
+  int rows = rows_of[c], n = active(m);
   matrix_of(m_turn, R), memset(G, 0, sizeof(G));
   for (int i = 0; i < rows; ++i) G[own_part[c] + i][i] = 1;
   for (int slot = 0; slot < SLOTS; ++slot)
@@ -147,7 +143,23 @@ static void yield_to(double *m, int c, double squared) {
       for (int j = 0; j < rows; ++j)
         G[MAIN + 3 * slot + i][j] = is_body(c) ? R[3 * j + i] : i != j ? 0 : c == CHANNEL_ALTIMETER_RANGE ? -1 : 1;
   for (int i = 0; i < n; ++i)
-    for (int j = i; j < n; ++j) AT(i, j) += PERSUASION * squared * (G[i][0] * G[j][0] + G[i][1] * G[j][1] + G[i][2] * G[j][2]);
+    for (int j = i; j < n; ++j) AT(i, j) += variance * (G[i][0] * G[j][0] + G[i][1] * G[j][1] + G[i][2] * G[j][2]);
+}
+
+/* That is wrong by an unknown amount. */
+static void yield_to(double *m, int c, double squared) {
+  for (int slot = 0; slot < SLOTS; ++slot)
+    if (m_owner[slot] != c) m_owner[slot] = -1;
+  m_since[c] = NAN;
+  doubt_own(m, c, PERSUASION * squared);
+}
+
+/* The robot has done what it can and the process model did not expect, or what carries the estimate is biased. */
+static void be_surprised(double *m, int c, double squared) {
+  double time = orders_of[c] > 1 ? unseen(m, c) : 1;
+  int bias = c <= CHANNEL_ANGULAR_VELOCITY ? PART_GYRO_BIAS : PART_DVL_BIAS;
+  doubt_own(m, c, squared);
+  for (int i = 0; c <= CHANNEL_LINEAR_VELOCITY && i < 3; ++i) AT(bias + i, bias + i) += squared / (time * time);
 }
 
 static void apply(double *m, const double *dx) {
@@ -219,11 +231,14 @@ static void judge(double *m, int c, int slot, double delta, Sight *s) {
   if (c == CHANNEL_ALTIMETER_RANGE && s->seen[1] <= STEEP) return;
   innovation(m, c, s, delta, nu);
   double own = noise_of(m, c, s, delta), granted = allowance(m, c), squared = squared_of(s, own, rows, nu);
+  double size = nu[0] * nu[0] + nu[1] * nu[1] + nu[2] * nu[2];
   int believed = squared_of(s, own + granted, rows, nu) <= m_gate[c];
-  if (believed) m_since[c] = NAN;
-  else if (is_convincing(m, c, s, 2 * own + granted, nu)) {
+  if (believed) {
+    m_since[c] = NAN;
+    if (squared > m_gate[c]) be_surprised(m, c, size), look_back(m, c, slot, n, s);
+  } else if (is_convincing(m, c, s, 2 * own + granted, nu)) {
     believed = 1;
-    yield_to(m, c, nu[0] * nu[0] + nu[1] * nu[1] + nu[2] * nu[2]);
+    yield_to(m, c, size);
     n = active(m), look_back(m, c, slot, n, s);
   }
   note(m, c, squared, rows, believed);

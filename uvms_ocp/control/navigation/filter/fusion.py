@@ -20,11 +20,13 @@ from uvms_ocp.control.navigation.filter.clones import (
     nearest,
     note,
     space_out,
+    unseen,
 )
 from uvms_ocp.control.navigation.filter.memory import (
     CONSTANTS,
     MAIN,
     N_VEHICLE,
+    ORDERS,
     ROWS,
     SLOTS,
     Channel,
@@ -45,6 +47,14 @@ _OWN = {
     Channel.ALTIMETER_RANGE: Part.FLOOR,
 }
 """The part of the error state that a channel alone can put right."""
+_CARRIED = {
+    Channel.ATTITUDE: Part.GYRO_BIAS,
+    Channel.ANGULAR_VELOCITY: Part.GYRO_BIAS,
+    Channel.POSITION: Part.DVL_BIAS,
+    Channel.DEPTH: Part.DVL_BIAS,
+    Channel.LINEAR_VELOCITY: Part.DVL_BIAS,
+}
+"""The bias that makes a channel differ from the estimate as a motion would."""
 _SETTING = (Channel.ATTITUDE, Channel.POSITION, Channel.DEPTH, Channel.ALTIMETER_RANGE)
 """Channels whose first reading is taken for the truth."""
 _TURNING = (Channel.LINEAR_VELOCITY, Channel.SPECIFIC_FORCE, Channel.ALTIMETER_RANGE)
@@ -158,6 +168,9 @@ def _judge(m: Memory, c: Channel, slot: int, delta: float) -> None:
     believed = bool(_squared(sight.S + (own + granted) * eye, nu) <= m.gate[c])
     if believed:
         m.since[c] = math.nan
+        if squared > m.gate[c]:
+            _be_surprised(m, c, float(nu @ nu))
+            sight = _sight_of(m, c, slot)
     elif _is_convincing(m, c, nu, sight.S + (2.0 * own + granted) * eye):
         believed = True
         _yield(m, c, float(nu @ nu))
@@ -219,13 +232,26 @@ def _yield(m: Memory, c: Channel, squared: float) -> None:
     """What the channel alone can put right is wrong, now and in its clones, by an unknown and common amount."""
     m.owner[(m.owner != c)] = _FREE
     m.since[c] = math.nan
+    _doubt_own(m, c, CONSTANTS.persuasion * squared)
+
+
+def _be_surprised(m: Memory, c: Channel, squared: float) -> None:
+    """The robot has done what it can and the process model did not expect, or what carries the estimate is biased."""
+    _doubt_own(m, c, squared)
+    if c in _CARRIED:
+        axes = range(_CARRIED[c], _CARRIED[c] + 3)
+        m.P[axes, axes] += squared / unseen(m, c) ** (2 * ORDERS[c] - 2)
+
+
+def _doubt_own(m: Memory, c: Channel, variance: float) -> None:
+    """An error of that variance of what the channel alone can put right, now and in its clones."""
     n, rows, R = active(m), ROWS[c], rotation(m)
     G = np.zeros((n, rows))
     G[_OWN[c] : _OWN[c] + rows] = np.eye(rows)
     moved = R.T if c in (Channel.LINEAR_VELOCITY, Channel.SPECIFIC_FORCE) else np.eye(rows)
     for slot in np.flatnonzero(m.owner == c):
         G[MAIN + 3 * slot : MAIN + 3 * slot + rows] = -moved if c == Channel.ALTIMETER_RANGE else moved
-    m.P[:n, :n] += CONSTANTS.persuasion * squared * G @ G.T
+    m.P[:n, :n] += variance * G @ G.T
 
 
 def _correct(m: Memory, c: Channel, sight: Sight, nu: Array, own: float) -> None:

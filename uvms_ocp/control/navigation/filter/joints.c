@@ -19,7 +19,10 @@ static void predict_joints(double *m) {
   double dt = m_dt[0], h = smaller_of(dt, LONGEST_STEP), drive = m_drive[NOISE_JOINT] * m_drive[NOISE_JOINT];
   int n = top_of_joints(m);
   for (int j = 0; j < N_JOINTS; ++j) {
-    if (m_told[0]) JX(j, 1) += m_asked[6 + j] - m_asked_rates[j], m_asked_rates[j] = m_asked[6 + j];
+    if (m_told[0]) {
+      double change = m_asked[6 + j] - m_asked_rates[j];
+      JX(j, 1) += change, JP(j, 1, 1) += reply_doubt(m, change), m_asked_rates[j] = m_asked[6 + j];
+    }
     if (!(dt > 0)) continue;
     JX(j, 0) += h * JX(j, 1);
     for (int k = 0; k < n; ++k) JP(j, 0, k) += h * JP(j, 1, k);
@@ -68,20 +71,37 @@ static void correct_joint(double *m, int j, int state, double nu, double own, in
   for (int slot = 0; slot < n - 2; ++slot) OF(seen, j, slot) += gain[2 + slot] * nu;
 }
 
-static void yield_joint(double *m, int j, int c, double squared) {
+static void doubt_joint(double *m, int j, int c, double variance) {
   int k = c - CHANNEL_JOINT_POSITIONS, owned[JOINT_STATES], count = 0;
   owned[count++] = k;
   for (int slot = 0; slot < JOINT_SLOTS; ++slot)
     if (m_joint_owner[slot] == c) owned[count++] = 2 + slot;
-    else m_joint_owner[slot] = -1;
   for (int a = 0; a < count; ++a)
-    for (int b = 0; b < count; ++b) JP(j, owned[a], owned[b]) += PERSUASION * squared;
-  m_joint_since[k * N_JOINTS + j] = NAN;
+    for (int b = 0; b < count; ++b) JP(j, owned[a], owned[b]) += variance;
+}
+
+static void yield_joint(double *m, int j, int c, double squared) {
+  for (int slot = 0; slot < JOINT_SLOTS; ++slot)
+    if (m_joint_owner[slot] != c) m_joint_owner[slot] = -1;
+  doubt_joint(m, j, c, PERSUASION * squared);
+  m_joint_since[(c - CHANNEL_JOINT_POSITIONS) * N_JOINTS + j] = NAN;
+}
+
+static void surprise_joint(double *m, int j, int c, double squared) {
+  double time = unseen(m, c);
+  doubt_joint(m, j, c, squared);
+  if (c == CHANNEL_JOINT_POSITIONS) JP(j, 1, 1) += squared / (time * time);
+}
+
+/* Beside what accelerations can do, a joint may stop. */
+static double joint_allowance(const double *m, int c, double rate) {
+  double stop = fabs(rate) * (c == CHANNEL_JOINT_POSITIONS ? unseen(m, c) : 1), granted = sqrt(allowance(m, c)) + stop / 5;
+  return granted * granted;
 }
 
 static void judge_joints(double *m, int c, int slot, double delta, const char *done) {
   int k = c - CHANNEL_JOINT_POSITIONS, state = slot < 0 ? k : 2 + slot, n = top_of_joints(m), all = 1, degrees = 0;
-  double total = 0, granted = allowance(m, c), walk = k ? m_drive[NOISE_JOINT] * m_drive[NOISE_JOINT] : 0;
+  double total = 0, walk = k ? m_drive[NOISE_JOINT] * m_drive[NOISE_JOINT] : 0;
   for (int j = 0; j < N_JOINTS; ++j) {
     if (done[j]) {
       m_joint_since[k * N_JOINTS + j] = NAN;
@@ -90,10 +110,13 @@ static void judge_joints(double *m, int c, int slot, double delta, const char *d
     double doubt = joint_doubt(m, j, k, slot), own = m_sigma[c] * m_sigma[c] + delta * delta * doubt + fabs(delta) * walk;
     double nu = m_joint_value[k * N_JOINTS + j] - joint_seen(m, j, k, slot) - delta * joint_rate(m, j, k, slot);
     double S = JP(j, state, state) + own;
+    double granted = joint_allowance(m, c, k ? joint_seen(m, j, k, slot) : joint_rate(m, j, k, slot));
     int believed = nu * nu <= m_gate[c] * (S + granted);
     total += nu * nu / S, ++degrees;
-    if (believed) m_joint_since[k * N_JOINTS + j] = NAN;
-    else if (joint_convinces(m, c, j, nu, S + own + granted)) believed = 1, yield_joint(m, j, c, nu * nu);
+    if (believed) {
+      m_joint_since[k * N_JOINTS + j] = NAN;
+      if (nu * nu / S > m_gate[c]) surprise_joint(m, j, c, nu * nu);
+    } else if (joint_convinces(m, c, j, nu, S + own + granted)) believed = 1, yield_joint(m, j, c, nu * nu);
     if (believed) correct_joint(m, j, state, nu, own, n);
     all &= believed;
   }

@@ -16,8 +16,10 @@ from uvms_ocp.control.navigation.filter.clones import (
     nearest,
     note,
     space_out,
+    unseen,
 )
 from uvms_ocp.control.navigation.filter.memory import CONSTANTS, JOINT_SLOTS, N_CHANNELS, Channel, Memory, Noise
+from uvms_ocp.control.navigation.filter.vehicle import reply_doubt
 
 _FIRST = Channel.JOINT_POSITIONS
 _CHANNELS = (Channel.JOINT_POSITIONS, Channel.JOINT_VELOCITIES)
@@ -26,7 +28,9 @@ _CHANNELS = (Channel.JOINT_POSITIONS, Channel.JOINT_VELOCITIES)
 def predict(m: Memory) -> None:
     """Advance by the time of the tick."""
     if m.told[0]:
-        m.joint_x[:, 1] += m.asked[6:] - m.asked_rates
+        change = m.asked[6:] - m.asked_rates
+        m.joint_x[:, 1] += change
+        m.joint_P[:, 1, 1] += reply_doubt(m, change)
         m.asked_rates[:] = m.asked[6:]
     dt, step = float(m.dt[0]), float(min(m.dt[0], CONSTANTS.longest_step))
     if dt <= 0.0:
@@ -98,10 +102,11 @@ def _judge(m: Memory, c: Channel, slot: int, delta: float, done: Mask) -> None:
     own = m.sigma[c] ** 2 + delta * delta * doubt + abs(delta) * (m.drive[Noise.JOINT] ** 2 if k else 0.0)
     S = P[:, state, state] + own
     squared = nu * nu / S
-    granted = allowance(m, c)
+    granted = _allowance(m, c, rate if k == 0 else seen)
     inside = nu * nu <= m.gate[c] * (S + granted)
     yields = ~inside & ~done & _are_convincing(m, c, nu, S + own + granted, inside | done)
     _yield(m, k, state, yields, nu)
+    _be_surprised(m, c, inside & ~done & (squared > m.gate[c]), nu)
     note(m, c, float(squared[~done].sum()), int((~done).sum()), believed=bool((inside | yields | done).all()))
     used = (inside | yields) & ~done
     gain = P[:, :, state] / (P[:, state, state] + own)[:, None]
@@ -109,6 +114,27 @@ def _judge(m: Memory, c: Channel, slot: int, delta: float, done: Mask) -> None:
     P -= np.where(used[:, None, None], gain[:, :, None] * P[:, state, None, :], 0.0)
     x += change[:, :2]
     m.joint_seen += change[:, 2:]
+
+
+def _allowance(m: Memory, c: Channel, rate: Array) -> Array:
+    """(n_joints,) variance that the gate grants: beside what accelerations can do, joints with a rate (n_joints,) may stop."""
+    stop = np.abs(rate) * (unseen(m, c) if c == _FIRST else 1.0)
+    return np.asarray((math.sqrt(allowance(m, c)) + stop / 5.0) ** 2)
+
+
+def _be_surprised(m: Memory, c: Channel, which: Mask, nu: Array) -> None:
+    """Joints that have done what they can and the process model did not expect."""
+    k = c - _FIRST
+    _doubt_own(m, k, which, nu**2)
+    if k == 0:
+        m.joint_P[which, 1, 1] += (nu[which] / unseen(m, c)) ** 2
+
+
+def _doubt_own(m: Memory, k: int, which: Mask, variance: Array) -> None:
+    """An error of that variance of what the k-th channel sees of some joints, now and in its clones."""
+    rows = np.concatenate([[k], 2 + np.flatnonzero(m.joint_owner == _FIRST + k)])
+    for j in np.flatnonzero(which):
+        m.joint_P[np.ix_([j], rows, rows)] += variance[j]
 
 
 def _seen(m: Memory, k: int, slot: int) -> tuple[Array, Array, Array]:
@@ -132,13 +158,10 @@ def _are_convincing(m: Memory, c: Channel, nu: Array, S: Array, inside: Mask) ->
 
 def _yield(m: Memory, k: int, state: int, which: Mask, nu: Array) -> None:
     """The state, and its clones with it, is wrong by an unknown amount."""
-    owned = np.flatnonzero(m.joint_owner == _FIRST + k)
-    rows = np.concatenate([[k], 2 + owned])
     if which.any():
         m.joint_owner[(m.joint_owner >= 0) & (m.joint_owner != _FIRST + k)] = -1.0
         m.joint_since[k, which] = math.nan
-    for j in np.flatnonzero(which):
-        m.joint_P[np.ix_([j], rows, rows)] += CONSTANTS.persuasion * nu[j] ** 2
+    _doubt_own(m, k, which, CONSTANTS.persuasion * nu**2)
 
 
 def _clone(m: Memory, c: Channel) -> None:

@@ -77,6 +77,7 @@ class Noise(IntEnum):
     ROUGHNESS = 5
     SETTLING = 6
     JOINT = 7
+    REPLY = 8
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -123,7 +124,7 @@ class Memory:
     needed: Array
     """(9,) [-] 1 where the age counts."""
     drive: Array
-    """(8,) [of `EstimatorTuning`] `Noise`."""
+    """(9,) [of `EstimatorTuning`, and s^0.5] `Noise`."""
     limit: Array
     """(MAIN,) [unit of the error] standard deviation beyond which an entry counts as unknown."""
     joint_limit: Array

@@ -99,13 +99,23 @@ static int is_unknown(const double *m, int first, int n) {
   return 0;
 }
 
+/* Variance of a velocity after a tick in which the asked one changed by so much: the faster, the less it follows. */
+static double reply_doubt(const double *m, double change) {
+  double drive = m_drive[NOISE_REPLY] * change;
+  return m_dt[0] > 0 ? drive * drive / m_dt[0] : 0;
+}
+
+static void change_by(double *m, int i, double change) {
+  X(i)[0] += change, AT(i, i) += reply_doubt(m, change);
+}
+
 static void follow(double *m) {
   double R[9], asked[3];
   matrix_of(m_turn, R);
   rotate(R, m_asked, asked);
   for (int i = 0; i < 3; ++i) {
-    if (m_guided[0]) X(PART_SPEED)[i] += asked[i] - m_asked_W[i];
-    X(PART_SPIN)[i] += m_asked[3 + i] - m_asked_spin[i];
+    if (m_guided[0]) change_by(m, PART_SPEED + i, asked[i] - m_asked_W[i]);
+    change_by(m, PART_SPIN + i, m_asked[3 + i] - m_asked_spin[i]);
     m_asked_W[i] = asked[i], m_asked_spin[i] = m_asked[3 + i];
   }
 }

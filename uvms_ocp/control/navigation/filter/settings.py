@@ -64,6 +64,7 @@ def _set_drive(memory: Memory, specs: SensorSpecs, tuning: EstimatorTuning) -> N
     drive[Noise.GYRO], drive[Noise.DVL], drive[Noise.FORCE] = tuning.gyro_drift, tuning.dvl_drift, tuning.force_drift
     drive[Noise.ROUGHNESS], drive[Noise.SETTLING] = tuning.floor_roughness, tuning.altitude_drift
     drive[Noise.JOINT] = tuning.joint_acceleration
+    drive[Noise.REPLY] = tuning.response_doubt * math.sqrt(2.0 * tuning.response_time)
 
 
 def _set_first(memory: Memory, specs: SensorSpecs, tuning: EstimatorTuning) -> None:

@@ -60,9 +60,24 @@ def predict(m: Memory) -> None:
 def _follow(m: Memory) -> None:
     asked_W = rotation(m) @ m.asked[:3]
     if m.guided[0]:
-        part(m, Part.SPEED)[:] += asked_W - m.asked_W
-    part(m, Part.SPIN)[:] += m.asked[3:6] - m.asked_spin
+        _change(m, Part.SPEED, asked_W - m.asked_W)
+    _change(m, Part.SPIN, m.asked[3:6] - m.asked_spin)
     m.asked_W[:], m.asked_spin[:] = asked_W, m.asked[3:6]
+
+
+def _change(m: Memory, which: Part, by: Array) -> None:
+    part(m, which)[:] += by
+    axes = range(which, which + 3)
+    m.P[axes, axes] += reply_doubt(m, by)
+
+
+def reply_doubt(m: Memory, change: Array) -> Array:
+    """Variances of velocities after a tick in which the asked ones changed by so much: the faster, the less they follow.
+
+    That of an error with the time constant of the response and a standard deviation in proportion to the asked acceleration:
+    a share of a step, however it is divided into ticks.
+    """
+    return np.asarray((m.drive[Noise.REPLY] * change) ** 2 / m.dt[0]) if m.dt[0] > 0.0 else np.zeros(len(change))
 
 
 def _predict_covariance(m: Memory, step: float, angle: Array) -> None:
