@@ -43,7 +43,7 @@ class EstimatorTuning:
     """[s] for which the altitude is known without an echo."""
     response_time: float = 0.1
     """[s] with which velocities are taken to follow commands."""
-    response_doubt: float = 0.3
+    response_doubt: float = 0.5
     """[-] standard deviation of a velocity after a step of the commanded one, as a share of that step."""
     recovery: float = 1.0
     """[s] for which readings that contradict the estimate must agree with each other to be believed."""

@@ -159,7 +159,7 @@ static void be_surprised(double *m, int c, double squared) {
   double time = orders_of[c] > 1 ? unseen(m, c) : 1;
   int bias = c <= CHANNEL_ANGULAR_VELOCITY ? PART_GYRO_BIAS : PART_DVL_BIAS;
   doubt_own(m, c, squared);
-  for (int i = 0; c <= CHANNEL_LINEAR_VELOCITY && i < 3; ++i) AT(bias + i, bias + i) += squared / (time * time);
+  for (int i = 0; c <= CHANNEL_DEPTH && i < 3; ++i) AT(bias + i, bias + i) += squared / (time * time);
 }
 
 static void apply(double *m, const double *dx) {

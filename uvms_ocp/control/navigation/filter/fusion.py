@@ -52,9 +52,8 @@ _CARRIED = {
     Channel.ANGULAR_VELOCITY: Part.GYRO_BIAS,
     Channel.POSITION: Part.DVL_BIAS,
     Channel.DEPTH: Part.DVL_BIAS,
-    Channel.LINEAR_VELOCITY: Part.DVL_BIAS,
 }
-"""The bias that makes a channel differ from the estimate as a motion would."""
+"""The bias that may be what a surprise is about. Not of DVLs by themselves: fixes are too rough to find theirs again soon."""
 _SETTING = (Channel.ATTITUDE, Channel.POSITION, Channel.DEPTH, Channel.ALTIMETER_RANGE)
 """Channels whose first reading is taken for the truth."""
 _TURNING = (Channel.LINEAR_VELOCITY, Channel.SPECIFIC_FORCE, Channel.ALTIMETER_RANGE)

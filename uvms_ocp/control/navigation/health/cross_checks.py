@@ -26,6 +26,8 @@ class Quarrel(NamedTuple):
 
     channels: tuple[str, str]
     why: str
+    likely: str = ""
+    """The one to blame where nothing else tells, if it is known."""
 
 
 class CrossChecks:
@@ -51,7 +53,7 @@ class CrossChecks:
         elif name == "angular_velocity":
             self._rate.rate(value, t)
         elif name == "attitude" and (why := self._rate.attitude(value, t)):
-            return (Quarrel(("angular_velocity", "attitude"), why),)
+            return (Quarrel(("angular_velocity", "attitude"), why, likely="angular_velocity"),)
         return ()
 
     def _fix(self, p: np.ndarray, t: float, estimate: Estimate) -> tuple[Quarrel, ...]:
@@ -62,10 +64,15 @@ class CrossChecks:
 
 
 def blamed(quarrel: Quarrel, states: Mapping[str, ChannelState], t: float) -> tuple[str, ...]:
-    """The one of the two whose readings were refused not long before time t [s]; both where that does not tell."""
+    """The one of the two whose readings were refused not long before time t [s]; where that does not tell, the likely one, or both.
+
+    A gyro and attitudes that drift apart: what is biased is a gyro, while attitudes jump, which is refused.
+    """
     there = tuple(name for name in quarrel.channels if name in states)
     guilty = tuple(name for name in there if t - states[name].refused_at <= _RECENT)
-    return guilty if len(guilty) == 1 else there
+    if len(guilty) == 1:
+        return guilty
+    return (quarrel.likely,) if quarrel.likely in there else there
 
 
 def _in_world(estimate: Estimate, v_B: np.ndarray) -> np.ndarray:
