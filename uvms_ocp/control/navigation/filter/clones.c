@@ -6,7 +6,8 @@ static void learn_lag(double *m, int c) {
 }
 
 static double wanted(const double *m, int c) {
-  return (m_lag[c] + 2.0 * m_dt[0]) / larger_of(larger_of(m_period[c], m_dt[0]), EARLY) + 1.0;
+  double apart = larger_of(larger_of(m_period[c], m_dt[0]), larger_of(SPACING * orders_of[c], EARLY));
+  return (m_lag[c] + 2.0 * m_dt[0]) / apart + 1.0;
 }
 
 static void space_out(double *m, int first, int last, int slots) {
@@ -18,7 +19,8 @@ static void space_out(double *m, int first, int last, int slots) {
     if (sum <= slots) break;
   }
   for (int c = first; c < last; ++c)
-    if (m_lag[c] > 0) m_apart[c] = larger_of(m_period[c], (m_lag[c] + 2.0 * m_dt[0]) / (most - 1.0));
+    if (m_lag[c] > 0)
+      m_apart[c] = larger_of(larger_of(m_period[c], SPACING * orders_of[c]), (m_lag[c] + 2.0 * m_dt[0]) / (most - 1.0));
 }
 
 /* The clone for the fresh reading of channel c, -1 for now; true if it is near enough. */

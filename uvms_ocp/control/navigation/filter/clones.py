@@ -19,12 +19,13 @@ def space_out(m: Memory, first: int, last: int, slots: int) -> None:
     while most > 2.0 and sum(min(most, _wanted(m, c)) for c in channels) > slots:
         most -= 1.0
     for c in channels:
-        m.apart[c] = max(m.period[c], (m.lag[c] + 2.0 * m.dt[0]) / (most - 1.0))
+        m.apart[c] = max(m.period[c], CONSTANTS.spacing * ORDERS[c], (m.lag[c] + 2.0 * m.dt[0]) / (most - 1.0))
 
 
 def _wanted(m: Memory, c: int) -> float:
-    """Clones at a time if every reading of channel c has one."""
-    return float((m.lag[c] + 2.0 * m.dt[0]) / max(m.period[c], m.dt[0], CONSTANTS.early) + 1.0)
+    """Clones at a time if every reading of channel c has one that is near enough."""
+    apart = max(m.period[c], m.dt[0], CONSTANTS.spacing * ORDERS[c], CONSTANTS.early)
+    return float((m.lag[c] + 2.0 * m.dt[0]) / apart + 1.0)
 
 
 def learn_lag(m: Memory, c: int) -> None:

@@ -92,6 +92,8 @@ class Constants:
     """[s] of readings that are older no state is remembered."""
     most_clones: float = 24.0
     """[-] of one channel; where more are needed they stand further apart."""
+    spacing: float = 0.01
+    """[s] between two clones at least, for each time that an acceleration is integrated in what they see."""
     persuasion: float = 4.0
     """[-] variance, in squared innovations, that is added to what rejected readings have proved wrong."""
     surprise: float = 0.05
