@@ -145,7 +145,8 @@ class Scenario:
         wall = perf_counter() - begin
         truth = kinematic.evaluate(self._true_measurement(plant.state), recorder.last("t"))
         at_events = self._truth_at_events(kinematic, recorder)
-        ending = Ending(q=recorder.last("q"), quantities=truth, at_events=at_events, wall_s=wall)
+        spread = recorder.last("q_spread") if "q_spread" in recorder else None
+        ending = Ending(q=recorder.last("q"), quantities=truth, at_events=at_events, wall_s=wall, spread=spread)
         return recorder.freeze(self._meta(kinematic, estimator.monitor, ending))
 
     def _truth_at_events(self, kinematic: KinematicController, recorder: Recorder) -> tuple[dict[str, float], ...]:

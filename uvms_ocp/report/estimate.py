@@ -5,8 +5,37 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2
 
 from uvms_ocp.record import Record
+from uvms_ocp.report.series import quantities_at
+
+CHANCE = 0.95
+"""[-] that a true error is within its bound."""
+
+
+def error_bound(record: Record, quantity: str) -> float | None:
+    """What the true value of a distance or an angle at the end [m] or [rad] does not exceed with a chance of `CHANCE`.
+
+    By the estimate alone: its value there, and the covariance of its error, taken for the same in all three axes. `None` where the estimator gave no covariance.
+    """
+    spread = record.run_meta.spread(quantity)
+    told = quantities_at(record, float(record["t"][-1])).get(quantity)
+    if spread is None or told is None or not np.isfinite([spread, told]).all():
+        return None
+    return norm_bound(told, spread)
+
+
+def norm_bound(told: float, spread: float) -> float:
+    """What the norm of three numbers does not exceed with a chance of `CHANCE`, in their unit.
+
+    Mean and variance of its square are those of a multiple of chi-squared [Patnaik1949]. told: the norm of their means. spread: root of the sum of their variances, which are alike.
+    """
+    if spread == 0.0:
+        return told
+    variance = spread**2 / 3.0
+    mean, half = spread**2 + told**2, variance * (3.0 * variance + 2.0 * told**2)  # of the square; half its variance
+    return float(np.sqrt(half / mean * chi2.ppf(CHANCE, mean**2 / half)))
 
 
 def estimate_table(record: Record) -> list[dict[str, Any]]:

@@ -5,8 +5,11 @@ static void learn_lag(double *m, int c) {
   if (age > 1.5 * m_dt[0] + EARLY && age > m_lag[c]) m_lag[c] = smaller_of(age, LONGEST_LAG);
 }
 
+/* Time between two clones at least: motion is smooth enough in between. Joints have no need to save. */
+static double least_apart(int c) { return c < N_VEHICLE ? SPACING * orders_of[c] : 0; }
+
 static double wanted(const double *m, int c) {
-  double apart = larger_of(larger_of(m_period[c], m_dt[0]), larger_of(SPACING * orders_of[c], EARLY));
+  double apart = larger_of(larger_of(m_period[c], m_dt[0]), larger_of(least_apart(c), EARLY));
   return (m_lag[c] + 2.0 * m_dt[0]) / apart + 1.0;
 }
 
@@ -20,7 +23,7 @@ static void space_out(double *m, int first, int last, int slots) {
   }
   for (int c = first; c < last; ++c)
     if (m_lag[c] > 0)
-      m_apart[c] = larger_of(larger_of(m_period[c], SPACING * orders_of[c]), (m_lag[c] + 2.0 * m_dt[0]) / (most - 1.0));
+      m_apart[c] = larger_of(larger_of(m_period[c], least_apart(c)), (m_lag[c] + 2.0 * m_dt[0]) / (most - 1.0));
 }
 
 /* The clone for the fresh reading of channel c, -1 for now; true if it is near enough. */

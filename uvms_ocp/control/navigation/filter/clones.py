@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from uvms_ocp.arrays import Array
-from uvms_ocp.control.navigation.filter.memory import CONSTANTS, ORDERS, Channel, Memory
+from uvms_ocp.control.navigation.filter.memory import CONSTANTS, N_VEHICLE, ORDERS, Channel, Memory
 
 _NOW = -1
 
@@ -19,12 +19,17 @@ def space_out(m: Memory, first: int, last: int, slots: int) -> None:
     while most > 2.0 and sum(min(most, _wanted(m, c)) for c in channels) > slots:
         most -= 1.0
     for c in channels:
-        m.apart[c] = max(m.period[c], CONSTANTS.spacing * ORDERS[c], (m.lag[c] + 2.0 * m.dt[0]) / (most - 1.0))
+        m.apart[c] = max(m.period[c], _least(c), (m.lag[c] + 2.0 * m.dt[0]) / (most - 1.0))
+
+
+def _least(c: int) -> float:
+    """[s] between two clones at least: motion is smooth enough in between. Joints have no need to save."""
+    return CONSTANTS.spacing * ORDERS[c] if c < N_VEHICLE else 0.0
 
 
 def _wanted(m: Memory, c: int) -> float:
     """Clones at a time if every reading of channel c has one that is near enough."""
-    apart = max(m.period[c], m.dt[0], CONSTANTS.spacing * ORDERS[c], CONSTANTS.early)
+    apart = max(m.period[c], m.dt[0], _least(c), CONSTANTS.early)
     return float((m.lag[c] + 2.0 * m.dt[0]) / apart + 1.0)
 
 

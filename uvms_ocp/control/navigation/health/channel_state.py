@@ -82,12 +82,17 @@ class ChannelState:
             self._complaint = why
         self._bad_at = t
 
-    def judge(self, t: float, period: float) -> bool:
-        """Look at the clock at time t [s]; period [s] between two readings. Returns whether the verdict changed."""
+    def judge(self, t: float, period: float, *, contested: bool = False) -> bool:
+        """Look at the clock at time t [s]; period [s] between two readings. Returns whether the verdict changed.
+
+        contested: another channel is suspect that may be why the filter refuses this one, which then is not lost for it.
+        """
         if self._used_at is None:
             self._used_at = t
         quiet = t - self._used_at
         trust = self._by_silence(quiet, period)
+        if contested and self._gated and self.refused_at >= t - self._tuning.least_to_lose - period:
+            trust = min(trust, Trust.SUSPECT)
         if trust is not Trust.GOOD:
             self._silent(quiet, t, anew=trust is not self.verdict.trust)
         elif t - self._bad_at <= self._tuning.clean:

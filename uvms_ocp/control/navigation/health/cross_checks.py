@@ -15,6 +15,7 @@ from uvms_ocp.control.navigation.health.disagreement import (
     VelocityAgainstPosition,
 )
 from uvms_ocp.control.navigation.health.history import Estimate
+from uvms_ocp.model.health import Trust
 from uvms_ocp.model.sensing import SensorSpec
 from uvms_ocp.model.state import Reading
 
@@ -61,6 +62,21 @@ class CrossChecks:
         deep = self._depth.position(p, _in_world(estimate, estimate.v[:3]), t)
         found = ((("linear_velocity", "position"), moving), (("depth", "position"), deep))
         return tuple(Quarrel(channels, why) for channels, why in found if why)
+
+
+_RIVALS = {
+    "attitude": ("angular_velocity",),
+    "angular_velocity": ("attitude",),
+    "position": ("linear_velocity", "depth"),
+    "depth": ("position", "linear_velocity"),
+    "linear_velocity": ("position",),
+}
+
+
+def is_contested(channel: str, states: Mapping[str, ChannelState]) -> bool:
+    """Whether a suspect channel may be why the estimate does not agree with this one."""
+    rivals = (states[name] for name in _RIVALS.get(channel, ()) if name in states)
+    return any(rival.verdict.trust is Trust.SUSPECT for rival in rivals)
 
 
 def blamed(quarrel: Quarrel, states: Mapping[str, ChannelState], t: float) -> tuple[str, ...]:
