@@ -120,7 +120,7 @@ class Memory:
     gate: Array
     """(9,) [-] largest squared innovation that is believed; of one joint for the joints."""
     agility: Array
-    """(9,) [m/s2, rad/s2] largest acceleration of what each channel measures."""
+    """(9,) [m/s2, rad/s2] largest change of acceleration of what each channel measures."""
     recovery: Array
     """(9,) [s] for which rejected readings must agree to be believed."""
     needed: Array

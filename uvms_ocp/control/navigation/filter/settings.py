@@ -38,8 +38,8 @@ def prepared(memory: Memory, robot: Robot, specs: SensorSpecs, tuning: Estimator
 
 
 def _agility(robot: Robot) -> np.ndarray:
-    """(9,) [m/s2, rad/s2] the largest acceleration of what each channel measures."""
-    limits = np.minimum(robot.limits.acceleration, _MOST_AGILE)
+    """(9,) [m/s2, rad/s2] the largest acceleration of what each channel measures, from full acceleration the other way."""
+    limits = 2.0 * np.minimum(robot.limits.acceleration, _MOST_AGILE)
     joint = float(limits[robot.joint_v].max(initial=0.0))
     linear, angular = (limits[:3].max(), limits[3:6].max()) if robot.n_vehicle else (0.0, 0.0)
     return np.array([angular, angular, linear, linear, linear, linear, linear, joint, joint])

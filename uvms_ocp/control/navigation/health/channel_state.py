@@ -32,7 +32,9 @@ class ChannelState:
         self._used_at: float | None = None
         """[s] when it arrived; before the first, when the run began."""
         self.refused_at = -math.inf
-        """[s] when a reading was last refused or complained about by itself."""
+        """[s] when a reading was last refused, by whomever."""
+        self.impossible_at = -math.inf
+        """[s] when one was last refused before the filter saw it: one that could not be, whatever else is wrong."""
         self.agreed = 0
         """Readings in a row that agreed with the estimate."""
         self.verdict = _health(channel=name, trust=Trust.GOOD)
@@ -73,7 +75,7 @@ class ChannelState:
 
     def refuse(self, why: str, t: float) -> None:
         """A reading is not used at time t [s], and why."""
-        self.refused_at = t
+        self.refused_at = self.impossible_at = t
         self.doubt(why, t)
 
     def doubt(self, why: str, t: float) -> None:

@@ -60,8 +60,12 @@ class CrossChecks:
     def _fix(self, p: np.ndarray, t: float, estimate: Estimate) -> tuple[Quarrel, ...]:
         moving = self._velocity.position(p, t)
         deep = self._depth.position(p, _in_world(estimate, estimate.v[:3]), t)
-        found = ((("linear_velocity", "position"), moving), (("depth", "position"), deep))
-        return tuple(Quarrel(channels, why) for channels, why in found if why)
+        velocity = ("linear_velocity", "position")
+        found = (
+            Quarrel(velocity, moving, likely="linear_velocity") if moving else None,
+            Quarrel(("depth", "position"), deep) if deep else None,
+        )
+        return tuple(quarrel for quarrel in found if quarrel)
 
 
 _RIVALS = {
@@ -82,10 +86,10 @@ def is_contested(channel: str, states: Mapping[str, ChannelState]) -> bool:
 def blamed(quarrel: Quarrel, states: Mapping[str, ChannelState], t: float) -> tuple[str, ...]:
     """The one of the two whose readings were refused not long before time t [s]; where that does not tell, the likely one, or both.
 
-    A gyro and attitudes that drift apart: what is biased is a gyro, while attitudes jump, which is refused.
+    Where a rate drifts from attitudes or fixes it is the rate that is biased: those jump, which is refused.
     """
     there = tuple(name for name in quarrel.channels if name in states)
-    guilty = tuple(name for name in there if t - states[name].refused_at <= _RECENT)
+    guilty = tuple(name for name in there if t - states[name].impossible_at <= _RECENT)
     if len(guilty) == 1:
         return guilty
     return (quarrel.likely,) if quarrel.likely in there else there
