@@ -17,7 +17,8 @@ CHANCE = 0.95
 def error_bound(record: Record, quantity: str) -> float | None:
     """What the true value of a distance or an angle at the end [m] or [rad] does not exceed with a chance of `CHANCE`.
 
-    By the estimate alone: its value there, and the covariance of its error, taken for the same in all three axes. `None` where the estimator gave no covariance.
+    By the estimate alone: its value there, and the covariance of its error, taken for the same in all three axes. `None`
+    where the estimator gave no covariance.
     """
     spread = record.run_meta.spread(quantity)
     told = quantities_at(record, float(record["t"][-1])).get(quantity)
@@ -27,9 +28,10 @@ def error_bound(record: Record, quantity: str) -> float | None:
 
 
 def norm_bound(told: float, spread: float) -> float:
-    """What the norm of three numbers does not exceed with a chance of `CHANCE`, in their unit.
+    """What the norm of three numbers [m or rad] does not exceed with a chance of `CHANCE`.
 
-    Mean and variance of its square are those of a multiple of chi-squared [Patnaik1949]. told: the norm of their means. spread: root of the sum of their variances, which are alike.
+    Mean and variance of its square are those of a multiple of chi-squared [Patnaik1949]. told [m or rad]: the norm of their
+    means. spread [m or rad]: root of the sum of their variances, which are alike.
     """
     if spread == 0.0:
         return told

@@ -20,7 +20,7 @@ class JointChart:
         self._plain = all(joint.n_q == joint.n_v for joint in robot.joints)
 
     def values(self, channel: str, reading: Array) -> Array:
-        """(n_joints,) of a reading of that channel, (n_joint_q,) or (n_joints,); both [rad or m, rad/s or m/s]."""
+        """(n_joints,) of a reading (n_joint_q,) [rad or m] of joint positions, or (n_joints,) [rad/s or m/s] of velocities."""
         if self._plain or channel != "joint_positions":
             return reading
         if not np.isfinite(reading).all():

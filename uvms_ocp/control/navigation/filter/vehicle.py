@@ -72,7 +72,7 @@ def _change(m: Memory, which: Part, by: Array) -> None:
 
 
 def reply_doubt(m: Memory, change: Array) -> Array:
-    """Variances of velocities after a tick in which the asked ones changed by so much: the faster, the less they follow.
+    """Variances after a tick in which the asked velocities made a change (n,) [m/s, rad/s]: the faster, the less they follow.
 
     That of an error with the time constant of the response and a standard deviation in proportion to the asked acceleration:
     a share of a step, however it is divided into ticks.

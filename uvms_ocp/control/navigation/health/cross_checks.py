@@ -84,7 +84,7 @@ def is_contested(channel: str, states: Mapping[str, ChannelState]) -> bool:
 
 
 def blamed(quarrel: Quarrel, states: Mapping[str, ChannelState], t: float) -> tuple[str, ...]:
-    """The one of the two whose readings were refused not long before time t [s]; where that does not tell, the likely one, or both.
+    """The one of the two whose readings were refused not long before time t [s]; otherwise the likely one, or both.
 
     Where a rate drifts from attitudes or fixes it is the rate that is biased: those jump, which is refused.
     """
