@@ -6,7 +6,7 @@ Writes navigation.csv (consistency), navigation_delays.csv, navigation_mission.c
 from __future__ import annotations
 
 from estimation.consistency import DELAYS, SPECS, consistency, late
-from estimation.delays import WITH, WITHOUT, delay_table
+from estimation.delays import LEVEL, WITH, WITHOUT, delay_table
 from estimation.mission import mission_table, time_table
 from recording.report import Report, Table, begin, parser_of
 
@@ -19,8 +19,10 @@ times apart by their correlation time; *least* and *most* hold 95 % for all rows
 with readings in time, {late_inside} of {rows} with all of them late.
 
 Delays: root mean square errors of the same truths with a channel late, over those with none ({largest:.2f} at most for position,
-attitude and altitude with an accelerometer and one channel late). Without an accelerometer nothing tells what the vehicle did
-since the newest reading of its velocity: {bound:.0f} mm/s after {dvl:g} s of the driving jerk, which is the bound of any filter.
+attitude and altitude with an accelerometer and one channel late). These truths are slower, above a floor with a slope of
+{slope:g}: how a rougher one goes on since a late echo nobody can know. Without an accelerometer nothing tells what the vehicle
+did since the newest reading of its velocity: {bound:.0f} mm/s after {dvl:g} s of the driving jerk, which is the bound of any
+filter.
 
 Mission: Case 1 with default sensors and noise, whose vehicle is not driven by white jerk; *ratio* is the mean squared error over
 the mean variance.
@@ -55,7 +57,8 @@ def main() -> None:
         rows=len(in_time),
         largest=max(float(str(row[name])) for row in alone for name in ("position", "attitude", "altitude")),
         dvl=DELAYS["linear_velocity"],
-        bound=1e3 * 0.1 * (DELAYS["linear_velocity"] ** 3 / 3) ** 0.5,
+        slope=LEVEL.floor_roughness,
+        bound=1e3 * LEVEL.jerk * (DELAYS["linear_velocity"] ** 3 / 3) ** 0.5,
     )
     tables = [
         Table(rows=in_time, columns=FIGURES),

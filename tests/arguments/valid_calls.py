@@ -598,6 +598,7 @@ POOL: dict[str, Callable[[], Any]] = {
 CONDITIONS = ("Above", "Below", "Transition")
 
 ARGUMENTS: dict[str, Callable[[], Arguments]] = {
+    **dict.fromkeys(("Estimator.outcome", "Estimator.refuse", "Estimator.used"), lambda: {"channel": "position"}),
     **{f"{kind}.{use}": lambda: {"quantities": quantities()} for kind in CONDITIONS for use in ("holds", "describe")},
     "Mission.pending": lambda: {"quantities": quantities()},
     "Mission.step": lambda: {"quantities": quantities()},
