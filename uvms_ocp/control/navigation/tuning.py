@@ -33,7 +33,7 @@ class EstimatorTuning:
     """[m/s/sqrt(s)] of the bias."""
     force_drift: float = 1e-4
     """[m/s2/sqrt(s)] of the bias."""
-    joint_acceleration: float = 0.05
+    joint_acceleration: float = 0.04
     """[rad/s2/sqrt(Hz)]"""
     floor_roughness: float = 0.3
     """[-] slope."""

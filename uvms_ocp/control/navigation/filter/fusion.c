@@ -158,6 +158,7 @@ static void yield_to(double *m, int c, double squared) {
 static void be_surprised(double *m, int c, double squared) {
   double time = orders_of[c] > 1 ? unseen(m, c) : 1;
   int bias = c <= CHANNEL_ANGULAR_VELOCITY ? PART_GYRO_BIAS : PART_DVL_BIAS;
+  if (c == CHANNEL_LINEAR_VELOCITY) return; /* which tells of accelerations, to go on with */
   doubt_own(m, c, squared);
   for (int i = 0; c <= CHANNEL_DEPTH && i < 3; ++i) AT(bias + i, bias + i) += squared / (time * time);
 }

@@ -236,6 +236,8 @@ def _yield(m: Memory, c: Channel, squared: float) -> None:
 
 def _be_surprised(m: Memory, c: Channel, squared: float) -> None:
     """The robot has done what it can and the process model did not expect, or what carries the estimate is biased."""
+    if c == Channel.LINEAR_VELOCITY:
+        return  # which tells of accelerations, to go on with
     _doubt_own(m, c, squared)
     if c in _CARRIED:
         axes = range(_CARRIED[c], _CARRIED[c] + 3)
