@@ -115,6 +115,10 @@ class Recorder:
             self._arrays[name][self._n] = value
         self._n += 1
 
+    def __contains__(self, name: str) -> bool:
+        """Whether there is a series of that name."""
+        return name in self._arrays
+
     def last(self, name: str) -> Any:
         """The newest value of the series `name`."""
         return self._arrays[name][self._n - 1]

@@ -14,14 +14,14 @@ Series = Mapping[str, np.ndarray]
 """Time series by name, (n, ...) each."""
 
 _AXES = ("x", "x_rate", "x_acceleration", "x_jerk", "x_snap")
-_COLUMNS = ("altimeter_range", "joint_energy", "tick_time")
+_COLUMNS = ("altimeter_range", "altimeter_spread", "joint_energy", "tick_time")
 """(n,) real numbers."""
-_TABLES = ("q", "v", "command", "gates", "activity", "residual", "quantities", "disturbance")
+_TABLES = ("q", "v", "command", "gates", "activity", "residual", "quantities", "disturbance", "q_spread")
 _PLANT_TABLES = ("thrust", "torque", "thruster_energy", "clearance")
 _REAL = (*_COLUMNS, *_TABLES, *_PLANT_TABLES, *_AXES)
 _UNKNOWN = ("thruster_energy",)
 """Where NaN means that it is not known."""
-_ENDLESS = ("altimeter_range", "activity", "residual", "quantities")
+_ENDLESS = ("altimeter_range", "altimeter_spread", "activity", "residual", "quantities")
 """Where infinity too may stand, such as for a range without an echo, and at ticks whose input the solver refused."""
 _VEHICLE_Q, _VEHICLE_V = 7, 6
 _WORST_HEALTH = 2
@@ -106,7 +106,7 @@ def _motion_widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[
     elif "v" in series and series["v"].shape[1] >= n_v[0]:
         n_v = (series["v"].shape[1],) * 2
     least = n_v[0] + (_VEHICLE_Q - _VEHICLE_V if floating else 0)
-    return {"q": (least, np.inf)} | dict.fromkeys(("v", "command", "disturbance"), n_v)
+    return {"q": (least, np.inf)} | dict.fromkeys(("v", "command", "disturbance", "q_spread"), n_v)
 
 
 def _floating(series: Series, meta: RunMeta | PlanMeta) -> bool:

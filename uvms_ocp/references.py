@@ -21,6 +21,7 @@
 - [Ng2009] M. Ng, L. Qi, G. Zhou, Finding the largest eigenvalue of a nonnegative tensor, SIAM Journal on Matrix Analysis
   and Applications 31(3), 2009.
 - [Okabe2008] M. Okabe, K. Ito, Color universal design, J*FLY data depository for Drosophila researchers, 2008.
+- [Patnaik1949] P. B. Patnaik, The non-central chi-squared and F-distributions and their applications, Biometrika 36, 1949.
 - [Shepperd1978] S. W. Shepperd, Quaternion from rotation matrix, Journal of Guidance and Control 1(3), 1978.
 - [SimettiCasalino2016] E. Simetti, G. Casalino, A novel practical technique to integrate inequality control objectives
   and task transitions in priority based control, Journal of Intelligent & Robotic Systems 84, 2016.

@@ -100,6 +100,8 @@ class RunMeta(RecordMeta):
     """At the true state at the end."""
     sensors_allow: tuple[QuantityMeta, ...] = ()
     """Standard deviations of the estimate at the end, as far as the noise of the sensors tells; none with ideal sensors."""
+    spreads: tuple[QuantityMeta, ...] = ()
+    """Standard deviations of the estimate at the end, as the estimator gave them; none in older records."""
     statuses: tuple[str, ...] = ()
     """Words for the numbers of the series ``status``."""
     seed: int = 0
@@ -127,6 +129,10 @@ class RunMeta(RecordMeta):
     def allowance(self) -> dict[str, float]:
         """`sensors_allow` by name [m] or [rad]."""
         return {item.name: item.value for item in self.sensors_allow}
+
+    def spread(self, name: str) -> float | None:
+        """The standard deviation [m] or [rad] of ``task.quantity`` at the end, by the estimator; `None` if it gave none."""
+        return next((item.value for item in self.spreads if item.name == name), None)
 
     def true_quantity(self, name: str) -> float | None:
         """The value of ``task.quantity`` at the true state at the end, in its unit [m] or [rad]; `None` if not measured."""

@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.arguments import DAY, Count, checked
 from uvms_ocp.control.force.dynamic import DynamicController, VelocityGains
-from uvms_ocp.control.navigation.estimator import Estimator, PassThrough
+from uvms_ocp.control.navigation.estimator import Estimator
 from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.control.navigation.health.monitor import HealthMonitor
+from uvms_ocp.control.navigation.pass_through import PassThrough
 from uvms_ocp.control.velocity.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.meta_values import FaultMeta
@@ -144,7 +145,8 @@ class Scenario:
         wall = perf_counter() - begin
         truth = kinematic.evaluate(self._true_measurement(plant.state), recorder.last("t"))
         at_events = self._truth_at_events(kinematic, recorder)
-        ending = Ending(q=recorder.last("q"), quantities=truth, at_events=at_events, wall_s=wall)
+        spread = recorder.last("q_spread") if "q_spread" in recorder else None
+        ending = Ending(q=recorder.last("q"), quantities=truth, at_events=at_events, wall_s=wall, spread=spread)
         return recorder.freeze(self._meta(kinematic, estimator.monitor, ending))
 
     def _truth_at_events(self, kinematic: KinematicController, recorder: Recorder) -> tuple[dict[str, float], ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from uvms_ocp.control.force.computed_torque import TrackingGains
-from uvms_ocp.control.navigation.estimator import PassThrough
+from uvms_ocp.control.navigation.pass_through import PassThrough
 from uvms_ocp.control.receding.plan_tracking import PlanTracker
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.robot import Robot

@@ -57,8 +57,15 @@ ACCEPTED = {("PassThrough.__call__", "command"): "not read, and taken only to st
 """Parameters that may be of any type, and why."""
 MAY_BE_NAN = (
     *("t", "x", "y"),  # at which something is asked: the answer is NaN
-    *("value", "altimeter_range", "age", "joint_age", "since"),  # as measured, before there was anything
-    *("solve_time", "violation", "cost", "distance"),  # of results
+    *(
+        "value",
+        "altimeter_range",
+        "altimeter_spread",
+        "age",
+        "joint_age",
+        "since",
+    ),  # as measured, before there was anything
+    *("solve_time", "violation", "cost", "distance", "squared"),  # of results
 )
 """Parameters that take NaN where they take numbers. For all others it is no number."""
 WRONG: tuple[Any, ...] = (

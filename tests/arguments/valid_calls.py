@@ -517,6 +517,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "DynamicPlant": dynamic_plant,
     "PassThrough": lambda: control.PassThrough(robot()),
     "Estimator": lambda: control.Estimator(robot()),
+    "Outcome": lambda: control.Outcome(t=1.0, squared=2.0, degrees=3, accepted=True),
     "Nmpc": nmpc,
     "Watchdog": Watchdog,
     "BufferedFunction": lambda: dynamics()._mass,
@@ -597,6 +598,7 @@ POOL: dict[str, Callable[[], Any]] = {
 CONDITIONS = ("Above", "Below", "Transition")
 
 ARGUMENTS: dict[str, Callable[[], Arguments]] = {
+    **dict.fromkeys(("Estimator.outcome", "Estimator.refuse", "Estimator.used"), lambda: {"channel": "position"}),
     **{f"{kind}.{use}": lambda: {"quantities": quantities()} for kind in CONDITIONS for use in ("holds", "describe")},
     "Mission.pending": lambda: {"quantities": quantities()},
     "Mission.step": lambda: {"quantities": quantities()},

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
-from uvms_ocp.control.navigation.estimator import PassThrough
 from uvms_ocp.control.navigation.health.monitor import HealthMonitor
+from uvms_ocp.control.navigation.pass_through import PassThrough
 from uvms_ocp.model.health import ChannelHealth, Trust
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import CHANNELS, IDEAL_SENSORS

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from uvms_ocp.control.force.dynamic import DynamicController
-from uvms_ocp.control.navigation.estimator import PassThrough
+from uvms_ocp.control.navigation.pass_through import PassThrough
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.meta_values import PhaseMeta
 from uvms_ocp.model.dynamics import robot_dynamics

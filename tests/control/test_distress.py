@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from broken_sensors import BrokenSensors
 
-from uvms_ocp.control.navigation.estimator import PassThrough
+from uvms_ocp.control.navigation.pass_through import PassThrough
 from uvms_ocp.control.velocity.distress import Distress, Strain, climb_goal
 from uvms_ocp.mission.abort import Abort
 from uvms_ocp.model.state import Command, Measurement, Readings

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.control.navigation.estimator import PassThrough
+from uvms_ocp.control.navigation.pass_through import PassThrough
 from uvms_ocp.control.receding.nmpc import Nmpc, NmpcStatistics
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.dynamics import robot_dynamics

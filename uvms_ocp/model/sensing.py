@@ -70,13 +70,18 @@ class SensorSpecs:
     """[rad/s or m/s]"""
     altimeter_range: SensorSpec | None = SensorSpec(rate=10.0, sigma=0.01)
     """[m]"""
+    specific_force: SensorSpec | None = None
+    """[m/s2] of an accelerometer at the origin of B; `ACCELEROMETER` is a usual one."""
 
 
 CHANNELS = tuple(field.name for field in fields(SensorSpecs))
 """Names of the channels, the fields of `SensorSpecs` and of `Readings`."""
 
-IDEAL_SENSORS = SensorSpecs(**dict.fromkeys(CHANNELS, SensorSpec()))
-"""Every channel, once per tick, without error or delay."""
+ACCELEROMETER = SensorSpec(rate=100.0, sigma=0.02)
+"""A usual one for `SensorSpecs.specific_force`, assumed: 2 mm/s2/sqrt(Hz)."""
+
+IDEAL_SENSORS = SensorSpecs(**dict.fromkeys(CHANNELS, SensorSpec()) | {"specific_force": None})
+"""Every channel of the state itself, once per tick, without error or delay; no accelerometer, which nothing needs then."""
 
 
 def sensors_of(description: RobotDescription) -> SensorSpecs:

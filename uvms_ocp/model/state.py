@@ -31,6 +31,8 @@ class State:
     """(n_q,) [m, rad] configuration."""
     v: _Velocity
     """(n_v,) [m/s, rad/s] generalized velocity, vehicle part in B."""
+    a: _Velocity | None = None
+    """(n_v,) [m/s2, rad/s2] rate of v, where it is known; an accelerometer needs it."""
 
 
 @checked
@@ -64,6 +66,8 @@ class Readings:
     """(n_joints,) [rad/s or m/s]"""
     altimeter_range: Reading[float] | None = None
     """[m] along -z of the altimeter frame; nan without an echo."""
+    specific_force: Reading[Vector3] | None = None
+    """(3,) [m/s2] in B: acceleration of the origin of B less gravity."""
 
 
 @checked
@@ -85,6 +89,10 @@ class Measurement:
     """[s] of the joint positions alone."""
     health: tuple[ChannelHealth, ...] = ()
     """Of every channel that the robot has; empty where nobody judges."""
+    spread: _Velocity | None = None
+    """(n_v,) [m, rad] standard deviations of q: position in W, attitude in B, joints; `None` where nobody tells."""
+    altimeter_spread: float = np.nan
+    """[m] standard deviation of `altimeter_range`; nan where it is not known."""
 
 
 @checked

@@ -21,17 +21,18 @@ from uvms_ocp.tasks.task import Task
 _PARTS = {"position_error": np.s_[:3], "horizontal_error": np.s_[:2], "orientation_error": np.s_[3:]}
 
 
-def quantity_spreads(setup: Setup, q: np.ndarray) -> dict[str, float]:
+def quantity_spreads(setup: Setup, q: np.ndarray, spread: np.ndarray | None = None) -> dict[str, float]:
     """By ``task.quantity``, what the sensors allow to know at q (n_q,) [m, rad]: a standard deviation [m] or [rad].
 
-    Of the distances and angles of frames from their goals, root mean square over their axes, from `spread_at_rest`. Empty
-    with ideal sensors, which allow everything. Joints may be beyond their limits, where a fault has pushed them.
+    Of the distances and angles of frames from their goals, the root of the sum of the variances of their axes, from `spread`
+    (n_v,) [m, rad], that of the configuration as in `Measurement.spread`, or from `spread_at_rest`. Empty with ideal sensors,
+    which allow everything. Joints may be beyond their limits, where a fault has pushed them.
     """
     tasks = [task for task in setup.mission.hierarchy.tasks if isinstance(task, (PoseTask, ToolPosition))]
     if setup.sensors == IDEAL_SENSORS or not tasks:
         return {}
-    spread, kinematics = spread_at_rest(setup.robot, setup.sensors), Kinematics(_without_limits(setup.robot), q)
-    variance = np.diag(spread**2)
+    kinematics = Kinematics(_without_limits(setup.robot), q)
+    variance = np.diag((spread_at_rest(setup.robot, setup.sensors) if spread is None else spread) ** 2)
     if setup.robot.n_vehicle:  # Jacobians take the velocity of B in B
         R_WB = quaternion_to_matrix(q[3:7])
         variance[:3, :3] = R_WB.T @ variance[:3, :3] @ R_WB

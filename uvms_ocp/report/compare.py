@@ -10,6 +10,7 @@ import numpy as np
 from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.record import Record
+from uvms_ocp.report.estimate import error_bound
 from uvms_ocp.report.resources import resources
 from uvms_ocp.report.series import known, largest, max_velocity_step, quantities_at, quantity
 
@@ -36,6 +37,7 @@ def _run_figures(record: Record) -> Iterator[tuple[str, Any]]:
     yield "tool_position_error_m", known(meta.true_quantity(f"{meta.tool_task}.position_error"))
     estimated = quantities_at(record, float(record["t"][-1]))
     yield "estimated_tool_position_error_m", known(estimated.get(f"{meta.tool_task}.position_error"))
+    yield "tool_position_bound_m", error_bound(record, f"{meta.tool_task}.position_error")
     yield "sensors_allow_tool_position_m", meta.allowance.get(f"{meta.tool_task}.position_error")
     yield "largest_tilt_rad", largest(quantity(record, "HA.tilt"))
     yield "max_velocity_step", max_velocity_step(record)

@@ -67,6 +67,8 @@ class Ending:
     """The same at the end of each phase, event by event [m] or [rad]."""
     wall_s: float
     """[s] that the simulation took."""
+    spread: np.ndarray | None = None
+    """(n_v,) [m, rad] standard deviation of the estimated configuration, where the estimator tells."""
 
 
 def run_meta(
@@ -113,6 +115,7 @@ def run_meta(
         faults=faults,
         true_quantities=_values(ending.quantities),
         sensors_allow=_values(quantity_spreads(setup, ending.q)),
+        spreads=_values({} if ending.spread is None else quantity_spreads(setup, ending.q, ending.spread)),
         statuses=tuple(status.value for status in Status),
         seed=seed,
         noise=setup.sensors != IDEAL_SENSORS,

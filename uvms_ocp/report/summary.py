@@ -10,6 +10,7 @@ from uvms_ocp.arguments import checked
 from uvms_ocp.mission.conditions import ABORT, DONE
 from uvms_ocp.record import Record
 from uvms_ocp.report.cause import cause_of_end
+from uvms_ocp.report.estimate import error_bound, estimate_table
 from uvms_ocp.report.goals import ended_too_early, goal_table
 from uvms_ocp.report.meta import versions
 from uvms_ocp.report.resources import figures_between, resources
@@ -49,8 +50,11 @@ def summarize(record: Record) -> dict[str, Any]:
         "tool_orientation_error_rad": known(meta.true_quantity(f"{task}.orientation_error")),
         "estimated_tool_position_error_m": estimated.get(f"{task}.position_error"),
         "estimated_tool_orientation_error_rad": estimated.get(f"{task}.orientation_error"),
+        "tool_position_bound_m": error_bound(record, f"{task}.position_error"),
+        "tool_orientation_bound_rad": error_bound(record, f"{task}.orientation_error"),
         "sensors_allow_tool_position_m": meta.allowance.get(f"{task}.position_error"),
         "sensors_allow_tool_orientation_rad": meta.allowance.get(f"{task}.orientation_error"),
+        "estimate": estimate_table(record),
         "vehicle_drift_in_last_phase_m": _drift_in_last_phase(record),
         "largest_tilt_rad": largest(quantity(record, "HA.tilt")),
         "min_altimeter_m": _smallest(record["altimeter_range"]),

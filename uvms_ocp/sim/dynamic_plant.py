@@ -76,7 +76,7 @@ class DynamicPlant(Plant):
         self._contact = np.zeros(len(self._points))
         self._torque = np.zeros(robot.n_joints)
         self._joint_energy = 0.0
-        self.state = State(q=robot.check_configuration(q0), v=np.zeros(robot.n_v))
+        self.state = State(q=robot.check_configuration(q0), v=np.zeros(robot.n_v), a=np.zeros(robot.n_v))
 
     @late
     def step(self, command: Command, dt: Period) -> None:
@@ -99,7 +99,7 @@ class DynamicPlant(Plant):
                 joint_power(self._torque, v[self._robot.joint_v], self._efficiency).sum()
             )
         self._t += dt
-        self.state = _state(q=q, v=v)
+        self.state = _state(q=q, v=v, a=(v - self.state.v) / dt)  # the mean, as an accelerometer would integrate it
 
     def telemetry(self) -> dict[str, Any]:
         return {

@@ -84,8 +84,16 @@ def _row(t: float, plant: Plant, measurement: Measurement, command: Command) -> 
         "q_measured": measurement.q,
         "v_measured": measurement.v,
         "altimeter_range": np.float64(measurement.altimeter_range),
+        **_spreads(measurement),
         "command": command.v,
         **_health(measurement),
         **command.telemetry,
         **plant.telemetry(),
     }
+
+
+def _spreads(measurement: Measurement) -> Mapping[str, Any]:
+    """How well the estimate is known, where the estimator tells."""
+    if measurement.spread is None:
+        return {}
+    return {"q_spread": measurement.spread, "altimeter_spread": np.float64(measurement.altimeter_spread)}

@@ -37,7 +37,7 @@ class KinematicPlant(Plant):
         """q0 (n_q,) [m, rad]: the start. Raises `InvalidInput`, as `Robot.check_configuration`."""
         self._model, self._robot, self._faults = robot.model, robot, faults
         self._t = 0.0
-        self.state = State(q=robot.check_configuration(q0), v=np.zeros(robot.n_v))
+        self.state = State(q=robot.check_configuration(q0), v=np.zeros(robot.n_v), a=np.zeros(robot.n_v))
 
     @late
     def step(self, command: Command, dt: Period) -> None:
@@ -45,7 +45,8 @@ class KinematicPlant(Plant):
         if jammed := jammed_axes(self._robot, active_of(self._faults, self._t)):
             v = v.copy()
             v[list(jammed)] = 0.0
-        self.state = _state(q=pin.integrate(self._model, self.state.q, v * dt), v=v)
+        acceleration = (v - self.state.v) / dt
+        self.state = _state(q=pin.integrate(self._model, self.state.q, v * dt), v=v, a=acceleration)
         self._t += dt
 
     def telemetry(self) -> dict[str, Any]:

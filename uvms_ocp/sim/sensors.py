@@ -15,6 +15,7 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.kinematics import AltimeterBeam
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import CHANNELS, SensorSpec, SensorSpecs
+from uvms_ocp.model.spatial import quaternion_to_matrix
 from uvms_ocp.model.state import Reading, Readings, State
 from uvms_ocp.sim.faults.channel import Channel, ChannelFaults
 from uvms_ocp.sim.faults.fault import Fault
@@ -99,6 +100,7 @@ def _sources(
             "attitude": (lambda state: state.q[3:7].copy(), _turn, 3),
             "angular_velocity": (lambda state: state.v[3:6].copy(), _add, 3),
             "linear_velocity": (lambda state: state.v[:3].copy(), _add, 3),
+            "specific_force": (_specific_force(robot.model.gravity.linear), _add, 3),
         }
     frame = altimeter_frame or robot.description.altimeter
     if specs.altimeter_range is not None and frame is not None:
@@ -125,6 +127,20 @@ def _struck(robot: Robot, name: str, disturb: Disturb, n: int) -> Channel:
     origins = {"attitude": np.array([0.0, 0.0, 0.0, 1.0]), "joint_positions": neutral[robot.joint_q]}
     joints = robot.joints if name.startswith("joint_") else ()
     return Channel(name=name, disturb=disturb, n=n, origin=origins.get(name), joints=joints)
+
+
+def _specific_force(gravity: np.ndarray) -> Truth:
+    """What an accelerometer at the origin of B shows, in B; gravity (3,) [m/s2] in W."""
+
+    def force(state: State) -> np.ndarray:
+        if state.a is None:
+            raise InvalidInput(
+                "specific_force needs the acceleration of the true state; give State(a=...), as plants do"
+            )
+        of_axes = np.cross(state.v[3:6], state.v[:3])  # v is that of B in B, whose axes turn
+        return np.asarray(state.a[:3] + of_axes - quaternion_to_matrix(state.q[3:7]).T @ gravity)
+
+    return force
 
 
 def _add(value: np.ndarray, error: np.ndarray) -> np.ndarray:

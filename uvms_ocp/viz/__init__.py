@@ -7,6 +7,7 @@ from uvms_ocp.viz.comparison import figure_paths as figure_paths
 from uvms_ocp.viz.comparison import figure_transitions as figure_transitions
 from uvms_ocp.viz.efforts import figure_efforts as figure_efforts
 from uvms_ocp.viz.efforts import figure_tracking as figure_tracking
+from uvms_ocp.viz.estimate import figure_estimate as figure_estimate
 from uvms_ocp.viz.health_figure import figure_health as figure_health
 from uvms_ocp.viz.motion_figures import figure_joints as figure_joints
 from uvms_ocp.viz.motion_figures import figure_velocities as figure_velocities

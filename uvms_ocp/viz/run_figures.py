@@ -15,6 +15,7 @@ from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
 from uvms_ocp.viz.activation_figures import figure_activations
 from uvms_ocp.viz.efforts import figure_efforts, figure_tracking
+from uvms_ocp.viz.estimate import figure_estimate
 from uvms_ocp.viz.health_figure import figure_health
 from uvms_ocp.viz.motion_figures import figure_joints, figure_velocities
 from uvms_ocp.viz.path import figure_path
@@ -35,6 +36,7 @@ FIGURES: Mapping[str, Callable[[Record], Figure | None]] = MappingProxyType(
         "path": figure_path,
         "efforts": figure_efforts,
         "tracking": figure_tracking,
+        "estimate": figure_estimate,
         "health": figure_health,
         "tick_time": figure_tick_time,
     }

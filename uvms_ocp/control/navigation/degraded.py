@@ -53,6 +53,7 @@ class Restriction:
     hold: bool = False
     blind: bool = False
     feedback: float = 1.0
+    """[-] as that of `Mode`."""
     climbs: bool = True
     """As the fields of `Mode`."""
     abort: str = ""

@@ -3,62 +3,41 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 
 from uvms_ocp.arguments import checked, late, trusted
-from uvms_ocp.control.navigation.filters import AltitudeFilter, JointFilter, VehicleFilter
-from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.control.navigation.beam import BeamMount
+from uvms_ocp.control.navigation.channels import needed_channels
+from uvms_ocp.control.navigation.filter.core import bound_tick
+from uvms_ocp.control.navigation.filter.memory import CHANNELS, N_VEHICLE, NUMBER, Memory
+from uvms_ocp.control.navigation.filter.settings import prepared
+from uvms_ocp.control.navigation.joint_chart import JointChart
+from uvms_ocp.control.navigation.outcome import Outcome
+from uvms_ocp.control.navigation.tuning import EstimatorTuning
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import CHANNELS, IDEAL_SENSORS, SensorSpecs
-from uvms_ocp.model.state import Command, Measurement, Readings
+from uvms_ocp.model.sensing import SensorSpecs
+from uvms_ocp.model.state import Command, Measurement, Reading, Readings
 
 _measurement = trusted(Measurement)
+_readings = attrgetter(*CHANNELS)
 
-_VEHICLE_CHANNELS = ("position", "attitude", "linear_velocity", "angular_velocity")
-_JOINT_CHANNELS = ("joint_positions",)
-_OPTIONAL_CHANNELS = ("depth", "joint_velocities")  # improve an estimate that does not need them
 _LATEST = 1e9  # [s] of any clock; thirty years
-
-
-@checked
-@dataclass(frozen=True, kw_only=True, slots=True)
-class EstimatorTuning:
-    """How fast the robot and the floor are expected to change. Raises `InvalidInput` for a number not > 0.
-
-    Larger: less lag, more noise.
-    """
-
-    jerk: float = 0.1
-    """[m/s3/sqrt(Hz)] of the vehicle."""
-    angular_jerk: float = 0.5
-    """[rad/s3/sqrt(Hz)] of the vehicle."""
-    gyro_drift: float = 1e-5
-    """[rad/s/sqrt(s)]"""
-    joint_acceleration: float = 0.02
-    """[rad/s2/sqrt(Hz)]"""
-    floor_roughness: float = 0.3
-    """[-] slope."""
-    altitude_drift: float = 0.005
-    """[m/sqrt(s)] at rest."""
-    echo_memory: float = 1.0
-    """[s] for which the altitude is known without an echo."""
-    response_time: float = 0.1
-    """[s] with which velocities are taken to follow commands."""
-
-    def __post_init__(self) -> None:
-        for name in self.__slots__:
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise InvalidInput(f"{name} of the estimator = {value}; give a finite number > 0")
 
 
 @checked
 class Estimator:
     """A callable ``(Readings, t, command) -> Measurement``. Holds its estimate: build one per run.
 
-    Until a channel has its first reading its part of the estimate means nothing, and `Measurement.age` is inf.
+    Until a channel has its first reading its part of the estimate means nothing, and `Measurement.age` is inf. A reading
+    that is late is fused at the time it was taken. One that is not finite, of the future or older than the last of its
+    channel is never used, one that contradicts the estimate by more than five standard deviations not until others agree
+    with it for `EstimatorTuning.recovery`; the age is that of the last one that was used.
+
+    The current is no part of the state: without a sensor of the velocity in water, or a model of thrust and drag, nothing
+    that is read depends on it.
     """
 
     def __init__(
@@ -67,21 +46,29 @@ class Estimator:
         specs: SensorSpecs | None = None,
         tuning: EstimatorTuning | None = None,
         altimeter_frame: str | None = None,
+        compiled: bool = True,
     ) -> None:
         """specs: the noise to expect. altimeter_frame: the one of the robot's description unless given.
 
-        Raises `FrameNotFound` for an unknown altimeter frame.
+        compiled: in C where there is a compiler; the numbers are the same without. Raises `FrameNotFound` for an unknown
+        altimeter frame.
         """
         specs, tuning = specs or SensorSpecs(), tuning or EstimatorTuning()
         altimeter_frame = altimeter_frame or robot.description.altimeter
-        self._n_vehicle = robot.n_vehicle
-        self._needed = _needed_channels(robot, specs, altimeter_frame)
-        self._vehicle = VehicleFilter(
-            specs, jerk=tuning.jerk, angular_jerk=tuning.angular_jerk, drift=tuning.gyro_drift
-        )
-        self._joints = JointFilter(robot, specs, acceleration=tuning.joint_acceleration)
-        self._altitude = _altitude_filter(robot, specs, tuning, altimeter_frame)
-        self._response_time = tuning.response_time
+        frame = None if specs.altimeter_range is None or not robot.n_vehicle else altimeter_frame
+        self._n_vehicle, self._response_time = robot.n_vehicle, tuning.response_time
+        self.memory = memory = prepared(Memory(robot.n_joints), robot, specs, tuning)
+        """All numbers of the filter, for who studies it."""
+        for name in needed_channels(robot, specs, altimeter_frame):
+            memory.needed[NUMBER[name]] = 1.0
+        self._has_range = frame is not None
+        self._beam = None if frame is None else BeamMount(robot, frame, memory)
+        self._chart = JointChart(robot, memory)
+        self._joints = self._chart.configuration()
+        self.advance = bound_tick(memory, compiled=compiled)
+        """The filter alone: from what `memory` has been given to what it tells."""
+        self._seen: dict[str, Reading | None] = dict.fromkeys(CHANNELS)
+        self._refused: frozenset[str] = frozenset()
         self._response = np.zeros(robot.n_v)
         self._t: float | None = None
 
@@ -91,126 +78,89 @@ class Estimator:
 
         Raises `InvalidInput` for a time before that of the last call, or beyond 1e9 s.
         """
+        dt = self._elapsed(t)
+        if command is not None:
+            self._follow(command, dt)
+        self.memory.told[0] = command is not None
+        self._take_in(readings)
+        if self._beam is not None:
+            self._beam.place(self._joints)
+        self.advance()
+        return self._told()
+
+    def outcome(self, channel: str) -> Outcome | None:
+        """What became of the newest reading of a channel that was compared with the estimate; `None` before the first.
+
+        A channel's first reading is no news, and one that is not finite, of the wrong time or so late that its past is
+        forgotten is not compared. Raises `NameNotFound` for an unknown channel.
+        """
+        t, squared, degrees, accepted = self.memory.outcome[_number(channel)].tolist()
+        if math.isnan(t):
+            return None
+        return Outcome(t=t, squared=squared, degrees=int(degrees), accepted=bool(accepted))
+
+    def used(self, channel: str) -> float:
+        """Time [s] of the newest reading of a channel that was used, -inf before the first; an echo that is missing counts.
+
+        Raises `NameNotFound` for an unknown channel.
+        """
+        return float(self.memory.used[_number(channel)])
+
+    def refuse(self, channel: str, refused: bool = True) -> None:
+        """Use no readings of a channel from now on, or again. Raises `NameNotFound` for an unknown channel."""
+        _number(channel)
+        self._refused = self._refused | {channel} if refused else self._refused - {channel}
+
+    @property
+    def spread(self) -> np.ndarray:
+        """Standard deviation (n_v,) [m, rad] of the estimated q, by its own covariance: position in W, attitude in B, joints."""
+        return self.memory.spread[6 - self._n_vehicle :].copy()
+
+    def _elapsed(self, t: float) -> float:
         if not abs(t) <= _LATEST:
             raise InvalidInput(f"estimator called at t = {t} s; give a time of at most {_LATEST:g} s")
         dt = 0.0 if self._t is None else t - self._t
         if dt < 0:
             raise InvalidInput(f"estimator called at t = {t} s after t = {self._t} s; give increasing times")
-        self._t = t
-        asked = None if command is None else self._follow(command, dt)
-        q, v = self._joints_at(readings, t, dt, asked)
-        if self._n_vehicle:
-            q_vehicle, v_vehicle = self._vehicle_at(readings, t, dt, asked)
-            q, v = np.concatenate([*q_vehicle, q]), np.concatenate([v_vehicle, v])
-        echo = math.nan if self._altitude is None else self._altitude.update(q, v, readings, t, dt)
-        age, oldest = oldest_of(readings, self._needed, t)
-        joint_age = age_of(readings, _JOINT_CHANNELS, t)
-        return _measurement(q=q, v=v, altimeter_range=echo, age=age, oldest=oldest, joint_age=joint_age)
+        self._t = self.memory.now[0] = t
+        return dt
 
-    @property
-    def spread(self) -> np.ndarray:
-        """Standard deviation (n_v,) [m, rad] of the estimated q, by its own covariance: position in W, attitude in B, joints."""
-        vehicle = self._vehicle.spread[: self._n_vehicle]
-        return np.concatenate([vehicle, self._joints.spread])
-
-    def _follow(self, command: Command, dt: float) -> np.ndarray:
+    def _follow(self, command: Command, dt: float) -> None:
         """The velocity (n_v,) [m/s, rad/s] that the command has brought about, were there nothing else."""
         self._response = command.v + math.exp(-dt / self._response_time) * (self._response - command.v)
-        return self._response
+        self.memory.asked[6 - self._n_vehicle :] = self._response
 
-    def _joints_at(
-        self, readings: Readings, t: float, dt: float, asked: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        self._joints.predict(dt, None if asked is None else asked[self._n_vehicle :])
-        self._joints.correct(readings, t)
-        return self._joints.position.copy(), self._joints.velocity.copy()
+    def _take_in(self, readings: Readings) -> None:
+        memory, seen = self.memory, self._seen
+        for name, reading in zip(CHANNELS, _readings(readings), strict=True):
+            if reading is None or reading is seen[name] or name in self._refused:
+                continue
+            seen[name], c = reading, NUMBER[name]
+            if c < N_VEHICLE:
+                memory.value[c, : np.size(reading.value)] = reading.value
+            else:
+                memory.joint_value[c - N_VEHICLE] = self._chart.values(name, reading.value)
+            memory.fresh[c], memory.stamp[c] = 1.0, reading.t
 
-    def _vehicle_at(
-        self, readings: Readings, t: float, dt: float, asked: np.ndarray | None
-    ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
-        self._vehicle.predict(dt, None if asked is None else asked[:6])
-        self._vehicle.correct(readings, t)
-        return (self._vehicle.position, self._vehicle.quaternion), self._vehicle.velocity()
-
-
-@checked
-class PassThrough:
-    """Takes readings for the truth: for sensors without noise, which it repeats exactly."""
-
-    def __init__(self, robot: Robot, specs: SensorSpecs = IDEAL_SENSORS, altimeter_frame: str | None = None) -> None:
-        """altimeter_frame: the one of the robot's description unless given.
-
-        Raises `InvalidInput` where a channel that it needs is missing: it estimates nothing.
-        """
-        free = robot.n_vehicle > 0
-        self._q_channels = (*(("position", "attitude") if free else ()), "joint_positions")
-        self._v_channels = (*(("linear_velocity", "angular_velocity") if free else ()), "joint_velocities")
-        for name in (*self._q_channels, *self._v_channels):
-            if getattr(specs, name) is None:
-                raise InvalidInput(f"sensor {name} is missing; add it, or use an Estimator instead of PassThrough")
-        self._needed = (
-            *_needed_channels(robot, specs, altimeter_frame or robot.description.altimeter),
-            "joint_velocities",
-        )
-
-    @late
-    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
-        """The last readings at time t [s]; `command` is not read. Raises `InvalidInput` before the first ones."""
-        age, oldest = oldest_of(readings, self._needed, t)
-        if age == math.inf:
-            raise InvalidInput(f"no reading of every channel yet at t = {t} s; use an Estimator for such sensors")
-        q, v = (
-            np.concatenate([getattr(readings, name).value for name in channels])
-            for channels in (self._q_channels, self._v_channels)
-        )
-        echo = readings.altimeter_range
+    def _told(self) -> Measurement:
+        memory, v = self.memory, self.memory.joint_x[:, 1]
+        q = self._joints = self._chart.configuration()
+        if self._n_vehicle:
+            q, v = np.concatenate([memory.x[:3], memory.turn, q]), np.concatenate([memory.twist, v])
+        echo, echo_spread = memory.range.tolist() if self._has_range else (math.nan, math.nan)
+        age, joint_age = memory.age.tolist()
         return _measurement(
             q=q,
-            v=v,
-            altimeter_range=math.nan if echo is None else echo.value,
+            v=v.copy(),
+            altimeter_range=echo,
             age=age,
-            oldest=oldest,
-            joint_age=age_of(readings, _JOINT_CHANNELS, t),
+            joint_age=joint_age,
+            spread=self.spread,
+            altimeter_spread=echo_spread,
         )
 
 
-def age_of(readings: Readings, channels: tuple[str, ...], t: float) -> float:
-    """Age [s] at time t [s] of the oldest of the channels' readings; inf where one is missing."""
-    return oldest_of(readings, channels, t)[0]
-
-
-def oldest_of(readings: Readings, channels: tuple[str, ...], t: float) -> tuple[float, str]:
-    """Age [s] at time t [s] of the oldest of the channels' readings, inf where one is missing, and which channel that is."""
-    taken, oldest = t, ""
-    for name in channels:
-        reading = getattr(readings, name)
-        if reading is None:
-            return math.inf, name
-        if reading.t < taken:
-            taken, oldest = reading.t, name
-    return t - taken, oldest
-
-
-def _needed_channels(robot: Robot, specs: SensorSpecs, altimeter_frame: str | None) -> tuple[str, ...]:
-    """Channels that the robot has and that no other replaces."""
-    skipped = (
-        *_OPTIONAL_CHANNELS,
-        *(() if robot.n_vehicle else _VEHICLE_CHANNELS),
-        *(() if altimeter_frame else ("altimeter_range",)),
-    )
-    return tuple(name for name in CHANNELS if getattr(specs, name) is not None and name not in skipped)
-
-
-def _altitude_filter(
-    robot: Robot, specs: SensorSpecs, tuning: EstimatorTuning, frame: str | None
-) -> AltitudeFilter | None:
-    if specs.altimeter_range is None or frame is None:
-        return None
-    return AltitudeFilter(
-        robot,
-        frame,
-        specs.altimeter_range,
-        roughness=tuning.floor_roughness,
-        settling=tuning.altitude_drift,
-        memory=tuning.echo_memory,
-    )
+def _number(channel: str) -> int:
+    if channel not in NUMBER:
+        raise NameNotFound("channel", channel, CHANNELS)
+    return NUMBER[channel]

@@ -32,6 +32,7 @@ Channel = Literal[
     "joint_positions",
     "joint_velocities",
     "altimeter_range",
+    "specific_force",
 ]
 Matrix6 = tuple[Vector6, Vector6, Vector6, Vector6, Vector6, Vector6]
 

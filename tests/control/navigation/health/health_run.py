@@ -44,8 +44,9 @@ class HealthRun:
         dt: float = 0.01,
         start_z: float = -36.0,
         seed: int = 0,
+        asked: Motion | None = None,
     ) -> None:
-        """spoil: what happens to the readings on their way."""
+        """spoil: what happens to the readings on their way. asked: the commanded velocity, the true one unless given."""
         specs, motion = specs or SensorSpecs(), motion or swaying(robot)
         suite, q = SensorSuite(robot, floor, specs, seed=seed), robot.configuration(position=(0.0, 0.0, start_z))
         self.guard = GuardedEstimator(Estimator(robot, specs), robot, specs)
@@ -54,7 +55,7 @@ class HealthRun:
             v = motion(t)
             m = self.guard(spoil(suite.read(State(q=q, v=v), t), t), t, command)
             rows.append((q, m.q, v, m.v, m.altimeter_range, m.age, m.joint_age, [h.trust for h in m.health]))
-            command, q = Command(v=motion(t + dt)), pin.integrate(robot.model, q, motion(t + dt / 2) * dt)
+            command, q = Command(v=(asked or motion)(t + dt)), pin.integrate(robot.model, q, motion(t + dt / 2) * dt)
         columns = [np.array(column) for column in zip(*rows, strict=True)]
         self.q, self.q_estimated, self.v, self.v_estimated, self.range, self.age, self.joint_age, self.trust = columns
 

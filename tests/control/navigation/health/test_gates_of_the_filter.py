@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from health_run import FLOOR
 
-from uvms_ocp.control.navigation.estimator import Estimator, PassThrough
+from uvms_ocp.control.navigation.estimator import Estimator
 from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.control.navigation.health.tuning import HealthTuning
+from uvms_ocp.control.navigation.pass_through import PassThrough
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.health import Trust
 from uvms_ocp.model.loading import load_robot

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from health_run import FLOOR, HealthRun, swaying
 
-from uvms_ocp.control.navigation.estimator import Estimator, PassThrough
+from uvms_ocp.control.navigation.estimator import Estimator
 from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.control.navigation.health.repeats import Repeats
+from uvms_ocp.control.navigation.pass_through import PassThrough
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpec, SensorSpecs

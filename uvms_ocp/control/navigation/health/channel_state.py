@@ -32,7 +32,9 @@ class ChannelState:
         self._used_at: float | None = None
         """[s] when it arrived; before the first, when the run began."""
         self.refused_at = -math.inf
-        """[s] when a reading was last refused or complained about by itself."""
+        """[s] when a reading was last refused, by whomever."""
+        self.impossible_at = -math.inf
+        """[s] when one was last refused before the filter saw it: one that could not be, whatever else is wrong."""
         self.agreed = 0
         """Readings in a row that agreed with the estimate."""
         self.verdict = _health(channel=name, trust=Trust.GOOD)
@@ -73,7 +75,7 @@ class ChannelState:
 
     def refuse(self, why: str, t: float) -> None:
         """A reading is not used at time t [s], and why."""
-        self.refused_at = t
+        self.refused_at = self.impossible_at = t
         self.doubt(why, t)
 
     def doubt(self, why: str, t: float) -> None:
@@ -82,12 +84,17 @@ class ChannelState:
             self._complaint = why
         self._bad_at = t
 
-    def judge(self, t: float, period: float) -> bool:
-        """Look at the clock at time t [s]; period [s] between two readings. Returns whether the verdict changed."""
+    def judge(self, t: float, period: float, *, contested: bool = False) -> bool:
+        """Look at the clock at time t [s]; period [s] between two readings. Returns whether the verdict changed.
+
+        contested: another channel is suspect that may be why the filter refuses this one, which then is not lost for it.
+        """
         if self._used_at is None:
             self._used_at = t
         quiet = t - self._used_at
         trust = self._by_silence(quiet, period)
+        if contested and self._gated and self.refused_at >= t - self._tuning.least_to_lose - period:
+            trust = min(trust, Trust.SUSPECT)
         if trust is not Trust.GOOD:
             self._silent(quiet, t, anew=trust is not self.verdict.trust)
         elif t - self._bad_at <= self._tuning.clean:

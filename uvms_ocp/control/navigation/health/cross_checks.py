@@ -15,6 +15,7 @@ from uvms_ocp.control.navigation.health.disagreement import (
     VelocityAgainstPosition,
 )
 from uvms_ocp.control.navigation.health.history import Estimate
+from uvms_ocp.model.health import Trust
 from uvms_ocp.model.sensing import SensorSpec
 from uvms_ocp.model.state import Reading
 
@@ -26,6 +27,8 @@ class Quarrel(NamedTuple):
 
     channels: tuple[str, str]
     why: str
+    likely: str = ""
+    """The one to blame where nothing else tells, if it is known."""
 
 
 class CrossChecks:
@@ -51,21 +54,45 @@ class CrossChecks:
         elif name == "angular_velocity":
             self._rate.rate(value, t)
         elif name == "attitude" and (why := self._rate.attitude(value, t)):
-            return (Quarrel(("angular_velocity", "attitude"), why),)
+            return (Quarrel(("angular_velocity", "attitude"), why, likely="angular_velocity"),)
         return ()
 
     def _fix(self, p: np.ndarray, t: float, estimate: Estimate) -> tuple[Quarrel, ...]:
         moving = self._velocity.position(p, t)
         deep = self._depth.position(p, _in_world(estimate, estimate.v[:3]), t)
-        found = ((("linear_velocity", "position"), moving), (("depth", "position"), deep))
-        return tuple(Quarrel(channels, why) for channels, why in found if why)
+        velocity = ("linear_velocity", "position")
+        found = (
+            Quarrel(velocity, moving, likely="linear_velocity") if moving else None,
+            Quarrel(("depth", "position"), deep) if deep else None,
+        )
+        return tuple(quarrel for quarrel in found if quarrel)
+
+
+_RIVALS = {
+    "attitude": ("angular_velocity",),
+    "angular_velocity": ("attitude",),
+    "position": ("linear_velocity", "depth"),
+    "depth": ("position", "linear_velocity"),
+    "linear_velocity": ("position",),
+}
+
+
+def is_contested(channel: str, states: Mapping[str, ChannelState]) -> bool:
+    """Whether a suspect channel may be why the estimate does not agree with this one."""
+    rivals = (states[name] for name in _RIVALS.get(channel, ()) if name in states)
+    return any(rival.verdict.trust is Trust.SUSPECT for rival in rivals)
 
 
 def blamed(quarrel: Quarrel, states: Mapping[str, ChannelState], t: float) -> tuple[str, ...]:
-    """The one of the two whose readings were refused not long before time t [s]; both where that does not tell."""
+    """The one of the two whose readings were refused not long before time t [s]; otherwise the likely one, or both.
+
+    Where a rate drifts from attitudes or fixes it is the rate that is biased: those jump, which is refused.
+    """
     there = tuple(name for name in quarrel.channels if name in states)
-    guilty = tuple(name for name in there if t - states[name].refused_at <= _RECENT)
-    return guilty if len(guilty) == 1 else there
+    guilty = tuple(name for name in there if t - states[name].impossible_at <= _RECENT)
+    if len(guilty) == 1:
+        return guilty
+    return (quarrel.likely,) if quarrel.likely in there else there
 
 
 def _in_world(estimate: Estimate, v_B: np.ndarray) -> np.ndarray:

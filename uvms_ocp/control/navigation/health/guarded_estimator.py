@@ -9,9 +9,9 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from uvms_ocp.arguments import changed, checked, late, trusted
-from uvms_ocp.control.navigation.estimator import PassThrough
 from uvms_ocp.control.navigation.health.monitor import HealthMonitor
 from uvms_ocp.control.navigation.health.support import age_by_support, needed_channels, stand_ins
+from uvms_ocp.control.navigation.pass_through import PassThrough
 from uvms_ocp.model.health import Trust
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import SensorSpecs

@@ -7,7 +7,7 @@ from typing import Any
 
 from uvms_ocp.arguments import checked, late, trusted
 from uvms_ocp.control.navigation.health.channel_state import ChannelState
-from uvms_ocp.control.navigation.health.cross_checks import CrossChecks, blamed
+from uvms_ocp.control.navigation.health.cross_checks import CrossChecks, blamed, is_contested
 from uvms_ocp.control.navigation.health.history import History
 from uvms_ocp.control.navigation.health.reading_checks import ReadingChecks, is_empty
 from uvms_ocp.control.navigation.health.tuning import HealthTuning
@@ -96,7 +96,11 @@ class HealthMonitor:
         """The verdicts at time t [s], with what the filter made of the readings."""
         if measurement.age < math.inf:
             self._history.add(t, measurement.q, measurement.v)
-        changed = [name for name, state in self._states.items() if state.judge(t, self._period(name))]
+        changed = [
+            name
+            for name, state in self._states.items()
+            if state.judge(t, self._period(name), contested=is_contested(name, self._states))
+        ]
         if changed:
             self._health = tuple(state.verdict for state in self._states.values())
             self.alarms += [(t, _told(self._states[name].verdict)) for name in changed]

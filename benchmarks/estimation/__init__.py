@@ -1,0 +1,1 @@
+"""The estimator against truths: drawn from its own process model, and of missions."""

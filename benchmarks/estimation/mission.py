@@ -1,0 +1,73 @@
+"""The estimator on the plant of a mission, whose motion is not that of the process model; and what a tick of it takes."""
+
+from __future__ import annotations
+
+from time import perf_counter
+
+import numpy as np
+import pinocchio as pin
+
+from estimation.consistency import DELAYS, SPECS, late
+from uvms_ocp.arrays import Array
+from uvms_ocp.control.navigation.estimator import Estimator
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.sensing import SensorSpecs
+from uvms_ocp.model.state import Command, State
+from uvms_ocp.report.estimate import estimate_table
+from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.sim.seafloor import FlatSeafloor
+from uvms_ocp.sim.sensors import SensorSuite
+
+TIMED = {"default": SensorSpecs(), "every channel": SPECS, "all late": late(SPECS, DELAYS)}
+_DT = 1 / 200  # [s]
+
+
+def mission_table(seeds: int, *, plant: str, duration: float) -> list[dict[str, object]]:
+    """One row per seed and part of Case 1 with noise: errors, spreads and the ratio of their squares; true tool error."""
+    rows: list[dict[str, object]] = []
+    for seed in range(seeds):
+        record = case1(noise=True, plant=plant, seed=seed, duration=duration).run()
+        tool = record.run_meta.true_quantity("T.position_error")
+        rows += [
+            {"seed": seed, "completed": record.run_meta.completed, "tool_error_m": tool, **row}
+            for row in estimate_table(record)
+        ]
+    return rows
+
+
+def time_table(robot: Robot, *, ticks: int) -> list[dict[str, object]]:
+    """One row per set of sensors [us]: a tick of the whole estimator and of its core, median and 99th percentile."""
+    rows: list[dict[str, object]] = []
+    for name, specs in TIMED.items():
+        whole, core = _tick_times(robot, specs, ticks)
+        figures = {"p50": 50, "p99": 99}
+        times = {
+            f"{of}_{p}_us": float(np.percentile(t, q))
+            for of, t in (("tick", whole), ("core", core))
+            for p, q in figures.items()
+        }
+        rows.append({"sensors": name, **times})
+    return rows
+
+
+def _tick_times(robot: Robot, specs: SensorSpecs, ticks: int) -> tuple[Array, Array]:
+    estimator, suite = Estimator(robot, specs), SensorSuite(robot, FlatSeafloor(z=-40.0), specs, seed=1)
+    advance, core, whole = estimator.advance, [], []
+
+    def timed_core() -> None:
+        begin = perf_counter()
+        advance()
+        core.append(perf_counter() - begin)
+
+    estimator.advance = timed_core
+    q = robot.configuration(position=(1.0, 2.0, -36.0))
+    size, rate = np.where(np.arange(robot.n_v) < 6, 0.2, 0.4), np.linspace(0.5, 1.2, robot.n_v)
+    for k in range(ticks):
+        t = k * _DT
+        v, a = size * np.sin(rate * t), size * rate * np.cos(rate * t)
+        readings, command = suite.read(State(q=q, v=v, a=a), t), Command(v=v)
+        begin = perf_counter()
+        estimator(readings, t, command)
+        whole.append(perf_counter() - begin)
+        q = pin.integrate(robot.model, q, v * _DT)
+    return 1e6 * np.array(whole[ticks // 10 :]), 1e6 * np.array(core[ticks // 10 :])

@@ -1,0 +1,80 @@
+"""What the estimator promises and keeps: ``python benchmarks/navigation.py``.
+
+Writes navigation.csv (consistency), navigation_delays.csv, navigation_mission.csv, navigation_time.csv and navigation.md.
+"""
+
+from __future__ import annotations
+
+from estimation.consistency import DELAYS, SPECS, consistency, late
+from estimation.delays import LEVEL, WITH, WITHOUT, delay_table
+from estimation.mission import mission_table, time_table
+from recording.report import Report, Table, begin, parser_of
+
+from uvms_ocp.model.loading import load_robot
+
+PROSE = """
+{seeds} truths drawn from the filter's own process model, {duration:g} s each. *NEES* is the squared error of a part of the state,
+*NIS* the squared innovation of a channel, both over their own covariance and per degree of freedom: 1 is right. Errors count at
+times apart by their correlation time; *least* and *most* hold 95 % for all rows of a table together. Inside: {inside} of {rows}
+with readings in time, {late_inside} of {rows} with all of them late.
+
+Delays: root mean square errors of the same truths with a channel late, over those with none ({largest:.2f} at most for position,
+attitude and altitude with an accelerometer and one channel late). These truths are slower, above a floor with a slope of
+{slope:g}: how a rougher one goes on since a late echo nobody can know. Without an accelerometer nothing tells what the vehicle
+did since the newest reading of its velocity: {bound:.0f} mm/s after {dvl:g} s of the driving jerk, which is the bound of any
+filter.
+
+Mission: Case 1 with default sensors and noise, whose vehicle is not driven by white jerk; *ratio* is the mean squared error over
+the mean variance.
+
+Time of a tick: the whole estimator, readings in and measurement out, and its core in C alone.
+"""
+FIGURES = {"of": "", "mean": ".3f", "least": ".3f", "most": ".3f", "n": "", "inside": ""}
+
+
+def main() -> None:
+    """Draw truths, delay readings, fly a mission, and take the time."""
+    _, run = begin(parser_of(__doc__))
+    seeds, duration = (2, 6.0) if run.quick else (50, 20.0)
+    robot = load_robot("girona_maris7")
+    in_time = consistency(robot, SPECS, seeds=seeds, duration=duration)
+    all_late = consistency(robot, late(SPECS, DELAYS), seeds=seeds, duration=duration)
+    delays = [
+        row
+        for specs in (WITH, WITHOUT)
+        for row in delay_table(robot, specs, seeds=range(2 if run.quick else 20), duration=9.0 if run.quick else 16.0)
+    ]
+    missions = mission_table(
+        1 if run.quick else 20, plant="kinematic" if run.quick else "dynamic", duration=2.0 if run.quick else 120.0
+    )
+    times = time_table(robot, ticks=400 if run.quick else 20_000)
+    alone = delays[1 : len(DELAYS) + 1]
+    prose = PROSE.format(
+        seeds=seeds,
+        duration=duration,
+        inside=_inside(in_time),
+        late_inside=_inside(all_late),
+        rows=len(in_time),
+        largest=max(float(str(row[name])) for row in alone for name in ("position", "attitude", "altitude")),
+        dvl=DELAYS["linear_velocity"],
+        slope=LEVEL.floor_roughness,
+        bound=1e3 * LEVEL.jerk * (DELAYS["linear_velocity"] ** 3 / 3) ** 0.5,
+    )
+    tables = [
+        Table(rows=in_time, columns=FIGURES),
+        Table(rows=all_late, columns=FIGURES),
+        Table(rows=delays, columns=dict.fromkeys(delays[0], ".3g") | {"late": "", "accelerometer": ""}),
+        Table(rows=missions, columns=dict.fromkeys(missions[0], ".3g") | {"of": "", "completed": ""}),
+        Table(rows=times, columns=dict.fromkeys(times[0], ".1f") | {"sensors": ""}),
+    ]
+    given = [{"readings": name, **row} for name, rows in (("in time", in_time), ("late", all_late)) for row in rows]
+    data = {"navigation": given, "navigation_delays": delays, "navigation_mission": missions, "navigation_time": times}
+    run.write(Report(name="navigation", title="Navigation", prose=prose, tables=tables, data=data))
+
+
+def _inside(rows: list[dict[str, object]]) -> int:
+    return sum(bool(row["inside"]) for row in rows)
+
+
+if __name__ == "__main__":
+    main()

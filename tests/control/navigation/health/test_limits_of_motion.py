@@ -1,0 +1,87 @@
+"""Whatever a robot may do by its limits, or does not do although it is told to, no sound sensor is doubted for it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from corruptors import with_defect
+from health_run import HealthRun, Motion
+
+from uvms_ocp.model.health import Trust
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.state import Readings
+
+HALF = 0.4  # [s] in which joints and vehicle speed up, and slow down
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot("girona_maris7")
+
+
+def shuttling(robot: Robot, axes: slice) -> Motion:
+    """To and fro at the acceleration limits of some axes."""
+    a = np.zeros(robot.n_v)
+    a[axes] = robot.limits.acceleration[axes] * np.where(np.arange(robot.n_v)[axes] % 2, 1.0, -1.0)
+    return lambda t: a * HALF * (2.0 * abs((t / (2.0 * HALF) + 0.5) % 2.0 - 1.0) - 1.0)
+
+
+def braking(robot: Robot, axes: slice) -> Motion:
+    """Steady, at rest from 3 s on, all at once."""
+    v = np.zeros(robot.n_v)
+    v[axes] = 0.3
+    return lambda t: v * (t < 3.0)
+
+
+def rest(robot: Robot) -> Motion:
+    return lambda t: np.zeros(robot.n_v)
+
+
+VEHICLE, JOINTS = slice(0, 6), slice(6, None)
+
+
+@pytest.mark.parametrize("axes", [VEHICLE, JOINTS], ids=["vehicle", "joints"])
+def test_motion_at_the_limits_of_acceleration_is_believed(robot: Robot, axes: slice) -> None:
+    assert HealthRun(robot, duration=8.0, motion=shuttling(robot, axes)).guard.monitor.alarms == []
+
+
+@pytest.mark.parametrize("axes", [slice(i, i + 1) for i in range(6)] + [JOINTS], ids=str)
+def test_motion_at_the_limits_that_nobody_asked_for_is_believed(robot: Robot, axes: slice) -> None:
+    """Of one axis of the vehicle at a time: no thrusters give all at once."""
+    run = HealthRun(robot, duration=6.0, motion=shuttling(robot, axes), asked=rest(robot))
+    assert run.guard.monitor.alarms == []
+
+
+@pytest.mark.parametrize("axes", [VEHICLE, JOINTS], ids=["vehicle", "joints"])
+def test_commands_that_nobody_follows_make_no_sensor_suspect(robot: Robot, axes: slice) -> None:
+    run = HealthRun(robot, duration=8.0, motion=rest(robot), asked=shuttling(robot, axes))
+    assert run.guard.monitor.alarms == []
+    assert np.abs(run.q_estimated[-100:, :3] - run.q[-100:, :3]).max() < 0.05
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_joints_that_stop_at_once_make_no_encoder_suspect(robot: Robot, told: bool) -> None:
+    """A jam, brakes or a stop; whether the command goes on or not."""
+    moving = braking(robot, JOINTS)
+    run = HealthRun(robot, duration=4.0, motion=moving, asked=moving if told else (lambda t: moving(0.0)))
+    late = [text for t, text in run.guard.monitor.alarms if "does not change" not in text]
+    assert late == []
+    assert np.abs(run.v_estimated[-20:, JOINTS]).max() < 0.1
+
+
+@pytest.mark.parametrize("size", [0.05, 0.1, 0.2])
+def test_a_biased_gyro_is_named_and_the_attitude_neither_lost_nor_led_astray(robot: Robot, size: float) -> None:
+    def biased(readings: Readings, t: float) -> Readings:
+        def add(reading, now):
+            return type(reading)(value=reading.value + np.array([0.0, 0.0, size]), t=reading.t)
+
+        return with_defect(readings, "angular_velocity", add, t) if t >= 3.0 and readings.angular_velocity else readings
+
+    run = HealthRun(robot, duration=12.0, spoil=biased)
+    assert run.first_bad("angular_velocity", 3.0) < 1.0
+    assert (run.of("attitude") == Trust.GOOD).all()
+    turn = 2.0 * np.abs(run.q_estimated[:, 3:6] - run.q[:, 3:6])
+    assert turn[run.t > 1.0].max() < 0.03
+    assert turn[run.t > 6.0].max() < 0.01
+    assert np.abs(run.v_estimated - run.v)[run.t > 6.0, 3:6].max() < 0.03

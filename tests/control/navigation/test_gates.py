@@ -1,0 +1,168 @@
+"""Readings that must not be believed: what is no number, of the wrong time, or contradicts the estimate; and the way back."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from uvms_ocp.control.navigation.estimator import Estimator
+from uvms_ocp.exceptions import NameNotFound
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.sensing import ACCELEROMETER, CHANNELS, SensorSpec, SensorSpecs
+from uvms_ocp.model.state import Measurement, Reading, Readings, State
+from uvms_ocp.sim.seafloor import FlatSeafloor
+from uvms_ocp.sim.sensors import SensorSuite
+
+DT = 0.01
+SPECS = SensorSpecs(specific_force=ACCELEROMETER, joint_velocities=SensorSpec(rate=50.0, sigma=0.01))
+JUMPS = {
+    "position": np.array([50.0, 50.0, 0.0]),  # a depth that stays would contradict it
+    "depth": 20.0,
+    "attitude": 0.8,
+    "angular_velocity": 3.0,
+    "linear_velocity": 5.0,
+    "joint_positions": 1.0,
+    "joint_velocities": 5.0,
+    "altimeter_range": 50.0,
+    "specific_force": 30.0,
+}
+
+
+class AtRest:
+    """A robot at rest, its sensors, and an estimator that is given what `spoil` makes of a channel's readings."""
+
+    def __init__(self, specs: SensorSpecs = SPECS, seed: int = 0) -> None:
+        self.robot: Robot = load_robot("girona_maris7")
+        self.q = self.robot.configuration(position=(1.0, 2.0, -36.0))
+        self.state = State(q=self.q, v=np.zeros(self.robot.n_v), a=np.zeros(self.robot.n_v))
+        self.suite = SensorSuite(self.robot, FlatSeafloor(z=-40.0), specs, seed=seed)
+        self.estimator = Estimator(self.robot, specs)
+        self.k = 0
+
+    def run(self, seconds, channel="", spoil=lambda reading: reading) -> Measurement:
+        for _ in range(round(seconds / DT)):
+            t = self.k * DT
+            readings = self.suite.read(self.state, t)
+            if channel and getattr(readings, channel) is not None:
+                readings = replace(readings, **{channel: spoil(getattr(readings, channel))})
+            measurement, self.k = self.estimator(readings, t), self.k + 1
+        return measurement
+
+    def error(self, measurement: Measurement) -> float:
+        return float(np.abs(pin.difference(self.robot.model, self.q, measurement.q)).max())
+
+
+def jumped(channel, share=1.0):
+    def spoil(reading):
+        size = share * JUMPS[channel]
+        if channel == "attitude":
+            turned = pin.Quaternion(reading.value) * pin.Quaternion(pin.exp3(np.array([0.0, 0.0, size])))
+            return Reading(value=turned.coeffs(), t=reading.t)
+        return Reading(value=reading.value + size, t=reading.t)
+
+    return spoil
+
+
+@pytest.mark.parametrize("channel", CHANNELS)
+def test_a_burst_of_what_is_no_number_leaves_no_trace(channel: str) -> None:
+    rest = AtRest()
+    rest.run(3.0)
+    burst = rest.run(0.5, channel, lambda reading: Reading(value=reading.value * np.nan, t=reading.t))
+    assert np.isfinite(burst.q).all()
+    assert np.isfinite(burst.v).all()
+    after = rest.run(1.0)
+    assert rest.error(after) < 0.03
+    assert after.age < 0.25
+
+
+@pytest.mark.parametrize("channel", CHANNELS)
+def test_a_reading_of_the_future_or_of_the_past_is_never_used(channel: str) -> None:
+    rest = AtRest()
+    rest.run(2.0)
+    used = rest.estimator.used(channel)
+    jump = jumped(channel)
+    for shift in (5.0, -3.0):
+        rest.run(0.3, channel, lambda reading, shift=shift: Reading(value=jump(reading).value, t=reading.t + shift))
+        assert rest.estimator.used(channel) == used
+    assert rest.error(rest.run(0.5)) < 0.03
+
+
+@pytest.mark.parametrize("channel", CHANNELS)
+def test_a_jump_is_refused_and_believed_only_where_it_lasts(channel: str) -> None:
+    rest = AtRest()
+    rest.run(3.0)
+    before = rest.estimator.used(channel)
+    rest.run(0.22, channel, jumped(channel))
+    outcome = rest.estimator.outcome(channel)
+    assert outcome is not None
+    assert not outcome.accepted
+    assert outcome.squared > 25.0
+    assert rest.estimator.used(channel) == before
+    assert rest.error(rest.run(0.3)) < 0.03
+    if channel == "depth":
+        return  # which position fixes contradict
+    rest.run(2.5, channel, jumped(channel))
+    lasting = rest.estimator.outcome(channel)
+    assert lasting is not None
+    assert lasting.accepted
+
+
+def test_a_floor_that_comes_nearer_is_believed_at_once() -> None:
+    rest = AtRest()
+    far = rest.run(3.0).altimeter_range
+    near = rest.run(
+        0.11, "altimeter_range", lambda reading: Reading(value=reading.value - 2.0, t=reading.t)
+    ).altimeter_range
+    assert near == pytest.approx(far - 2.0, abs=0.1)
+
+
+def test_outcomes_tell_time_size_and_freedom() -> None:
+    rest = AtRest()
+    assert rest.estimator.outcome("position") is None
+    rest.run(2.0)
+    degrees = {"depth": 1, "altimeter_range": 1, "joint_positions": 7, "joint_velocities": 7}
+    for channel in CHANNELS:
+        outcome = rest.estimator.outcome(channel)
+        assert outcome is not None
+        assert outcome.t == rest.estimator.used(channel) > 1.7
+        assert outcome.degrees == degrees.get(channel, 3)
+        assert outcome.accepted
+    with pytest.raises(NameNotFound, match="sonar"):
+        rest.estimator.outcome("sonar")
+
+
+def test_a_refused_channel_is_not_used_until_it_is_trusted_again() -> None:
+    rest = AtRest()
+    rest.run(2.0)
+    used = rest.estimator.used("position")
+    rest.estimator.refuse("position")
+    assert rest.run(1.0).age > 1.0
+    assert rest.estimator.used("position") == used
+    rest.estimator.refuse("position", False)
+    assert rest.run(0.5).age < 0.25
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_delay_makes_the_estimate_diverge(seed: int) -> None:
+    """Of any channel, from 0 to 2 s, which the filter has not been told of."""
+    rest, rng = AtRest(seed=seed), np.random.default_rng(seed)
+    late = {name: float(rng.uniform(0.0, 2.0)) for name in CHANNELS}
+    past: dict[str, list[Reading]] = {name: [] for name in CHANNELS}
+    for k in range(1200):
+        t = k * DT
+        readings, arrived = rest.suite.read(rest.state, t), {}
+        for name in CHANNELS:
+            past[name].append(getattr(readings, name))
+            if t >= late[name]:
+                arrived[name] = past[name][k - math.floor(late[name] / DT)]
+        measurement = rest.estimator(Readings(**arrived), t)
+    error = pin.difference(rest.robot.model, rest.q, measurement.q)
+    assert np.abs(error / measurement.spread).max() < 5.0
+    assert measurement.spread.max() < 0.5
+    assert np.abs(measurement.v).max() < 0.5
+    assert measurement.age < 2.4

@@ -1,0 +1,109 @@
+"""The filter in C and its NumPy twin: the same numbers, whatever is read and however late."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from estimation.consistency import DELAYS, SPECS, late
+
+from uvms_ocp.arguments import trusted
+from uvms_ocp.arrays import Array
+from uvms_ocp.control.navigation.estimator import Estimator
+from uvms_ocp.control.navigation.filter import core
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.sensing import CHANNELS, IDEAL_SENSORS, SensorSpec, SensorSpecs
+from uvms_ocp.model.state import Command, Reading, Readings
+
+EVERYTHING_LATE = late(SPECS, {name: 0.03 + 0.1 * k for k, name in enumerate(CHANNELS)})
+
+
+class Babble:
+    """Readings at random: of any motion, at times lost, not finite, of the future, or out of order."""
+
+    def __init__(self, robot: Robot, specs: SensorSpecs, seed: int) -> None:
+        self.robot, self.specs, self.rng = robot, specs, np.random.default_rng(seed)
+        self.sizes = {"depth": (), "altimeter_range": (), "attitude": (4,)}
+        self.sizes |= dict.fromkeys(("joint_positions", "joint_velocities"), (robot.n_joints,))
+
+    def readings(self, t: float) -> Readings:
+        there = [name for name in CHANNELS if getattr(self.specs, name) is not None]
+        return Readings(**{name: self.reading(name, t) for name in there if self.rng.random() < 0.5})
+
+    def reading(self, name: str, t: float) -> Reading:
+        spec: SensorSpec = getattr(self.specs, name)
+        value = self.value(name)
+        fate = self.rng.random()
+        if fate < 0.02:
+            value = value * np.nan
+        elif fate < 0.04:
+            value = value + (0.0 if name == "attitude" else 1.0)
+        at = t - spec.delay * self.rng.choice([1.0, 0.5, 1.3]) + (1.0 if fate > 0.98 else 0.0)
+        return Reading(value=value, t=float(at))
+
+    def value(self, name: str) -> Array | float:
+        drawn = 0.02 * self.rng.standard_normal(self.sizes.get(name, (3,)))
+        if name == "attitude":
+            drawn[3] = 1.0
+            return drawn / np.linalg.norm(drawn)
+        if name == "specific_force":
+            drawn[2] += 9.81
+        return float(drawn) + 5.0 * (name == "altimeter_range") if np.ndim(drawn) == 0 else drawn
+
+    def command(self) -> Command | None:
+        return None if self.rng.random() < 0.1 else Command(v=0.1 * self.rng.standard_normal(self.robot.n_v))
+
+
+@pytest.mark.parametrize("name", ["girona_maris7", "planar5"])
+@pytest.mark.parametrize("specs", [SensorSpecs(), SPECS, late(SPECS, DELAYS), EVERYTHING_LATE], ids=range(4))
+def test_c_and_numpy_give_the_same_numbers(name: str, specs: SensorSpecs) -> None:
+    robot = load_robot(name)
+    compiled, plain = Estimator(robot, specs), Estimator(robot, specs, compiled=False)
+    babble, t = Babble(robot, specs, seed=len(name)), 0.0
+    for _ in range(1500):
+        t += float(babble.rng.choice([0.0, 0.005, 0.01, 0.02]))
+        readings, command = babble.readings(t), babble.command()
+        a, b = compiled(readings, t, command), plain(readings, t, command)
+        for part in ("q", "v", "spread", "age"):
+            np.testing.assert_allclose(getattr(a, part), getattr(b, part), rtol=1e-9, atol=1e-9, err_msg=part)
+        # A beam that hardly looks down multiplies what rounding has done to the attitude.
+        np.testing.assert_allclose(a.altimeter_range, b.altimeter_range, rtol=1e-7)
+    np.testing.assert_allclose(compiled.memory.outcome, plain.memory.outcome, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(compiled.memory.covariance, plain.memory.covariance, rtol=1e-9, atol=1e-9)
+
+
+def test_without_a_compiler_the_filter_is_that_of_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(core, "_core", lambda n_joints: None)
+    estimator = Estimator(load_robot("girona_maris7"))
+    assert np.isfinite(estimator(Readings(), 0.0).q).all()
+
+
+@pytest.mark.parametrize("specs", [SensorSpecs(), IDEAL_SENSORS, late(SPECS, DELAYS)], ids=["default", "ideal", "late"])
+def test_covariances_stay_symmetric_and_positive(specs: SensorSpecs) -> None:
+    """Of the vehicle with its clones, and of the joints, after 3e4 ticks."""
+    robot = load_robot("girona_maris7")
+    given = {name: getattr(specs, name) for name in CHANNELS if getattr(specs, name) is not None}
+    values = {name: np.zeros(3) for name in given} | {"depth": 0.0, "altimeter_range": 5.0}
+    values |= {name: np.zeros(robot.n_joints) for name in ("joint_positions", "joint_velocities")}
+    values |= {"attitude": np.array([0.0, 0.0, 0.0, 1.0]), "specific_force": np.array([0.0, 0.0, 9.81])}
+    estimator, dt, reading, all_readings = Estimator(robot, specs), 0.01, trusted(Reading), trusted(Readings)
+    steps = {name: max(1, round(1.0 / (spec.rate * dt))) for name, spec in given.items()}
+    for k in range(30_000):
+        readings = {}
+        for name, spec in given.items():
+            taken = (k - round(spec.delay / dt)) // steps[name] * steps[name]
+            if taken >= 0:
+                readings[name] = reading(value=values[name], t=taken * dt)
+        estimator(all_readings(**readings), k * dt)
+    m = estimator.memory
+    n = len(m.covariance) + 3 * (int(np.flatnonzero(m.owner >= 0).max(initial=-1)) + 1)
+    upper = np.triu(m.P[:n, :n])
+    held = np.concatenate([np.ones(28, dtype=bool), np.repeat(m.owner[: (n - 28) // 3] >= 0, 3)])
+    held &= np.diag(upper) > 0.0  # channels with one row have two of zeros
+    P = (upper + np.triu(upper, 1).T)[np.ix_(held, held)]
+    scale = 1.0 / np.sqrt(np.diag(P))
+    assert np.linalg.eigvalsh(P * scale[:, None] * scale).min() > -1e-9
+    for joint in m.joint_P:
+        np.testing.assert_allclose(joint, joint.T, atol=1e-12)
+        assert np.linalg.eigvalsh(joint[:2, :2]).min() > 0.0
+    assert np.linalg.eigvalsh(m.covariance * scale[:28, None] * scale[:28]).min() > 0.0

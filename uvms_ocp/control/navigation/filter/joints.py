@@ -1,0 +1,177 @@
+"""The joints in NumPy, each a filter of its own: what joints.c does; keep both in step."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from uvms_ocp.arrays import Array, Mask
+from uvms_ocp.control.navigation.filter.clones import (
+    allowance,
+    expire,
+    free_slot,
+    is_due,
+    learn_lag,
+    nearest,
+    note,
+    space_out,
+    unseen,
+)
+from uvms_ocp.control.navigation.filter.memory import CONSTANTS, JOINT_SLOTS, N_CHANNELS, Channel, Memory, Noise
+from uvms_ocp.control.navigation.filter.vehicle import reply_doubt
+
+_FIRST = Channel.JOINT_POSITIONS
+_CHANNELS = (Channel.JOINT_POSITIONS, Channel.JOINT_VELOCITIES)
+
+
+def predict(m: Memory) -> None:
+    """Advance by the time of the tick."""
+    if m.told[0]:
+        change = m.asked[6:] - m.asked_rates
+        m.joint_x[:, 1] += change
+        m.joint_P[:, 1, 1] += reply_doubt(m, change)
+        m.asked_rates[:] = m.asked[6:]
+    dt, step = float(m.dt[0]), float(min(m.dt[0], CONSTANTS.longest_step))
+    if dt <= 0.0:
+        return
+    x, P, drive = m.joint_x, m.joint_P, m.drive[Noise.JOINT] ** 2
+    x[:, 0] += step * x[:, 1]
+    P[:, 0, :] += step * P[:, 1, :]
+    P[:, :, 0] += step * P[:, :, 1]
+    P[:, 0, 0] += drive * (dt * dt * dt / 3)
+    P[:, 0, 1] += drive * (dt * dt / 2)
+    P[:, 1, 0] += drive * (dt * dt / 2)
+    P[:, 1, 1] += drive * dt
+    for i in range(2):
+        lost = ~(P[:, i, i] <= m.joint_limit[i] ** 2)
+        P[lost, i, :] = 0.0
+        P[lost, :, i] = 0.0
+        P[lost, i, i] = m.joint_limit[i] ** 2
+    x[lost, 1] = 0.0
+
+
+def fuse(m: Memory) -> None:
+    """Use what is fresh, then clone what late channels see now."""
+    space_out(m, _FIRST, N_CHANNELS, JOINT_SLOTS)
+    for c in _CHANNELS:
+        if m.fresh[c] and _is_usable(m, c):
+            _take(m, c)
+    for c in _CHANNELS:
+        if m.lag[c] > 0.0:
+            expire(m, c, m.joint_owner, m.joint_taken)
+            if is_due(m, c):
+                _clone(m, c)
+
+
+def _is_usable(m: Memory, c: Channel) -> bool:
+    fits = m.last[c] < m.stamp[c] <= m.now[0] + CONSTANTS.early
+    return bool(fits and np.isfinite(m.joint_value[c - _FIRST]).all())
+
+
+def _take(m: Memory, c: Channel) -> None:
+    m.last[c] = m.stamp[c]
+    learn_lag(m, c)
+    limit = CONSTANTS.unknown * m.joint_limit[0] ** 2
+    unknown = (m.joint_P[:, 0, 0] > limit) & (c == _FIRST)
+    if unknown.any():
+        _set(m, unknown)
+    slot, delta, near = nearest(m, c, m.joint_owner, m.joint_taken)
+    if unknown.all():
+        m.used[c] = m.stamp[c]
+    elif near:
+        _judge(m, c, slot, delta, unknown)
+
+
+def _set(m: Memory, which: Mask) -> None:
+    """Take the first reading for the truth."""
+    c, age = _FIRST, m.now[0] - m.stamp[_FIRST]
+    x, P = m.joint_x, m.joint_P
+    x[which, 0] = m.joint_value[0, which] + age * x[which, 1]
+    P[which, 0, :] = 0.0
+    P[which, :, 0] = 0.0
+    P[which, 0, 0] = m.sigma[c] ** 2 + age * age * P[which, 1, 1]
+    m.joint_owner[m.joint_owner == c] = -1.0
+
+
+def _judge(m: Memory, c: Channel, slot: int, delta: float, done: Mask) -> None:
+    k, state = c - _FIRST, c - _FIRST if slot < 0 else 2 + slot
+    P, x = m.joint_P, m.joint_x
+    seen, rate, doubt = _seen(m, k, slot)
+    nu = m.joint_value[k] - seen - delta * rate
+    own = m.sigma[c] ** 2 + delta * delta * doubt + abs(delta) * (m.drive[Noise.JOINT] ** 2 if k else 0.0)
+    S = P[:, state, state] + own
+    squared = nu * nu / S
+    granted = _allowance(m, c, rate if k == 0 else seen)
+    inside = nu * nu <= m.gate[c] * (S + granted)
+    yields = ~inside & ~done & _are_convincing(m, c, nu, S + own + granted, inside | done)
+    _yield(m, k, state, yields, nu)
+    _be_surprised(m, c, inside & ~done & (squared > m.gate[c]), nu)
+    note(m, c, float(squared[~done].sum()), int((~done).sum()), believed=bool((inside | yields | done).all()))
+    used = (inside | yields) & ~done
+    gain = P[:, :, state] / (P[:, state, state] + own)[:, None]
+    change = np.where(used[:, None], gain * nu[:, None], 0.0)
+    P -= np.where(used[:, None, None], gain[:, :, None] * P[:, state, None, :], 0.0)
+    x += change[:, :2]
+    m.joint_seen += change[:, 2:]
+
+
+def _allowance(m: Memory, c: Channel, rate: Array) -> Array:
+    """(n_joints,) variance that the gate grants: beside what accelerations can do, joints with a rate (n_joints,) may stop."""
+    stop = np.abs(rate) * (unseen(m, c) if c == _FIRST else 1.0)
+    return np.asarray((math.sqrt(allowance(m, c)) + stop / 5.0) ** 2)
+
+
+def _be_surprised(m: Memory, c: Channel, which: Mask, nu: Array) -> None:
+    """Joints that have done what they can and the process model did not expect."""
+    k = c - _FIRST
+    _doubt_own(m, k, which, nu**2)
+    if k == 0:
+        m.joint_P[which, 1, 1] += (nu[which] / unseen(m, c)) ** 2
+
+
+def _doubt_own(m: Memory, k: int, which: Mask, variance: Array) -> None:
+    """An error of that variance of what the k-th channel sees of some joints, now and in its clones."""
+    rows = np.concatenate([[k], 2 + np.flatnonzero(m.joint_owner == _FIRST + k)])
+    for j in np.flatnonzero(which):
+        m.joint_P[np.ix_([j], rows, rows)] += variance[j]
+
+
+def _seen(m: Memory, k: int, slot: int) -> tuple[Array, Array, Array]:
+    """What the k-th channel saw at the clone, -1 for now; its rate and the variance of that."""
+    if slot >= 0:
+        return m.joint_seen[:, slot], m.joint_rate[:, slot], m.joint_doubt[:, slot]
+    if k:
+        return m.joint_x[:, 1], np.zeros(m.n_joints), np.zeros(m.n_joints)
+    return m.joint_x[:, 0], m.joint_x[:, 1], m.joint_P[:, 1, 1]
+
+
+def _are_convincing(m: Memory, c: Channel, nu: Array, S: Array, inside: Mask) -> Mask:
+    """(n_joints,) whether readings outside the gate agree with those before them, for long enough."""
+    k = c - _FIRST
+    since, before = m.joint_since[k], m.joint_refused[k]
+    agrees = np.isfinite(since) & ((nu - before) ** 2 <= m.gate[c] * S)
+    since[:] = np.where(inside, math.nan, np.where(agrees, since, m.stamp[c]))
+    before[:] = np.where(inside, before, nu)
+    return np.asarray(agrees & (m.stamp[c] - since >= m.recovery[c] - CONSTANTS.early))
+
+
+def _yield(m: Memory, k: int, state: int, which: Mask, nu: Array) -> None:
+    """The state, and its clones with it, is wrong by an unknown amount."""
+    if which.any():
+        m.joint_owner[(m.joint_owner >= 0) & (m.joint_owner != _FIRST + k)] = -1.0
+        m.joint_since[k, which] = math.nan
+    _doubt_own(m, k, which, CONSTANTS.persuasion * nu**2)
+
+
+def _clone(m: Memory, c: Channel) -> None:
+    slot, k = free_slot(m.joint_owner), c - _FIRST
+    if slot < 0:
+        return
+    seen, rate, doubt = (values.copy() for values in _seen(m, k, -1))
+    m.joint_owner[slot], m.joint_taken[slot] = c, m.now[0]
+    m.joint_seen[:, slot], m.joint_rate[:, slot], m.joint_doubt[:, slot] = seen, rate, doubt
+    at, P = 2 + slot, m.joint_P
+    P[:, at, :] = P[:, k, :]
+    P[:, :, at] = P[:, :, k]
+    P[:, at, at] = P[:, k, k]

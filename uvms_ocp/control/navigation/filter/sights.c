@@ -1,0 +1,118 @@
+/* What each channel of the vehicle sees of the estimate. sights.py is the same; keep both in step. */
+
+typedef struct {
+  double seen[4], rate[3], doubt;
+  double HP[3][STATES]; /* covariance with all errors */
+  double S[3][3];       /* its own */
+} Sight;
+
+typedef struct { double H[3][MAIN]; } Rows;
+
+static void put(Rows *rows, int at, const double *block, double sign, int transposed) {
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j) rows->H[i][at + j] = sign * (transposed ? block[3 * j + i] : block[3 * i + j]);
+}
+
+static void put_one(Rows *rows, int at) {
+  for (int i = 0; i < 3; ++i) rows->H[i][at + i] = 1;
+}
+
+static void put_skew(Rows *rows, const double *v) {
+  double K[9] = {0, -v[2], v[1], v[2], 0, -v[0], -v[1], v[0], 0};
+  put(rows, PART_TURN, K, 1, 0);
+}
+
+static double doubt_of(const double *m, int first) {
+  return (AT(first, first) + AT(first + 1, first + 1) + AT(first + 2, first + 2)) / 3;
+}
+
+static void see_body(const double *m, int c, Sight *s, Rows *rows) {
+  double R[9], v[3], in_B[3], rate[3], turning[3];
+  int force = c == CHANNEL_SPECIFIC_FORCE, own = force ? PART_ACCELERATION : PART_SPEED;
+  int bias = force ? PART_FORCE_BIAS : PART_DVL_BIAS;
+  matrix_of(m_turn, R);
+  for (int i = 0; i < 3; ++i) v[i] = X(own)[i] - (force ? m_gravity[i] : 0);
+  rotate_back(R, v, in_B);
+  rotate_back(R, X(PART_ACCELERATION), rate);
+  cross(X(PART_SPIN), in_B, turning);
+  put_skew(rows, in_B), put(rows, own, R, 1, 1), put_one(rows, bias);
+  for (int i = 0; i < 3; ++i) {
+    s->seen[i] = in_B[i] + X(bias)[i];
+    s->rate[i] = (force ? 0 : rate[i]) - turning[i];
+  }
+  double size = in_B[0] * in_B[0] + in_B[1] * in_B[1] + in_B[2] * in_B[2];
+  s->doubt = force ? doubt_of(m, PART_SPIN) * size : doubt_of(m, PART_ACCELERATION);
+}
+
+static void see_floor(const double *m, Sight *s, Rows *rows) {
+  double R[9], arm[3], tilt[3], *down = R + 6;
+  matrix_of(m_turn, R);
+  double cosine = 0, altitude = X(PART_PLACE)[2] - X(PART_FLOOR)[0];
+  for (int i = 0; i < 3; ++i) cosine += down[i] * m_beam_up[i], altitude += down[i] * m_beam_at[i];
+  cross(m_beam_at, down, arm), cross(m_beam_up, down, tilt);
+  for (int i = 0; i < 3; ++i)
+    rows->H[0][PART_TURN + i] = arm[i] - (fabs(cosine) > STEEP ? altitude / cosine * tilt[i] : 0);
+  rows->H[0][PART_PLACE + 2] = 1, rows->H[0][PART_FLOOR] = -1;
+  s->seen[0] = altitude, s->seen[1] = cosine, s->rate[0] = X(PART_SPEED)[2];
+  s->doubt = AT(PART_SPEED + 2, PART_SPEED + 2);
+}
+
+static void see(const double *m, int c, Sight *s, Rows *rows) {
+  switch (c) {
+  case CHANNEL_ATTITUDE:
+    memcpy(s->seen, m_turn, 4 * sizeof(double)), memcpy(s->rate, X(PART_SPIN), 3 * sizeof(double));
+    s->doubt = doubt_of(m, PART_SPIN), put_one(rows, PART_TURN);
+    return;
+  case CHANNEL_ANGULAR_VELOCITY:
+    for (int i = 0; i < 3; ++i) s->seen[i] = X(PART_SPIN)[i] + X(PART_GYRO_BIAS)[i], s->rate[i] = X(PART_SPIN_UP)[i];
+    s->doubt = doubt_of(m, PART_SPIN_UP), put_one(rows, PART_SPIN), put_one(rows, PART_GYRO_BIAS);
+    return;
+  case CHANNEL_POSITION:
+    memcpy(s->seen, X(PART_PLACE), 3 * sizeof(double)), memcpy(s->rate, X(PART_SPEED), 3 * sizeof(double));
+    s->doubt = doubt_of(m, PART_SPEED), put_one(rows, PART_PLACE);
+    return;
+  case CHANNEL_DEPTH:
+    s->seen[0] = X(PART_PLACE)[2], s->rate[0] = X(PART_SPEED)[2], rows->H[0][PART_PLACE + 2] = 1;
+    s->doubt = AT(PART_SPEED + 2, PART_SPEED + 2);
+    return;
+  case CHANNEL_ALTIMETER_RANGE: see_floor(m, s, rows); return;
+  default: see_body(m, c, s, rows);
+  }
+}
+
+/* What channel c sees now. */
+static void look(const double *m, int c, int n, Sight *s) {
+  Rows rows;
+  memset(&rows, 0, sizeof(rows)), memset(s->seen, 0, sizeof(s->seen)), memset(s->rate, 0, sizeof(s->rate));
+  see(m, c, s, &rows);
+  for (int i = 0; i < rows_of[c]; ++i) {
+    memset(s->HP[i], 0, n * sizeof(double));
+    for (int k = 0; k < MAIN; ++k) {
+      double h = rows.H[i][k];
+      if (h == 0) continue;
+      for (int j = 0; j < k; ++j) s->HP[i][j] += h * AT(j, k);
+      for (int j = k; j < n; ++j) s->HP[i][j] += h * AT(k, j);
+    }
+  }
+  for (int i = 0; i < rows_of[c]; ++i)
+    for (int j = 0; j < rows_of[c]; ++j) {
+      s->S[i][j] = 0;
+      for (int k = 0; k < MAIN; ++k) s->S[i][j] += s->HP[i][k] * rows.H[j][k];
+    }
+}
+
+/* What it saw at the time of a clone, -1 for now. */
+static void look_back(const double *m, int c, int slot, int n, Sight *s) {
+  if (slot < 0) {
+    look(m, c, n, s);
+    return;
+  }
+  int at = MAIN + 3 * slot;
+  memcpy(s->seen, m_seen + 4 * slot, 4 * sizeof(double)), memcpy(s->rate, m_rate + 3 * slot, 3 * sizeof(double));
+  s->doubt = m_doubt[slot];
+  for (int i = 0; i < rows_of[c]; ++i) {
+    for (int j = 0; j < at + i; ++j) s->HP[i][j] = AT(j, at + i);
+    for (int j = at + i; j < n; ++j) s->HP[i][j] = AT(at + i, j);
+    for (int j = 0; j < rows_of[c]; ++j) s->S[i][j] = ENTRY(at + i, at + j);
+  }
+}

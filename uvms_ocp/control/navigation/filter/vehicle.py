@@ -1,0 +1,152 @@
+"""The motion of the vehicle in NumPy: what motion.c does; keep both in step."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.arrays import Array
+from uvms_ocp.control.navigation.filter.memory import CONSTANTS, MAIN, Memory, Noise, Part
+
+_FORGOTTEN = slice(Part.SPEED, Part.GYRO_BIAS)  # parts that are zero where nothing is known of them
+
+
+def part(m: Memory, which: Part) -> Array:
+    """(3,) of the estimate, a view."""
+    return m.x[which - Part.PLACE : which - Part.PLACE + 3]
+
+
+def rotation(m: Memory) -> Array:
+    """R_WB (3, 3) [-]."""
+    return np.asarray(pin.Quaternion(m.turn).toRotationMatrix())
+
+
+def turned(quaternion: Array, by: Array) -> Array:
+    """quaternion (4,) [-] times the rotation by the vector `by` (3,) [rad]."""
+    squared = float(by @ by)
+    angle = math.sqrt(squared)
+    share = math.sin(angle / 2) / angle if angle > 1e-4 else 0.5 - squared / 48
+    x, y, z = (share * by).tolist()
+    result = (pin.Quaternion(quaternion) * pin.Quaternion(math.cos(angle / 2), x, y, z)).coeffs()
+    return np.asarray(result / np.linalg.norm(result))
+
+
+def active(m: Memory) -> int:
+    """Rows of the covariance that are in use."""
+    used = np.flatnonzero(m.owner >= 0)
+    return MAIN + 3 * (int(used[-1]) + 1 if len(used) else 0)
+
+
+def predict(m: Memory) -> None:
+    """Advance by the time of the tick."""
+    if m.told[0]:
+        _follow(m)
+    if m.dt[0] <= 0.0:
+        return
+    step = min(m.dt[0], CONSTANTS.longest_step)
+    spin, spin_up = part(m, Part.SPIN), part(m, Part.SPIN_UP)
+    angle = step * spin + step * step / 2 * spin_up
+    _predict_covariance(m, step, angle)
+    _forget_unknown(m)
+    m.turn[:] = turned(m.turn, angle)
+    speed, acceleration = part(m, Part.SPEED), part(m, Part.ACCELERATION)
+    part(m, Part.PLACE)[:] += step * speed + step * step / 2 * acceleration
+    speed += step * acceleration
+    spin += step * spin_up
+
+
+def _follow(m: Memory) -> None:
+    asked_W = rotation(m) @ m.asked[:3]
+    if m.guided[0]:
+        _change(m, Part.SPEED, asked_W - m.asked_W)
+    _change(m, Part.SPIN, m.asked[3:6] - m.asked_spin)
+    m.asked_W[:], m.asked_spin[:] = asked_W, m.asked[3:6]
+
+
+def _change(m: Memory, which: Part, by: Array) -> None:
+    part(m, which)[:] += by
+    axes = range(which, which + 3)
+    m.P[axes, axes] += reply_doubt(m, by)
+
+
+def reply_doubt(m: Memory, change: Array) -> Array:
+    """Variances after a tick in which the asked velocities made a change (n,) [m/s, rad/s]: the faster, the less they follow.
+
+    That of an error with the time constant of the response and a standard deviation in proportion to the asked acceleration:
+    a share of a step, however it is divided into ticks.
+    """
+    return np.asarray((m.drive[Noise.REPLY] * change) ** 2 / m.dt[0]) if m.dt[0] > 0.0 else np.zeros(len(change))
+
+
+def _predict_covariance(m: Memory, step: float, angle: Array) -> None:
+    n, F, J = active(m), np.eye(MAIN), np.asarray(pin.Jexp3(angle))
+    turn, place, speed, acceleration, spin, spin_up = (slice(i, i + 3) for i in range(0, 18, 3))
+    F[turn, turn], F[turn, spin], F[turn, spin_up] = pin.exp3(-angle), step * J, step * step / 2 * J
+    F[place, speed], F[place, acceleration] = step * np.eye(3), step * step / 2 * np.eye(3)
+    F[speed, acceleration] = F[spin, spin_up] = step * np.eye(3)
+    P = m.P[:n, :n]
+    P[:MAIN, MAIN:] = F @ P[:MAIN, MAIN:]
+    P[MAIN:, :MAIN] = P[:MAIN, MAIN:].T
+    main = F @ P[:MAIN, :MAIN] @ F.T + _diffusion(m, J)
+    P[:MAIN, :MAIN] = (main + main.T) / 2
+
+
+def _diffusion(m: Memory, J: Array) -> Array:
+    """Covariance (MAIN, MAIN) that the driving noise adds in a tick; J (3, 3) [-] turns it with the vehicle."""
+    dt, Q = float(m.dt[0]), np.zeros((MAIN, MAIN))
+    third = _thrice_integrated(dt)
+    jerk, spin = m.drive[Noise.JERK] ** 2, m.drive[Noise.ANGULAR_JERK] ** 2
+    Q[3:12, 3:12] = jerk * np.kron(third, np.eye(3))
+    turns = (slice(0, 3), slice(12, 15), slice(15, 18))
+    maps = (J, np.eye(3), np.eye(3))
+    for i, (rows, left) in enumerate(zip(turns, maps, strict=True)):
+        for j, (columns, right) in enumerate(zip(turns, maps, strict=True)):
+            Q[rows, columns] = spin * third[i, j] * left @ right.T
+    for first, noise in ((Part.GYRO_BIAS, Noise.GYRO), (Part.DVL_BIAS, Noise.DVL), (Part.FORCE_BIAS, Noise.FORCE)):
+        Q[range(first, first + 3), range(first, first + 3)] = dt * m.drive[noise] ** 2
+    Q[Part.FLOOR, Part.FLOOR] = dt * _relief(m)
+    return Q
+
+
+def _thrice_integrated(dt: float) -> Array:
+    """Covariance (3, 3) of a value and its two derivatives after dt [s] of white noise of the third."""
+    dt2 = dt * dt
+    off = dt2 * dt / 6
+    return np.array(
+        [
+            [dt2 * dt2 * dt / 20, dt2 * dt2 / 8, off],
+            [dt2 * dt2 / 8, dt2 * dt / 3, dt2 / 2],
+            [off, dt2 / 2, dt],
+        ]
+    )
+
+
+def _relief(m: Memory) -> float:
+    """Variance [m2/s] of the floor that passes below the altimeter."""
+    velocity = part(m, Part.SPEED) + rotation(m) @ np.cross(part(m, Part.SPIN), m.beam_at)
+    roughness = m.drive[Noise.ROUGHNESS] ** 2 * (velocity[0] ** 2 + velocity[1] ** 2)
+    return float(m.drive[Noise.SETTLING] ** 2 + roughness)
+
+
+def _forget_unknown(m: Memory) -> None:
+    """What has become less certain than `limit` is not known at all: no correlation, no growth."""
+    n = active(m)
+    for i in np.flatnonzero(~(np.diag(m.P)[:MAIN] <= m.limit**2)):
+        clear(m, int(i), n, float(m.limit[i]) ** 2)
+        if _FORGOTTEN.start <= i < _FORGOTTEN.stop:
+            m.x[i - Part.PLACE] = 0.0
+
+
+def clear(m: Memory, i: int, n: int, variance: float) -> None:
+    """Take entry i out of all correlations among the first n and give it a variance [square of its unit]."""
+    m.P[i, :n] = 0.0
+    m.P[:n, i] = 0.0
+    m.P[i, i] = variance
+
+
+def is_unknown(m: Memory, first: int, n: int) -> bool:
+    """Whether any of n entries of the error state is."""
+    entries = slice(first, first + n)
+    return bool((np.diag(m.P)[entries] > CONSTANTS.unknown * m.limit[entries] ** 2).any())

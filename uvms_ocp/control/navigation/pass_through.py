@@ -1,0 +1,57 @@
+"""Readings taken for the truth."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from uvms_ocp.arguments import checked, late, trusted
+from uvms_ocp.control.navigation.channels import JOINT_CHANNELS, age_of, needed_channels, oldest_of
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
+from uvms_ocp.model.state import Command, Measurement, Readings
+
+_measurement = trusted(Measurement)
+
+
+@checked
+class PassThrough:
+    """Takes readings for the truth: for sensors without noise, which it repeats exactly."""
+
+    def __init__(self, robot: Robot, specs: SensorSpecs = IDEAL_SENSORS, altimeter_frame: str | None = None) -> None:
+        """altimeter_frame: the one of the robot's description unless given.
+
+        Raises `InvalidInput` where a channel that it needs is missing: it estimates nothing.
+        """
+        free = robot.n_vehicle > 0
+        self._q_channels = (*(("position", "attitude") if free else ()), "joint_positions")
+        self._v_channels = (*(("linear_velocity", "angular_velocity") if free else ()), "joint_velocities")
+        for name in (*self._q_channels, *self._v_channels):
+            if getattr(specs, name) is None:
+                raise InvalidInput(f"sensor {name} is missing; add it, or use an Estimator instead of PassThrough")
+        self._needed = (
+            *needed_channels(robot, specs, altimeter_frame or robot.description.altimeter),
+            "joint_velocities",
+        )
+
+    @late
+    def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
+        """The last readings at time t [s]; `command` is not read. Raises `InvalidInput` before the first ones."""
+        age, oldest = oldest_of(readings, self._needed, t)
+        if age == math.inf:
+            raise InvalidInput(f"no reading of every channel yet at t = {t} s; use an Estimator for such sensors")
+        q, v = (
+            np.concatenate([getattr(readings, name).value for name in channels])
+            for channels in (self._q_channels, self._v_channels)
+        )
+        echo = readings.altimeter_range
+        return _measurement(
+            q=q,
+            v=v,
+            altimeter_range=math.nan if echo is None else echo.value,
+            age=age,
+            oldest=oldest,
+            joint_age=age_of(readings, JOINT_CHANNELS, t),
+        )
