@@ -11,6 +11,7 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.control.force.dynamic import DynamicController, VelocityGains
+from uvms_ocp.control.navigation.degraded import FREE
 from uvms_ocp.control.navigation.last_known import LastSound
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.control.velocity.tick_state import TickState
@@ -148,7 +149,7 @@ class Asking(KinematicController):
         self.v0, self.a, self.dt = v0, a, dt
 
     def observe(self, measurement: Measurement, t: float) -> SimpleNamespace:
-        return SimpleNamespace(measurement=measurement, t=t)
+        return SimpleNamespace(measurement=measurement, t=t, restriction=FREE)
 
     def command(self, tick: SimpleNamespace) -> Command:
         return Command(v=self.v0 + self.a * tick.t)
