@@ -7,8 +7,8 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from uvms_ocp.campaign.fault_study import NONE, by_kind, faults, nominal, run_faults
-from uvms_ocp.campaign.fault_table import KINDS, PHASES, SIZES
+from uvms_ocp.campaign.fault_study import by_kind, faults, nominal, run_faults
+from uvms_ocp.campaign.fault_table import GUSTY, KINDS, PHASES, SIZES, STILL
 from uvms_ocp.campaign.fault_truth import arm_height, astray, contact_outside_landing, is_named, joint_excess
 from uvms_ocp.exceptions import NameNotFound
 from uvms_ocp.model.sensing import SensorSpecs
@@ -48,7 +48,7 @@ def test_every_kind_can_befall_the_mission(name: str, scenario: Scenario) -> Non
 
 def test_the_cases_cross_kinds_phases_and_seeds() -> None:
     cases = faults().cases
-    assert len({tuple(case.items()) for case in cases}) == len(cases) == 20 * len(KINDS) + 100
+    assert len({tuple(case.items()) for case in cases}) == len(cases) == 20 * len(KINDS) + 2 * 100
     assert {(case["kind"], case["phase"], case["seed"]) for case in cases} >= {
         (kind, phase, seed) for kind in KINDS for phase in PHASES for seed in range(5)
     }
@@ -73,13 +73,15 @@ def test_faults_set_in_in_the_middle_of_the_phases_of_a_sound_run() -> None:
 def test_rows_are_judged_and_summed_up_by_kind() -> None:
     study = faults(n=1, fault_free=1, kinds=["joint 2 jammed", "position bias"], phases=["A"], **QUICK)
     result = study.run()
-    jammed, biased, sound = result.cases
-    assert sound["kind"] == NONE
-    assert (sound["end"], sound["alarms_before"], sound["faults"]) == ("completed", 0, "")
-    assert sound["astray_m"] < 0.1
-    assert biased["astray_m"] < 0.5, "fixes that jump by metres are refused"
+    jammed, biased, *sound = result.cases
+    assert [row["kind"] for row in sound] == [STILL, GUSTY]
+    for row in sound:
+        assert (row["end"], row["alarms_before"], row["faults"]) == ("completed", 0, "")
+        assert row["astray_m"] < 0.1
+        assert 0.0 < row["tool_bound_m"] < 0.05
+    assert biased["astray_m"] < 1.0, "fixes that jump by 5 m are refused, and it climbs by less than 1 m"
     assert all(row["to_detect_s"] is None or row["to_detect_s"] >= 0.0 for row in result.cases)
-    assert [row["kind"] for row in result.table] == ["joint 2 jammed", "position bias", NONE]
+    assert [row["kind"] for row in result.table] == ["joint 2 jammed", "position bias", STILL, GUSTY]
     assert result.table[0]["completed"] == (jammed["end"] == "completed")
     assert {row["runs"] for row in result.table} == {1}
 

@@ -12,11 +12,12 @@ import numpy as np
 
 from uvms_ocp.arguments import AtLeastOne, Count, Period, checked
 from uvms_ocp.campaign import fault_truth as truth
-from uvms_ocp.campaign.fault_table import ASTRAY, GUSTS, JOINTS, KINDS, NONE, PHASES, FaultKind
+from uvms_ocp.campaign.fault_table import ASTRAY, GUSTS, GUSTY, JOINTS, KINDS, PHASES, STILL, FaultKind
 from uvms_ocp.campaign.study import Row, Study
 from uvms_ocp.exceptions import NameNotFound
 from uvms_ocp.record import Record
 from uvms_ocp.report.cause import cause_of_end
+from uvms_ocp.report.estimate import error_bound
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.scenarios.case1 import case1
 from uvms_ocp.sim.currents import GustyCurrent
@@ -39,7 +40,8 @@ def faults(
 ) -> Study:
     """All `kinds` of `KINDS` that set in in each of the `phases`, with the n [-] seeds `seed`, `seed` + 1, ...
 
-    fault_free: runs [-] without faults, in gusts. Sensors are noisy. dt [s]: control period; duration [s] of a run at most.
+    fault_free: runs [-] without faults in still water, and as many in gusts. Sensors are noisy. dt [s]: control period;
+    duration [s] of a run at most.
     Raises `NameNotFound` for an unknown kind or phase.
     """
     for what, given, known in (("one of kinds", kinds, KINDS), ("one of phases", phases, PHASES)):
@@ -53,7 +55,9 @@ def faults(
         for phase in phases
         for k in range(n)
     ]
-    sound = [{"kind": NONE, "phase": "", "seed": seed + k, **common} for k in range(fault_free)]
+    sound = [
+        {"kind": kind, "phase": "", "seed": seed + k, **common} for kind in (STILL, GUSTY) for k in range(fault_free)
+    ]
     title = f"Case 1 with {len(kinds)} kinds of faults"
     return Study(name="faults", title=title, cases=[*struck, *sound], run_case=run_faults, summarize=by_kind)
 
@@ -83,7 +87,7 @@ _EVERY = 10  # rows between two points of the way
 def run_faults(case: dict[str, Any]) -> Row:
     """One run, and what truly became of it; one that raises is a row too."""
     usual = nominal(case["plant"], case["dt"])
-    kind = KINDS.get(case["kind"], FaultKind(name=NONE, texts=()))
+    kind = KINDS.get(case["kind"], FaultKind(name=case["kind"], texts=()))
     onset = usual.middles.get(case["phase"], 0.0)
     struck = kind.faults(onset)
     scenario = case1(
@@ -93,7 +97,7 @@ def run_faults(case: dict[str, Any]) -> Row:
         dt=case["dt"],
         duration=case["duration"],
         faults=struck,
-        current=None if struck else GustyCurrent(sigma=GUSTS, seed=case["seed"]),
+        current=GustyCurrent(sigma=GUSTS, seed=case["seed"]) if case["kind"] == GUSTY else None,
     )
     head = {name: case[name] for name in ("kind", "phase", "seed")}
     head |= {"faults": " ".join(map(str, struck)), "onset_s": onset if struck else None}
@@ -121,6 +125,7 @@ _COLUMNS = (
     "joints_rad",
     "astray_m",
     "tool_m",
+    "tool_bound_m",
     "passed",
 )
 
@@ -143,6 +148,7 @@ def _judged(scenario: Scenario, record: Record, kind: FaultKind, usual: Nominal)
         "joints_rad": joints,
         "astray_m": way,
         "tool_m": record.run_meta.true_quantity("T.position_error") if completed else None,
+        "tool_bound_m": error_bound(record, "T.position_error") if completed else None,
         "passed": harmless and (completed or bool(told["named"])),
     }
     return {name: values[name] for name in _COLUMNS}

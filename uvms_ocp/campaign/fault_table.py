@@ -15,10 +15,10 @@ AHEAD = 5.0
 """[s] by which clocks are ahead."""
 PHASES = ("A", "B", "C", "D")
 """Of Case 1; faults set in in the middle of each, by the times of a run without faults."""
-NONE = "none"
-"""Kind of the runs without faults, in gusts."""
+STILL, GUSTY = "none, in still water", "none, in gusts"
+"""Kinds of the runs without faults."""
 GUSTS = 0.05
-"""[m/s] standard deviation of the gusts in these."""
+"""[m/s] standard deviation of the gusts in those."""
 JOINTS, ASTRAY = 2e-3, 5.0
 """[rad] beyond a joint limit and [m] from the way of a run without faults: what is too much for any kind."""
 
