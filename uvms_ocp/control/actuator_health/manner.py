@@ -9,7 +9,8 @@ import numpy as np
 
 _AFTER = 6  # looks that an onset must be back at least
 _TINY = 1e-12
-_STUCK = 0.4  # of what a dead thruster would leave unexplained
+_REVERSED = 0.5  # share, the other way, from which a thruster counts as reversed; one that sticks may look like less
+_STUCK = 0.1  # of what a dead thruster would leave unexplained
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -29,7 +30,7 @@ class Manner:
 def manner_of(t: np.ndarray, asked: np.ndarray, along: np.ndarray, bandwidth: float, follows: float) -> Manner:
     """From times t (m,) [s], thrust asked (m,) [N] as filtered with bandwidth [rad/s], and the residual along it (m,) [N].
 
-    follows [-]: least share, either way, of a thruster that follows its command.
+    follows [-]: least share of a thruster that follows its command.
     """
     shares, stops, deaths = [], [], []
     for k in range(max(len(t) - _AFTER, 1)):
@@ -40,7 +41,7 @@ def manner_of(t: np.ndarray, asked: np.ndarray, along: np.ndarray, bandwidth: fl
         deaths.append(float(np.var(along + lost)) * len(t))
     loss, _, left_of_share, onset = min(shares, key=lambda fit: fit[2])
     constant, sigma, left_of_stop, stopped = min(stops, key=lambda fit: fit[2])
-    if left_of_stop <= left_of_share or abs(1.0 - loss) < follows:
+    if left_of_stop <= left_of_share or 1.0 - follows < loss < 1.0 + _REVERSED:
         stuck = left_of_stop < _STUCK * min(deaths)
         return Manner(share=0.0, constant=constant if stuck else 0.0, sigma=sigma, onset=stopped)
     return Manner(share=1.0 - loss, constant=0.0, sigma=math.inf, onset=onset)

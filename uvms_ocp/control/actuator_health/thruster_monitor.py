@@ -12,7 +12,7 @@ from uvms_ocp.control.actuator_health.manner import Manner, manner_of
 from uvms_ocp.control.actuator_health.thresholds import ActuatorHealthTuning
 from uvms_ocp.control.actuator_health.verdicts import FaultKind, Health, ThrusterVerdict
 
-_NOTHING = 0.25  # share below which a thruster is dead, not weak
+_NOTHING = 0.3  # share below which a thruster is dead, not weak
 _STUCK_SIGMAS, _STUCK_SHARE = (
     4.0,
     0.1,
