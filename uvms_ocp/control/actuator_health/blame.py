@@ -1,4 +1,4 @@
-"""Which thrusters the residual wrench of the last seconds blames: how much of its changes their asked thrust explains.
+"""Which thruster the residual wrench of the last seconds blames: how much of its changes the thrust asked of it explains.
 
 Thruster i that gives ``(1 - theta) T_i + c`` in place of T_i leaves ``b_i (c - theta T_i)`` in the residual: along one known
 direction, as its command goes, and at the same time. Water, loads and the floor push along others, and what is asked
@@ -7,7 +7,6 @@ follows them late, so that little of what they do is explained by any thruster, 
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,17 +21,17 @@ _EARLY = (2, 4)  # looks by which what is asked lags what pushes, where it only 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Blame:
-    """The likeliest culprits."""
+    """The likeliest culprit."""
 
-    thrusters: tuple[int, ...]
-    """One, or two at once; none where nothing is explained well enough."""
+    thruster: int
+    """-1 where none explains enough."""
     explained: float
     """[-] share of the changes."""
     lead: float
-    """[-] what the next best leave unexplained, over what these do."""
+    """[-] what the next best leaves unexplained, over what this one does."""
 
 
-NOBODY = Blame(thrusters=(), explained=0.0, lead=1.0)
+NOBODY = Blame(thruster=-1, explained=0.0, lead=1.0)
 
 
 class BlameWindow:
@@ -41,9 +40,8 @@ class BlameWindow:
     def __init__(self, matrix: np.ndarray, scale: np.ndarray, tuning: ActuatorHealthTuning) -> None:
         """matrix (6, n) [N/N, N m/N] of the thrusters; scale (6,) [N, N m]: what counts as one on each axis."""
         n = matrix.shape[1]
-        self._directions, self._tuning = matrix / scale[:, None], tuning
-        self._alike = self._directions.T @ self._directions
-        self._scale, self._pairs = scale, np.array([*itertools.combinations(range(n), 2)]).reshape(-1, 2)
+        self._directions, self._scale, self._tuning = matrix / scale[:, None], scale, tuning
+        self._square = np.sum(self._directions**2, axis=0)
         self._length = max(round(tuning.window / tuning.sample_time), 2)
         self._size = 2 * self._length + max(_LATE) + max(_EARLY)
         self._seen, self._asked = np.zeros((2 * self._size, 6)), np.zeros((2 * self._size, n))
@@ -74,58 +72,35 @@ class BlameWindow:
         if total < n * self._tuning.least_change**2:
             return NOBODY
         along = seen @ self._directions
-        causes = [self._explained(along, self._last(self._asked, n, now + late)) for late in _LATE]
-        one, two = max(causes, key=lambda pair: max(pair[0].max(), pair[1].max()))
-        blame = self._judged(total, one, two)
-        return blame if blame.thrusters and self._precedes(blame, total, along) else NOBODY
-
-    def _precedes(self, blame: Blame, total: float, along: np.ndarray) -> bool:
-        """Whether what the culprits were asked explains what was seen better than what they were asked afterwards."""
-        n, now = len(along), max(_EARLY)
-        answers = [self._explained(along, self._last(self._asked, n, now - early)) for early in _EARLY]
-        left = [total * (1.0 - blame.explained)]
-        pair = np.flatnonzero((self._pairs == blame.thrusters).all(axis=1)) if len(blame.thrusters) > 1 else None
-        for one, two in answers:
-            left.append(total - float(one[blame.thrusters[0]] if pair is None else two[pair[0]]))
-        return min(left[1:]) >= self._tuning.precedes * left[0]
+        causes = [self._explained(along, now + late) for late in _LATE]
+        blame = _leader(total, max(causes, key=np.max))
+        if blame.explained < self._tuning.explained or blame.lead < self._tuning.lead:
+            return NOBODY
+        answers = [self._explained(along, now - early)[blame.thruster] for early in _EARLY]
+        precedes = total - max(answers) >= self._tuning.precedes * (1.0 - blame.explained) * total
+        return blame if precedes else NOBODY
 
     def history(self, thruster: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """All that is kept, (m,): times [s], thrust asked [N], thrust [N] along the thruster that the residual comes to."""
-        m = min(self._count, self._size)
-        b = self._directions[:, thruster]
-        along = self._last(self._seen, m) @ b / max(float(b @ b), _TINY)
+        m, b = min(self._count, self._size), self._directions[:, thruster]
+        along = self._last(self._seen, m) @ b / max(float(self._square[thruster]), _TINY)
         return self._last(self._time, m), self._last(self._asked, m)[:, thruster], along
 
-    def _last(self, array: np.ndarray, n: int, late: int = 0) -> np.ndarray:
-        end = (self._count - 1) % self._size + self._size + 1 - late
+    def _last(self, array: np.ndarray, n: int, before: int = 0) -> np.ndarray:
+        end = (self._count - 1) % self._size + self._size + 1 - before
         return array[end - n : end]
 
-    def _explained(self, along: np.ndarray, asked: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of the sum of squares: by each thruster (n,), by each pair of thrusters."""
+    def _explained(self, along: np.ndarray, before: int) -> np.ndarray:
+        """Of the sum of squares, by each thruster (n,), by what it was asked so many looks before now."""
+        asked = self._last(self._asked, len(along), before)
         asked = asked - asked.mean(axis=0)
-        G, h = self._alike * (asked.T @ asked), -np.einsum("ti,ti->i", asked, along)
-        own = np.maximum(np.diag(G), _TINY)
-        one = np.where(_plausible(h / own), h * h / own, 0.0)
-        i, j = self._pairs.T
-        determinant = np.maximum(own[i] * own[j] - G[i, j] ** 2, _TINY * own[i] * own[j] + _TINY)
-        theta_i, theta_j = (
-            (h[i] * own[j] - h[j] * G[i, j]) / determinant,
-            (h[j] * own[i] - h[i] * G[i, j]) / determinant,
-        )
-        possible = _plausible(theta_i) & _plausible(theta_j) & (determinant > 1e-3 * own[i] * own[j])
-        return one, np.where(possible, theta_i * h[i] + theta_j * h[j], 0.0)
-
-    def _judged(self, total: float, one: np.ndarray, two: np.ndarray) -> Blame:
-        for explained, sets in ((one, np.arange(len(one))[:, None]), (two, self._pairs)):
-            best = int(explained.argmax()) if len(explained) else -1
-            if best < 0 or explained[best] < self._tuning.explained * total:
-                continue
-            left = max(total - float(explained[best]), _TINY * total)
-            lead = (total - float(np.delete(explained, best).max(initial=0.0))) / left
-            if lead >= self._tuning.lead:
-                return Blame(thrusters=tuple(sets[best].tolist()), explained=1.0 - left / total, lead=lead)
-        return NOBODY
+        size = np.maximum(self._square * np.einsum("ti,ti->i", asked, asked), _TINY)
+        theta = -np.einsum("ti,ti->i", asked, along) / size
+        return np.where((theta > _PLAUSIBLE[0]) & (theta < _PLAUSIBLE[1]), theta**2 * size, 0.0)
 
 
-def _plausible(theta: np.ndarray) -> np.ndarray:
-    return (theta > _PLAUSIBLE[0]) & (theta < _PLAUSIBLE[1])
+def _leader(total: float, explained: np.ndarray) -> Blame:
+    best = int(explained.argmax())
+    left = max(total - float(explained[best]), _TINY * total)
+    lead = (total - float(np.delete(explained, best).max(initial=0.0))) / left
+    return Blame(thruster=best, explained=1.0 - left / total, lead=lead)

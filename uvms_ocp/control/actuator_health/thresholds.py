@@ -25,17 +25,16 @@ class ActuatorHealthTuning:
     least_change: float = 1.5
     """[-] root mean square of the changes, in these scales, below which nothing is looked for."""
     explained: float = 0.8
-    """[-] share of the changes that the faults of one thruster, or two, must explain: without a fault 0.6 was seen at most."""
+    """[-] share of the changes that the fault of a thruster must explain: without one 0.6 was seen at most."""
     lead: float = 4.0
-    """[-] times as much as they leave unexplained must be left by the next best: without a fault 1.9 was seen at most."""
+    """[-] times as much as it leaves unexplained must be left by the next best: without a fault 1.9 was seen at most."""
     precedes: float = 1.25
-    """[-] times as much as they leave unexplained must be left where commands are taken a moment later: commands that only
+    """[-] times as much as it leaves unexplained must be left where commands are taken a moment later: commands that only
     answer a push come after it."""
     clear_lead: float = 16.0
     """[-] lead from which on a look counts fully."""
     looks: float = 8.0
-    """[-] that must agree, one after the other, on one thruster, and twice as many on two at once; those of a smaller lead count
-    in proportion."""
+    """[-] that must agree, one after the other; those of a smaller lead count in proportion."""
     sound_share: float = 0.75
     """[-] of what is asked that a thruster gives at least, else it is weak; less than a quarter counts as nothing."""
     settling: float = 1.5

@@ -70,11 +70,11 @@ class ThrusterMonitor:
             return ()
         self._window.look(residual, self.effect.share * self._filtered, t)
         blame = self._window.blame()
-        again = bool(blame.thrusters) and blame.thrusters == self._last.thrusters
+        again = blame.thruster >= 0 and blame.thruster == self._last.thruster
         self._evidence = self._evidence + min(blame.lead / self._tuning.clear_lead, 1.0) if again else 0.0
         self._last = blame
-        self._mark(blame.thrusters)
-        return self._name(blame, t) if self._evidence > self._tuning.looks * len(blame.thrusters) else ()
+        self._mark(blame.thruster)
+        return self._name(blame, t) if self._evidence > self._tuning.looks else ()
 
     def _restart(self, t: float) -> None:
         self._started, self._quiet_until = True, t + self._tuning.settling
@@ -82,27 +82,24 @@ class ThrusterMonitor:
         self._window.clear()
 
     def _name(self, blame: Blame, t: float) -> tuple[int, ...]:
-        """Verdicts on what falls short by enough, and what it makes of commands from now on."""
-        share, constant, found = self.effect.share.copy(), self.effect.constant.copy(), []
-        for i in blame.thrusters:
-            manner = manner_of(*self._window.history(i), self._bandwidth, _NOTHING)
-            if manner.share > self._tuning.sound_share:
-                continue
-            share[i] *= manner.share
-            constant[i] = 0.0 if share[i] else self._constant(i, manner)
-            found.append(i)
-            self.verdicts[i] = ThrusterVerdict(
-                health=Health.FAULTY,
-                kind=_kind(float(share[i]), float(constant[i])),
-                share=float(share[i]),
-                constant=float(constant[i]),
-                confidence=blame.lead,
-                since=manner.onset,
-            )
-        if found:
-            self.effect = Effect(share=share, constant=constant)
-            self._restart(t)
-        return tuple(found)
+        """The verdict, unless so little is missing that it does no harm, and what comes of commands from now on."""
+        i, share, constant = blame.thruster, self.effect.share.copy(), self.effect.constant.copy()
+        manner = manner_of(*self._window.history(i), self._bandwidth, _NOTHING)
+        if manner.share > self._tuning.sound_share:
+            return ()
+        share[i] *= manner.share
+        constant[i] = 0.0 if share[i] else self._constant(i, manner)
+        self.effect = Effect(share=share, constant=constant)
+        self.verdicts[i] = ThrusterVerdict(
+            health=Health.FAULTY,
+            kind=_kind(float(share[i]), float(constant[i])),
+            share=float(share[i]),
+            constant=float(constant[i]),
+            confidence=blame.lead,
+            since=manner.onset,
+        )
+        self._restart(t)
+        return (i,)
 
     def _constant(self, thruster: int, manner: Manner) -> float:
         """Thrust [N] at which it is stuck; 0 where that cannot be told from none."""
@@ -110,9 +107,9 @@ class ThrusterMonitor:
         least = max(_STUCK_SIGMAS * manner.sigma, _STUCK_SHARE * float(self._upper[thruster]))
         return value if abs(value) > least else 0.0
 
-    def _mark(self, suspects: tuple[int, ...]) -> None:
+    def _mark(self, suspect: int) -> None:
         for i, verdict in enumerate(self.verdicts):
-            health = Health.SUSPECT if i in suspects else Health.GOOD
+            health = Health.SUSPECT if i == suspect else Health.GOOD
             if verdict.health not in (Health.FAULTY, health):
                 self.verdicts[i] = ThrusterVerdict(health=health)
 
