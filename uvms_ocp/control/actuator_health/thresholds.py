@@ -34,7 +34,7 @@ class ActuatorHealthTuning:
     clear_lead: float = 16.0
     """[-] lead from which on a look counts fully."""
     looks: float = 8.0
-    """[-] that must agree, one after the other; those of a smaller lead count in proportion."""
+    """[-] that must agree, one after the other; those of a smaller lead count by its square."""
     sound_share: float = 0.75
     """[-] of what is asked that a thruster gives at least, else it is weak; less than a quarter counts as nothing."""
     settling: float = 1.5

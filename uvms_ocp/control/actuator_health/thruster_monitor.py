@@ -71,7 +71,7 @@ class ThrusterMonitor:
         self._window.look(residual, self.effect.share * self._filtered, t)
         blame = self._window.blame()
         again = blame.thruster >= 0 and blame.thruster == self._last.thruster
-        self._evidence = self._evidence + min(blame.lead / self._tuning.clear_lead, 1.0) if again else 0.0
+        self._evidence = self._evidence + min(blame.lead / self._tuning.clear_lead, 1.0) ** 2 if again else 0.0
         self._last = blame
         self._mark(blame.thruster)
         return self._name(blame, t) if self._evidence > self._tuning.looks else ()
