@@ -2,7 +2,8 @@
 
 Thruster i that gives ``(1 - theta) T_i + c`` in place of T_i leaves ``b_i (c - theta T_i)`` in the residual: along one known
 direction, as its command goes, and at the same time. Water, loads and the floor push along others, and what is asked
-follows them late, so that little of what they do is explained by any thruster, and about as much by several.
+follows them late, so that little of what they do is explained by any thruster, and about as much by several. The ratio of
+what is left is that of likelihoods of an additive fault of unknown size ([Willsky1976]).
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ class BlameWindow:
         self._count = 0
 
     def look(self, residual: np.ndarray, asked: np.ndarray, t: float) -> None:
-        """Take in the residual (6,) [N, N m] and the thrust (n,) [N] that should be in it, at time t [s]."""
+        """Take in the residual (6,) [N, N m] and the thrust asked (n,) [N], as it should be in it, at time t [s]."""
         for k in (
             self._count % self._size,
             self._count % self._size + self._size,

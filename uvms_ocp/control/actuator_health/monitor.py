@@ -90,8 +90,8 @@ class ActuatorMonitor:
         self._balance.clear()
 
     def due(self, asked: np.ndarray, reference: np.ndarray) -> bool:
-        """Take in the thrust asked (n_thrusters,) [N], of thrusters that all follow, and the velocity (n_v,) [m/s, rad/s]
-        that the robot should have, at every tick; whether it is time for a look."""
+        """Take in the thrust asked (n_thrusters,) [N], of thrusters that all follow, and the reference (n_v,) [m/s, rad/s]
+        of the velocity, at every tick; whether it is time for a look."""
         self._way += reference
         return self.thrusters.due(asked)
 
