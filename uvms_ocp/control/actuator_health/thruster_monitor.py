@@ -18,6 +18,8 @@ _STUCK_SIGMAS, _STUCK_SHARE = (
     0.1,
 )  # constant thrust that is told from none: standard deviations, share of the limit
 
+_BEYOND = 1.1  # of the limits: no thruster sticks farther out
+
 
 class ThrusterMonitor:
     """Verdicts on all thrusters. Holds what was seen: build one per run.
@@ -103,9 +105,10 @@ class ThrusterMonitor:
 
     def _constant(self, thruster: int, manner: Manner) -> float:
         """Thrust [N] at which it is stuck; 0 where that cannot be told from none."""
-        value = float(np.clip(manner.constant, self._lower[thruster], self._upper[thruster]))
-        least = max(_STUCK_SIGMAS * manner.sigma, _STUCK_SHARE * float(self._upper[thruster]))
-        return value if abs(value) > least else 0.0
+        lower, upper = float(self._lower[thruster]), float(self._upper[thruster])
+        possible = _BEYOND * lower <= manner.constant <= _BEYOND * upper
+        clear = abs(manner.constant) > max(_STUCK_SIGMAS * manner.sigma, _STUCK_SHARE * upper)
+        return min(max(manner.constant, lower), upper) if possible and clear else 0.0
 
     def _mark(self, suspect: int) -> None:
         for i, verdict in enumerate(self.verdicts):
