@@ -25,7 +25,7 @@ class Blame:
     """The likeliest culprit."""
 
     thruster: int
-    """-1 where none explains enough."""
+    """[-] counted from 0; -1 where none explains enough."""
     explained: float
     """[-] share of the changes."""
     lead: float
