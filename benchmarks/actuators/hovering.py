@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.control.actuator_health.monitor import ActuatorMonitor
-from uvms_ocp.control.actuator_health.thresholds import HealthTuning
+from uvms_ocp.control.actuator_health.thresholds import ActuatorHealthTuning
 from uvms_ocp.control.force.dynamic import DynamicController
+from uvms_ocp.control.navigation.degraded import FREE
 from uvms_ocp.control.navigation.estimator import Estimator
 from uvms_ocp.control.navigation.watchdog import Watchdog
 from uvms_ocp.control.velocity.distress import Strain
@@ -77,7 +78,6 @@ class Outcome:
     commands: np.ndarray
     """(n, n_thrusters) [N]"""
     given_up: str = ""
-    probed: list[bool] = field(default_factory=list)
 
 
 class Failing(ThrusterBank):
@@ -85,14 +85,14 @@ class Failing(ThrusterBank):
 
     def __init__(self, robot: Robot, faults: Sequence[ThrusterFault]) -> None:
         super().__init__(robot)
-        self._faults, self._t = faults, 0.0
+        self._faults, self.t = faults, 0.0
 
     def step(self, command: Any, dt: float) -> np.ndarray:
         asked = np.clip(np.array(command, dtype=float), self._lower, self._upper)
         for fault in self._faults:
-            if self._t >= fault.onset:
+            if self.t >= fault.onset:
                 asked[fault.thruster] = fault.share * asked[fault.thruster] + fault.constant
-        self._t += dt
+        self.t += dt
         return super().step(asked, dt)
 
 
@@ -101,20 +101,20 @@ class WayPoints(KinematicController):
 
     def __init__(self, robot: Robot, hover: Hover) -> None:
         self.robot, self.dt, self.watchdog = robot, DT, Watchdog()
-        self.given_up = ""
+        self.given_up, self.restriction = "", FREE
         self._rng, self._moves = np.random.default_rng(hover.seed + 1000), hover.moves
         self._v, self._joints = np.zeros(robot.n_v), np.array(robot.home)
         self.goal, self._yaw, self._next = STATION.copy(), 0.0, float(self._rng.uniform(2.0, 6.0))
 
     def observe(self, measurement: Measurement, t: float) -> Any:
-        self.measurement, self._t = measurement, t
+        self.measurement, self.t = measurement, t
         return self
 
     def feel(self, strain: Strain) -> None:
         self.given_up = self.given_up or strain.fault
 
     def command(self, tick: Any) -> Command:
-        if self._t >= self._next:
+        if self.t >= self._next:
             self._choose()
         q, limits = self.measurement.q, self.robot.limits
         R = pin.Quaternion(q[3:7]).toRotationMatrix()
@@ -129,7 +129,7 @@ class WayPoints(KinematicController):
 
     def _choose(self) -> None:
         rng, home = self._rng, np.array(self.robot.home)
-        self._next = self._t + float(rng.uniform(4.0, 9.0))
+        self._next = self.t + float(rng.uniform(4.0, 9.0))
         self.goal = STATION + self._moves * rng.uniform(-1.0, 1.0, 3) * _WAY
         self._yaw = self._moves * float(rng.uniform(-1.0, 1.0))
         self._joints = home + 0.15 * rng.uniform(-1.0, 1.0, len(home))
@@ -142,10 +142,9 @@ def run(hover: Hover) -> Outcome:
     specs = sensors_of(robot.description)
     suite, estimator = SensorSuite(robot, floor, specs, hover.seed), Estimator(robot, specs)
     points = WayPoints(robot, hover)
-    controller = DynamicController(robot=robot, dynamics=robot_dynamics(robot), kinematic=points, health=HealthTuning())
+    health = ActuatorHealthTuning() if hover.watched else None
+    controller = DynamicController(robot=robot, dynamics=robot_dynamics(robot), kinematic=points, health=health)
     monitor = controller.monitor
-    if not hover.watched:
-        controller.monitor = None
     outcome = Outcome(monitor=monitor, alarms=points.watchdog.alarms, errors=np.zeros(0), commands=np.zeros((0, 0)))
     errors, commands = [], []
     command: Command | None = None
@@ -158,7 +157,6 @@ def run(hover: Hover) -> Outcome:
             plant.state = _jammed(plant.state, before, hover.jam[0])
         errors.append(float(np.linalg.norm(plant.state.q[:3] - points.goal)))
         commands.append(command.thrust)
-        outcome.probed.append(monitor is not None and monitor.thrusters.probe(t) is not None)
     outcome.errors, outcome.commands, outcome.given_up = np.array(errors), np.array(commands), points.given_up
     return outcome
 

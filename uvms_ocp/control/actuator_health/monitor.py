@@ -8,11 +8,17 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.control.actuator_health.authority import Authority, authority_of
+from uvms_ocp.control.actuator_health.balance import Balance
 from uvms_ocp.control.actuator_health.effect import Effect
 from uvms_ocp.control.actuator_health.joint_monitor import JointMonitor
-from uvms_ocp.control.actuator_health.thresholds import HealthTuning
+from uvms_ocp.control.actuator_health.thresholds import ActuatorHealthTuning
 from uvms_ocp.control.actuator_health.thruster_monitor import ThrusterMonitor
-from uvms_ocp.control.actuator_health.verdicts import joint_alarm, thruster_alarm
+from uvms_ocp.control.actuator_health.verdicts import (
+    joint_alarm,
+    joints_named,
+    thruster_alarm,
+    thrusters_named,
+)
 from uvms_ocp.model.dynamics import Dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.thrusters import thrust_limits, thruster_matrix
@@ -21,21 +27,17 @@ _TILT = 0.1  # [rad] in which the righting moment may balance what thrusters no 
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Seen:
-    """What one tick shows of the actuators."""
+class Look:
+    """What one look shows of the actuators."""
 
     q: np.ndarray
     """(n_q,) [m, rad] measured."""
-    v: np.ndarray
-    """(n_v,) [m/s, rad/s] measured."""
-    reference: np.ndarray
-    """(n_v,) [m/s, rad/s] that the robot should follow."""
     residual: np.ndarray
     """(n_v,) [N, N m] that the observer finds beside model and commands, one lag behind."""
     disturbance: np.ndarray
     """(n_v,) [N, N m] the same, as it is made up for."""
-    asked: np.ndarray
-    """(n_thrusters,) [N] thrust now, of thrusters that all follow their commands."""
+    joints_known: bool = True
+    """Whether the encoders are to be trusted."""
 
 
 class ActuatorMonitor:
@@ -49,18 +51,22 @@ class ActuatorMonitor:
         bandwidth: float,
         dt: float,
         alarms: list[tuple[float, str]],
-        tuning: HealthTuning | None = None,
+        tuning: ActuatorHealthTuning | None = None,
     ) -> None:
         """bandwidth [rad/s] of the observer; dt [s] of a tick; alarms: time [s] and text of each, appended to."""
-        tuning = tuning or HealthTuning()
+        tuning = tuning or ActuatorHealthTuning()
         self._robot, self._dynamics, self.alarms = robot, dynamics, alarms
         self._matrix, (self._lower, self._upper) = thruster_matrix(robot), thrust_limits(robot)
         self.thrusters = ThrusterMonitor(
             self._matrix, self._lower, self._upper, tuning=tuning, bandwidth=bandwidth, dt=dt
         )
-        self.joints = JointMonitor(robot.limits.effort, tuning=tuning, dt=dt)
+        self.joints = JointMonitor(robot.limits.effort, tuning=tuning)
+        self._dt, self._joints = dt, robot.joint_v
+        self._way = np.zeros(robot.n_v)
+        self._balance = Balance(tuning.judged_after)
         self.authority: Authority | None = None
-        """What thrusters can still reach; `None` while all are sound."""
+        """What thrusters can still reach; `None` while all are sound, and until that is judged."""
+        self._told = self._telemetry()
 
     @property
     def effect(self) -> Effect:
@@ -72,25 +78,45 @@ class ActuatorMonitor:
         """Whether what is left is enough for a mission."""
         return self.authority is None or self.authority.can_go_on
 
+    @property
+    def faulty(self) -> str:
+        """All that is faulty, in a few words; nothing where nothing is."""
+        return ", ".join((*thrusters_named(self.thrusters.verdicts), *joints_named(self.joints.verdicts)))
+
     def pause(self) -> None:
         """What is measured is not to be trusted."""
         self.thrusters.pause()
         self.joints.pause()
+        self._balance.clear()
 
-    def update(self, seen: Seen, t: float) -> bool:
-        """Take in a tick at time t [s]; whether anything was found faulty."""
-        n = self._robot.n_vehicle
-        jammed = self.joints.update(seen.reference[n:], seen.v[n:], seen.residual[n:], t)
-        before = self.effect
-        faulty = self.thrusters.update(seen.residual[:n], seen.asked, t)
+    def due(self, asked: np.ndarray, reference: np.ndarray) -> bool:
+        """Take in the thrust asked (n_thrusters,) [N], of thrusters that all follow, and the reference (n_v,) [m/s, rad/s]
+        of the velocity, at every tick; whether it is time for a look."""
+        self._way += reference
+        return self.thrusters.due(asked)
+
+    def look(self, seen: Look, t: float) -> bool:
+        """At time t [s]; whether anything was found faulty."""
+        n, way = self._robot.n_vehicle, self._way[self._joints] * self._dt
+        self._way = np.zeros(self._robot.n_v)
+        if not seen.joints_known:
+            self.joints.pause()
+        jammed = self.joints.look(way, seen.q[self._robot.joint_q], seen.residual[n:], t) if seen.joints_known else ()
+        faulty = self.thrusters.look(seen.residual[:n], t)
         for j in jammed:
-            self.alarms.append((t, joint_alarm(j + 1, self._robot.joint_names[j], self.joints.verdicts[j])))
-        if faulty:
-            self._tell(faulty, seen, before, t)
+            self.alarms.append((t, joint_alarm(j + 1, self._robot.joint_names[j])))
+        for i in faulty:
+            name = self._robot.description.thrusters[i].name
+            self.alarms.append((t, thruster_alarm(i + 1, name, self.thrusters.verdicts[i])))
+        self._judge(seen, faulty, t)
+        self._told = self._telemetry()
         return bool(faulty or jammed)
 
     def telemetry(self) -> dict[str, Any]:
         """For the record: shares (n_thrusters,) [-], constants (n_thrusters,) [N], verdicts as whole numbers."""
+        return self._told
+
+    def _telemetry(self) -> dict[str, Any]:
         return {
             "thruster_share": self.effect.share,
             "thruster_constant": self.effect.constant,
@@ -98,23 +124,22 @@ class ActuatorMonitor:
             "joint_health": np.array([verdict.health for verdict in self.joints.verdicts], dtype=np.int8),
         }
 
-    def _tell(self, faulty: tuple[int, ...], seen: Seen, before: Effect, t: float) -> None:
-        names = [thruster.name for thruster in self._robot.description.thrusters]
-        for i in faulty:
-            self.alarms.append((t, thruster_alarm(i + 1, names[i], self.thrusters.verdicts[i])))
-        shift = self._matrix @ (before.given(seen.asked) - self.effect.given(seen.asked))
+    def _judge(self, seen: Look, faulty: tuple[int, ...], t: float) -> None:
+        """What is left of the thrusters, once the robot has settled after a verdict."""
+        if faulty:
+            self._balance.begin(t)
+            return
         rest = np.zeros(self._robot.n_v)
+        if not self._balance.runs:
+            return
         weight = self._dynamics.inverse_dynamics(seen.q, rest, rest)[:6]
-        self.authority = authority_of(
-            self._matrix,
-            self._lower,
-            self._upper,
-            self.effect,
-            weight - seen.disturbance[:6] - shift,
-            self._righting(seen.q),
-        )
+        mean = self._balance.take_in(weight - seen.disturbance[:6], t)
+        if mean is None:
+            return
+        limits = (self._matrix, self._lower, self._upper)
+        self.authority = authority_of(*limits, self.effect, mean, self._righting(seen.q))
         end = "" if self.authority.can_go_on else "; the mission cannot go on"
-        self.alarms.append((t, f"{self.authority}{end}"))
+        self.alarms.append((t, f"without {self.faulty}: {self.authority}{end}"))
 
     def _righting(self, q: np.ndarray) -> np.ndarray:
         """(6,) [N, N m] moments of weight and buoyancy about roll and pitch within the allowed tilt from level."""

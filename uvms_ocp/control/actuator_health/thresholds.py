@@ -11,50 +11,36 @@ from uvms_ocp.exceptions import InvalidInput
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True)
-class HealthTuning:
-    """Of `ActuatorMonitor`. Raises `InvalidInput` for a number that is not > 0, and a noise or share of 1 or more.
-
-    Gains are twice the logarithm of a likelihood ratio: squares of standard deviations.
-    """
+class ActuatorHealthTuning:
+    """Of `ActuatorMonitor`. Raises `InvalidInput` for a number that is not > 0, and a share of 1 or more."""
 
     sample_time: float = 0.1
     """[s] between two looks at the residual wrench."""
-    disturbance_memory: float = 0.15
-    """[s] after which a change of the residual is forgotten: what is slower is water, not a fault."""
-    noise_floor: float = 0.002
-    """[-] least standard deviation of a change of the residual, share of what all thrusters together give."""
-    model_error: float = 0.15
-    """[-] of every change of thrust that wrong masses and drag may turn into residual."""
-    noise_memory: float = 10.0
-    """[s] over which the standard deviation is learned."""
-    correlation: float = 3.0
-    """[-] looks that tell no more than one: the residual is smooth."""
-    suspect_gain: float = 9.0
-    """[-] from which a thruster is suspect."""
-    misfit: float = 4.0
-    """[-] of what is left unexplained, in variances: more is water, contact or a load, not the fault of one thruster."""
-    probe_share: float = 0.1
-    """[-] amplitude of the probe, share of the limits of the thrusters."""
-    probe_period: float = 0.6
-    """[s]"""
-    probe_cycles: int = 4
-    """[-] that are looked at before the first answer; one comes before."""
-    probe_longest: int = 12
-    """[-] that are looked at before the probe is given up."""
-    rest: float = 6.0
-    """[s] after a probe that has found nothing, before the next of the same thrusters."""
-    sure: float = 0.12
-    """[-] standard deviation of a share at which a probe that has found nothing ends."""
-    fault_gain: float = 36.0
-    """[-] of a probe that names a fault, against that of sound thrusters."""
-    margin: float = 9.0
-    """[-] by which the fault that is named leads all others."""
-    unprobed_gain: float = 150.0
-    """[-] that names a fault where thrusters cannot be probed, as no others cancel their wrench."""
+    window: float = 4.0
+    """[s] of the residual in which a culprit is looked for, and twice that in which its onset is."""
+    force_scale: float = 0.02
+    """[-] change of the residual force that counts as one, share of what all thrusters together give on that axis."""
+    moment_scale: float = 0.005
+    """[-] the same of moments, of which water and loads make less for their force than thrusters do."""
+    least_change: float = 1.5
+    """[-] root mean square of the changes, in these scales, below which nothing is looked for."""
+    explained: float = 0.8
+    """[-] share of the changes that the fault of a thruster must explain: without one 0.6 was seen at most."""
+    lead: float = 4.0
+    """[-] times as much as it leaves unexplained must be left by the next best: without a fault 1.9 was seen at most."""
+    precedes: float = 1.25
+    """[-] times as much as it leaves unexplained must be left where commands are taken a moment later: commands that only
+    answer a push come after it."""
+    clear_lead: float = 16.0
+    """[-] lead from which on a look counts fully."""
+    looks: float = 8.0
+    """[-] that must agree, one after the other; those of a smaller lead count by its square."""
     sound_share: float = 0.75
     """[-] of what is asked that a thruster gives at least, else it is weak; less than a quarter counts as nothing."""
     settling: float = 1.5
     """[s] after a start or a verdict that are not looked at."""
+    judged_after: float = 6.0
+    """[s] from a verdict to the judgement on what can still be reached, of the wrench that was needed in the second half."""
     jam_travel: float = 0.05
     """[rad or m] that a joint is asked to go, and does not, before it counts as jammed."""
     jam_effort: float = 0.2
@@ -67,6 +53,6 @@ class HealthTuning:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise InvalidInput(f"{name} of the actuator health = {value}; give a finite number > 0")
-        for name in ("noise_floor", "model_error", "probe_share", "sound_share", "jam_effort"):
+        for name in ("force_scale", "moment_scale", "explained", "sound_share", "jam_effort"):
             if not getattr(self, name) < 1:
                 raise InvalidInput(f"{name} of the actuator health = {getattr(self, name)}; give a share below 1")

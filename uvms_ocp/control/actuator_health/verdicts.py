@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 
@@ -39,7 +40,7 @@ class ThrusterVerdict:
     constant: float = 0.0
     """[N] of a stuck thruster."""
     confidence: float = 0.0
-    """[-] gain over the next best explanation: twice a logarithm of likelihoods."""
+    """[-] what the next best explanation leaves unexplained, over what this does."""
     since: float = math.nan
     """[s] time from which on it explains the motion."""
 
@@ -56,17 +57,29 @@ class JointVerdict:
 
 def thruster_alarm(number: int, name: str, verdict: ThrusterVerdict) -> str:
     """One line on a faulty thruster, counted from 1 as in faults that are asked for."""
-    who = f"thruster {number} ({name})"
+    who = f"thruster{number} {_word(verdict)} ({name})"
     if verdict.kind is FaultKind.STUCK:
-        return f"{who} is stuck at {verdict.constant:.0f} N: taken out, the others make up for it"
-    given = f"{who} gives {100 * verdict.share:.0f} % of what it is asked"
+        return f"{who}: gives {verdict.constant:.0f} N whatever it is asked; taken out, the others make up for it"
+    given = f"{who}: gives {100 * verdict.share:.0f} % of what it is asked"
     if verdict.kind is FaultKind.DEAD:
-        return f"{who} gives 0 % of what it is asked: taken out"
-    if verdict.kind is FaultKind.REVERSED:
-        return f"{given}: reversed, and driven the other way"
-    return f"{given}: weak, and asked for more"
+        return f"{given}; taken out"
+    return f"{given}; {'driven the other way' if verdict.kind is FaultKind.REVERSED else 'asked for more'}"
 
 
-def joint_alarm(number: int, name: str, verdict: JointVerdict) -> str:
+def joint_alarm(number: int, name: str) -> str:
     """One line on a jammed joint, counted from 1."""
-    return f"joint {number} ({name}) does not move: jammed, and left alone"
+    return f"joint{number} jammed ({name}): pushed, and does not move; the others do without it"
+
+
+def thrusters_named(verdicts: Sequence[ThrusterVerdict]) -> list[str]:
+    """Those that are faulty, such as ``thruster3 dead``."""
+    return [f"thruster{i + 1} {_word(verdict)}" for i, verdict in enumerate(verdicts) if verdict.kind]
+
+
+def joints_named(verdicts: Sequence[JointVerdict]) -> list[str]:
+    """Those that are faulty, such as ``joint2 jammed``."""
+    return [f"joint{j + 1} {verdict.kind.value}" for j, verdict in enumerate(verdicts) if verdict.kind]
+
+
+def _word(verdict: ThrusterVerdict) -> str:
+    return verdict.kind.value if verdict.kind else ""

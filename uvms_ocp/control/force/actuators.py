@@ -35,8 +35,7 @@ class Actuators:
         self._allocation: Allocation | DegradedAllocation = self._whole
         self._lag = ThrusterLag(robot, lead, dt)
         self._torque = np.zeros(robot.n_joints)
-        self._effect = Effect.sound(len(self._lag.thrust))
-        self._idle = np.zeros(robot.n_joints, dtype=bool)
+        self._effect: Effect | None = None
 
     @property
     def asked(self) -> np.ndarray:
@@ -46,7 +45,8 @@ class Actuators:
     @property
     def force(self) -> np.ndarray:
         """Generalized force (n_v,) [N, N m] now: thrusters as they follow their commands, motors as last asked."""
-        wrench = self._whole.matrix @ self._effect.given(self._lag.thrust)
+        thrust = self._lag.thrust if self._effect is None else self._effect.given(self._lag.thrust)
+        wrench = self._whole.matrix @ thrust
         return np.concatenate([wrench[: self._robot.n_vehicle], self._torque])
 
     def realize(self, tau: np.ndarray) -> Realized:
@@ -54,23 +54,18 @@ class Actuators:
         n, limit = self._robot.n_vehicle, self._robot.limits.effort
         wrench = np.zeros(6)
         wrench[:n] = tau[self._robot.vehicle_v]
-        torque = np.where(self._idle, 0.0, np.clip(tau[self._robot.joint_v], -limit, limit))
+        torque = np.clip(tau[self._robot.joint_v], -limit, limit)
         result = self._allocation.allocate(wrench)
         return Realized(allocation=result, torque=torque, force=np.concatenate([result.reached[:n], torque]))
 
-    def drive(self, realized: Realized, *, hurry: bool = True, probe: np.ndarray | None = None) -> np.ndarray:
-        """Command (n_thrusters,) [N] of the thrusters for a tick; hurry: through their lag, ahead of it.
+    def drive(self, realized: Realized, *, hurry: bool = True) -> np.ndarray:
+        """Command (n_thrusters,) [N] of the thrusters for a tick; hurry: through their lag, ahead of it."""
+        self._torque, wanted = realized.torque, realized.allocation.thrust
+        return self._lag.drive(wanted if self._effect is None else self._effect.asked(wanted), hurry=hurry)
 
-        probe (n_thrusters,) [N]: to be asked on top.
-        """
-        self._torque = realized.torque
-        wanted = self._effect.asked(realized.allocation.thrust)
-        return self._lag.drive(wanted if probe is None else wanted + probe, hurry=hurry)
-
-    def adapt(self, effect: Effect, jammed: np.ndarray) -> None:
-        """From now on: what thrusters make of their commands; jammed (n_joints,) [-]: which joints get no torque."""
-        self._effect, self._idle = effect, jammed
-        self._allocation = DegradedAllocation(self._whole, effect)
+    def adapt(self, effect: Effect) -> None:
+        """From now on: what thrusters make of their commands."""
+        self._effect, self._allocation = effect, DegradedAllocation(self._whole, effect)
 
 
 class ThrusterLag:

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.arguments import changed, checked, late
-from uvms_ocp.control.actuator_health.monitor import ActuatorMonitor, Seen
-from uvms_ocp.control.actuator_health.thresholds import HealthTuning
+from uvms_ocp.control.actuator_health.monitor import ActuatorMonitor, Look
+from uvms_ocp.control.actuator_health.thresholds import ActuatorHealthTuning
 from uvms_ocp.control.force.actuators import Actuators, Realized
 from uvms_ocp.control.force.allocation import allocation_of
 from uvms_ocp.control.force.observer import DisturbanceObserver
 from uvms_ocp.control.velocity.distress import Strain
 from uvms_ocp.control.velocity.kinematic import KinematicController
+from uvms_ocp.control.velocity.tick_state import TickState
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.dynamics import Dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, Measurement
 
+SEARCH = ActuatorHealthTuning()
+"""For faulty thrusters and joints, by default."""
 _EASE = 1.0  # [s] in which the bandwidth of the velocity loop changes
 _ENCODER_SILENCE = 0.05  # [s] after which joints are no longer fed back; a joint falls faster than a vehicle drifts
+_FULL = 0.95  # share of its bandwidth that the observer needs for its findings to be judged
+_ENCODERS = ("joint_positions", "joint_velocities")
 
 
 @checked
@@ -73,10 +78,9 @@ class DynamicController:
         dynamics: Dynamics,
         kinematic: KinematicController,
         gains: VelocityGains | None = None,
-        health: HealthTuning | None = None,
+        health: ActuatorHealthTuning | None = SEARCH,
     ) -> None:
-        """health: thresholds of the search for faulty thrusters and joints, which is off unless given: how often it alarms in
-        vain is not measured yet.
+        """health: thresholds of the search for faulty thrusters and joints; `None` turns it off.
 
         Raises `InvalidInput` for a vehicle without thrusters.
         """
@@ -92,7 +96,7 @@ class DynamicController:
         self._observer = observer_of(robot, dynamics, self._gains, self._dt)
         self.monitor = self._monitor(health)
         """Of thrusters and joints; `None` where it is off, and without the observer, whose findings it reads."""
-        self._free = np.ones(robot.n_v, dtype=bool)
+        self._handicap, self._jammed = "", tuple[int, ...]()
         self._K_p = _per_axis(robot, self._gains.vehicle, self._gains.joints)
         self._reset = _per_axis(robot, self._gains.vehicle_reset, self._gains.joints_reset)
         self._share = np.ones(robot.n_v)
@@ -109,12 +113,12 @@ class DynamicController:
         trusted = self._trusted(command, sound)
         self._soften(tick.restriction.feedback)
         disturbance = self._disturbance(sound, command)
-        self._watch(command, sound, trusted, t)
-        v = np.where(self._free, command.v, 0.0)
-        error = np.where(trusted & self._free, v - sound.v, 0.0)
-        tau = self._force(sound.q, v, error) - disturbance
-        tau += self._dynamics.damping_matrix(sound.q, v) @ (self._share * self._reset * self._integral)
-        self._reference = v
+        if self.monitor is not None:
+            self._watch(self.monitor, command, tick, trusted)
+        error = np.where(trusted, command.v - sound.v, 0.0)
+        tau = self._force(sound.q, command.v, error) - disturbance
+        tau += self._dynamics.damping_matrix(sound.q, command.v) @ (self._share * self._reset * self._integral)
+        self._reference = command.v
         if command.stop:
             tau[self._robot.vehicle_v] = 0.0
         realized = self._actuators.realize(tau)
@@ -128,8 +132,7 @@ class DynamicController:
             "saturated": realized.allocation.saturated,
             **({} if self.monitor is None else self.monitor.telemetry()),
         }
-        probe = None if self.monitor is None or command.stop else self.monitor.thrusters.probe(t)
-        thrust = self._actuators.drive(realized, hurry=not command.stop, probe=probe)
+        thrust = self._actuators.drive(realized, hurry=not command.stop)
         return changed(command, thrust=thrust, torque=realized.torque, brakes=not trusted[-1], telemetry=telemetry)
 
     def _force(self, q: np.ndarray, v: np.ndarray, error: np.ndarray) -> np.ndarray:
@@ -143,12 +146,13 @@ class DynamicController:
         """What the mission may be given up for."""
         if not self._robot.n_vehicle:
             return Strain()
-        up = pin.Quaternion(q[3:7]).matrix()[2]
-        return Strain(
-            short=realized.allocation.saturated,
-            push=float(up @ disturbance[:3]) / self._lift,
-            fault="" if self.monitor is None or self.monitor.can_go_on else str(self.monitor.authority),
-        )
+        up, monitor = pin.Quaternion(q[3:7]).matrix()[2], self.monitor
+        strain = Strain(short=realized.allocation.saturated, push=float(up @ disturbance[:3]) / self._lift)
+        if monitor is None or not self._handicap:
+            return strain
+        over = not monitor.can_go_on
+        fault = f"{self._handicap}: {monitor.authority}" if over else ""
+        return replace(strain, fault=fault, handicap=self._handicap, jammed=self._jammed)
 
     def _trusted(self, command: Command, measurement: Measurement) -> np.ndarray:
         """Which axes (n_v,) are fed back. On the others feed-forward goes on alone: feedback from a frozen velocity
@@ -169,29 +173,33 @@ class DynamicController:
             return self._observer.estimate
         return self._observer.update(measurement.q, measurement.v, self._actuators.force, self._share)
 
-    def _watch(self, command: Command, measurement: Measurement, trusted: np.ndarray, t: float) -> None:
+    def _watch(self, monitor: ActuatorMonitor, command: Command, tick: TickState, trusted: np.ndarray) -> None:
         """Look for faults of thrusters and joints, and do without what is faulty from now on."""
-        if self.monitor is None or self._observer is None:
-            return
-        if not trusted.all():
-            self.monitor.pause()
-            return
-        seen = Seen(
-            q=measurement.q,
-            v=measurement.v,
-            reference=command.v,
-            residual=self._observer.prompt,
-            disturbance=self._observer.estimate,
-            asked=self._actuators.asked,
-        )
-        if self.monitor.update(seen, t):
-            before = self._actuators.force
-            self._actuators.adapt(self.monitor.effect, self.monitor.joints.jammed)
-            self._free[self._robot.joint_v] = ~self.monitor.joints.jammed
-            # What a thruster failed to give has been taken for water so far.
-            self._observer.estimate += before - self._actuators.force
+        if self._observer is None or not trusted.all() or self._share[0] < _FULL:
+            monitor.pause()
+        elif monitor.due(self._actuators.asked, self._reference):
+            doubted = tick.restriction.doubted
+            look = Look(
+                q=tick.measurement.q,
+                residual=self._observer.prompt,
+                disturbance=self._observer.estimate,
+                joints_known=doubted.isdisjoint(_ENCODERS),
+            )
+            if monitor.look(look, tick.t):
+                self._adapt(monitor, self._observer)
 
-    def _monitor(self, tuning: HealthTuning | None) -> ActuatorMonitor | None:
+    def _adapt(self, monitor: ActuatorMonitor, observer: DisturbanceObserver) -> None:
+        """To new verdicts."""
+        before = self._actuators.force
+        self._actuators.adapt(monitor.effect)
+        # What a thruster failed to give has been taken for water so far.
+        observer.estimate += before - self._actuators.force
+        self._jammed = tuple((self._robot.n_vehicle + np.flatnonzero(monitor.joints.jammed)).tolist())
+        for axis in self._jammed:
+            observer.estimate[axis] = self._integral[axis] = 0.0
+        self._handicap = monitor.faulty
+
+    def _monitor(self, tuning: ActuatorHealthTuning | None) -> ActuatorMonitor | None:
         if tuning is None or self._observer is None or not self._robot.n_vehicle:
             return None
         return ActuatorMonitor(

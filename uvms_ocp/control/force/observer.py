@@ -25,8 +25,12 @@ class DisturbanceObserver:
         self._v_hat: np.ndarray | None = None
         self.estimate = np.zeros(len(bandwidth))
         """d (n_v,) [N, N m]"""
-        self.prompt = np.zeros(len(bandwidth))
-        """d (n_v,) [N, N m] with one lag 1 / w less, and so more noise"""
+        self._lead = np.zeros(len(bandwidth))
+
+    @property
+    def prompt(self) -> np.ndarray:
+        """d (n_v,) [N, N m] with one lag 1 / w less, and so more noise."""
+        return self.estimate + self._lead
 
     def pause(self, *, forget: bool) -> None:
         """Keep the estimate, or set it to zero, until measurements can be trusted again."""
@@ -44,11 +48,10 @@ class DisturbanceObserver:
             self._v_hat = v.copy()
         w = self._bandwidth * share
         innovation = v - self._v_hat
-        correction = w**2 * innovation
-        rate = self._dynamics.mass_matrix(q) @ correction
-        self.estimate += self._dt * rate
+        self._lead = self._dynamics.mass_matrix(q) @ (w**2 * innovation)
+        self.estimate += self._dt * self._lead
+        self._lead /= w
         np.clip(self.estimate, -self._limit, self._limit, out=self.estimate)
-        self.prompt = self.estimate + rate / w
         acceleration = self._dynamics.forward_dynamics(q, v, tau + self.estimate)
         self._v_hat = self._v_hat + self._dt * (acceleration + 2 * w * innovation)
         return self.estimate

@@ -31,6 +31,10 @@ class Strain:
     """[-] upward force on the vehicle that the model does not know, as a share of the largest of the thrusters."""
     fault: str = ""
     """Of thrusters or joints, without which the mission cannot go on."""
+    handicap: str = ""
+    """All that is known to be faulty of them, such as ``thruster3 dead``."""
+    jammed: tuple[int, ...] = ()
+    """Axes of v [-] that do not move whatever is asked."""
 
 
 class Distress:
@@ -51,7 +55,11 @@ class Distress:
         """[unit of the quantity] by quantity, the least that was missing to its limit in this phase."""
 
     def reason(self, tick: TickState, quantities: Mapping[str, float], strain: Strain) -> str:
-        """Empty while there is none. quantities [in their units]: NaN where not known."""
+        """Empty while there is none. quantities [in their units]: NaN where not known. Names what is faulty."""
+        why = self._reason(tick, quantities, strain)
+        return f"{why}; {strain.handicap}" if why and strain.handicap not in why else why
+
+    def _reason(self, tick: TickState, quantities: Mapping[str, float], strain: Strain) -> str:
         abort, state = self._mission.abort, tick.mission
         if abort is None:
             return strain.fault

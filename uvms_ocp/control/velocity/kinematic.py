@@ -176,6 +176,9 @@ class KinematicController:
         if result.status.usable and not (tick.restriction is FREE and pace == 1.0):
             q, previous = tick.measurement.q, self._motion.v
             wanted, pace = self._restraint.kept(tick.restriction, q=q, wanted=wanted, previous=previous, pace=pace)
+        if self._strain.jammed:
+            # From rest at every tick: the hierarchy counts on no more than one tick's acceleration of such a joint.
+            wanted[list(self._strain.jammed)] = 0.0
         kept = self._viability.kept(
             q=tick.measurement.q,
             wanted=wanted,
