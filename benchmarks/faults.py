@@ -19,6 +19,7 @@ from uvms_ocp.campaign import faults
 from uvms_ocp.campaign.fault_study import by_kind
 from uvms_ocp.campaign.fault_table import ASTRAY, GUSTS, GUSTY, JOINTS, KINDS, STILL
 from uvms_ocp.campaign.study import Study
+from uvms_ocp.report.estimate import CHANCE
 
 PROSE = """
 Case 1 with noisy sensors; {runs} of {cases} runs: {kinds} kinds of faults, each setting in in the middle of each of the
@@ -31,8 +32,8 @@ end of what completed.
 A run has passed that does not end in contact, passes no joint limit by more than {joints:g} mrad and strays no farther than
 {astray:g} m, and completes or names what is wrong; limits are widened by a bias that no other channel can show.
 Passed: {passed} of {struck} runs with faults. False alarms: {false} in {free} runs without. In still water the tool's true
-error at the end was within its reported 95 % bound in {within} of {still} runs; the bound is {bound:.1f} mm on average,
-{ratio:.2f} times what 95 % of these errors do not exceed.
+error at the end was within its reported bound of {chance:.0%} in {within} of {still} runs; the bound is {bound:.1f} mm on
+average, {ratio:.2f} times what {chance:.0%} of these errors do not exceed.
 """
 TABLE = {
     "kind": "",
@@ -91,7 +92,8 @@ def report(rows: Sequence[Row], study: Study) -> Report:
             within=int((errors <= bounds).sum()),
             still=len(ended),
             bound=1e3 * bounds.mean() if ended else math.nan,
-            ratio=bounds.mean() / np.quantile(errors, 0.95) if ended else math.nan,
+            ratio=bounds.mean() / np.quantile(errors, CHANCE) if ended else math.nan,
+            chance=CHANCE,
             joints=1e3 * JOINTS,
             astray=ASTRAY,
             passed=sum(bool(row["passed"]) for row in struck),

@@ -5,17 +5,17 @@ Writes navigation.csv (consistency), navigation_delays.csv, navigation_mission.c
 
 from __future__ import annotations
 
-from estimation.consistency import DELAYS, SPECS, consistency, late
+from estimation.consistency import DELAYS, SPECS, TOGETHER, consistency, late
 from estimation.delays import LEVEL, WITH, WITHOUT, delay_table
-from estimation.mission import mission_table, time_table
+from estimation.mission import by_part, mission_table, time_table
 from recording.report import Report, Table, begin, parser_of
 
 from uvms_ocp.model.loading import load_robot
 
 PROSE = """
 {seeds} truths drawn from the filter's own process model, {duration:g} s each. *NEES* is the squared error of a part of the state,
-*NIS* the squared innovation of a channel, both over their own covariance and per degree of freedom: 1 is right. Errors count at
-times apart by their correlation time; *least* and *most* hold 95 % for all rows of a table together. Inside: {inside} of {rows}
+*NIS* the squared innovation of a channel, both over their own covariance and per degree of freedom: they should be one. Errors count at
+times apart by their correlation time; *least* and *most* hold {together:.0%} for all rows of a table together. Inside: {inside} of {rows}
 with readings in time, {late_inside} of {rows} with all of them late.
 
 Delays: root mean square errors of the same truths with a channel late, over those with none ({largest:.2f} at most for position,
@@ -25,7 +25,7 @@ did since the newest reading of its velocity: {bound:.0f} mm/s after {dvl:g} s o
 filter.
 
 Mission: Case 1 with default sensors and noise, whose vehicle is not driven by white jerk; *ratio* is the mean squared error over
-the mean variance.
+the mean variance. One row per seed in `navigation_mission.csv`; here root mean squares over all seeds.
 
 Time of a tick: the whole estimator, readings in and measurement out, and its core in C alone.
 """
@@ -52,6 +52,7 @@ def main() -> None:
     prose = PROSE.format(
         seeds=seeds,
         duration=duration,
+        together=TOGETHER,
         inside=_inside(in_time),
         late_inside=_inside(all_late),
         rows=len(in_time),
@@ -64,7 +65,7 @@ def main() -> None:
         Table(rows=in_time, columns=FIGURES),
         Table(rows=all_late, columns=FIGURES),
         Table(rows=delays, columns=dict.fromkeys(delays[0], ".3g") | {"late": "", "accelerometer": ""}),
-        Table(rows=missions, columns=dict.fromkeys(missions[0], ".3g") | {"of": "", "completed": ""}),
+        Table(rows=by_part(missions), columns={"of": "", "rms": ".3g", "spread": ".3g", "ratio": ".3g"}),
         Table(rows=times, columns=dict.fromkeys(times[0], ".1f") | {"sensors": ""}),
     ]
     given = [{"readings": name, **row} for name, rows in (("in time", in_time), ("late", all_late)) for row in rows]

@@ -29,6 +29,8 @@ DELAYS = {
 """[s] of channels as late as they usually are."""
 CALM = EstimatorTuning(angular_jerk=0.003)
 """Turns so little that the altimeter keeps the floor in sight."""
+TOGETHER = 0.95
+"""[-] chance that a filter which errs as much as it says passes all tests."""
 SETTLED = 4.0
 """[s] after which errors are looked at."""
 APART = {
@@ -90,7 +92,7 @@ def late(specs: SensorSpecs, delays: Mapping[str, float]) -> SensorSpecs:
 def consistency(
     robot: Robot, specs: SensorSpecs, *, seeds: int, duration: float, first: int = 0
 ) -> list[dict[str, object]]:
-    """One row per part and channel: its mean and what it may be, 95 % for all rows together."""
+    """One row per part and channel: its mean and what it may be, with a chance of `TOGETHER` for all rows together."""
     ledger = Ledger()
     for seed in range(first, first + seeds):
         run = Watched(robot, specs, EstimatorTuning(), seed=seed)
@@ -101,7 +103,7 @@ def consistency(
 
 
 def _judged(ledger: Ledger) -> Iterator[dict[str, object]]:
-    share = 0.05 / len(ledger.sums)
+    share = (1.0 - TOGETHER) / len(ledger.sums)
     for name, total in sorted(ledger.sums.items()):
         low, high = (chi2.ppf(p, total.degrees) / total.degrees for p in (share / 2, 1.0 - share / 2))
         inside = bool(low <= total.mean <= high)

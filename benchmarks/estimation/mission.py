@@ -35,6 +35,18 @@ def mission_table(seeds: int, *, plant: str, duration: float) -> list[dict[str, 
     return rows
 
 
+def by_part(rows: list[dict[str, object]]) -> list[dict[str, object]]:
+    """One row per part: root mean square errors and spreads over all seeds, and the ratio of their squares."""
+    table: list[dict[str, object]] = []
+    for part in dict.fromkeys(str(row["of"]) for row in rows):
+        found = [row for row in rows if row["of"] == part]
+        rms, spread = (
+            float(np.sqrt(np.mean([float(str(row[key])) ** 2 for row in found]))) for key in ("rms", "spread")
+        )
+        table.append({"of": part, "rms": rms, "spread": spread, "ratio": (rms / spread) ** 2})
+    return table
+
+
 def time_table(robot: Robot, *, ticks: int) -> list[dict[str, object]]:
     """One row per set of sensors [us]: a tick of the whole estimator and of its core, median and 99th percentile."""
     rows: list[dict[str, object]] = []
