@@ -14,9 +14,9 @@ from uvms_ocp.model.loading import load_robot
 
 PROSE = """
 {seeds} truths drawn from the filter's own process model, {duration:g} s each. *NEES* is the squared error of a part of the state,
-*NIS* the squared innovation of a channel, both over their own covariance and per degree of freedom: they should be one. Errors count at
-times apart by their correlation time; *least* and *most* hold {together:.0%} for all rows of a table together. Inside: {inside} of {rows}
-with readings in time, {late_inside} of {rows} with all of them late.
+*NIS* the squared innovation of a channel, both over their own covariance and per degree of freedom: they should be one. Errors
+count at times apart by their correlation time; *least* and *most* hold {together:.0%} for all rows of a table together. Inside:
+{inside} of {rows} with readings in time, {late_inside} of {rows} with all of them late.
 
 Delays: root mean square errors of the same truths with a channel late, over those with none ({largest:.2f} at most for position,
 attitude and altitude with an accelerometer and one channel late). These truths are slower, above a floor with a slope of
