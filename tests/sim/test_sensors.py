@@ -19,7 +19,8 @@ from uvms_ocp.sim.sensors import SensorSuite
 DT = 1 / 200
 FLOOR = FlatSeafloor(z=-40.0)
 DEFAULT = SensorSpecs()
-UNITS = {"attitude": 3, "depth": 1, "altimeter_range": 1, "position": 3, "angular_velocity": 3, "linear_velocity": 3}
+VECTORS = ("attitude", "position", "angular_velocity", "linear_velocity", "specific_force")
+UNITS = dict.fromkeys(VECTORS, 3) | {"depth": 1, "altimeter_range": 1}
 
 
 @pytest.fixture(scope="module", name="robot")
@@ -30,7 +31,9 @@ def _robot():
 def state_of(robot, seed=0):
     rng = np.random.default_rng(seed)
     free = {"position": (1.0, 2.0, -36.0), "rpy": (0.1, -0.06, 0.5)} if robot.n_vehicle else {}
-    return State(q=robot.configuration(**free), v=rng.uniform(-0.2, 0.2, robot.n_v))
+    return State(
+        q=robot.configuration(**free), v=rng.uniform(-0.2, 0.2, robot.n_v), a=rng.uniform(-0.2, 0.2, robot.n_v)
+    )
 
 
 def one(name, spec, robot, seed=0):
@@ -160,7 +163,7 @@ def test_a_sensor_that_loses_everything_never_reads(robot):
 @pytest.mark.parametrize("name", CHANNELS)
 def test_noise_is_unbiased_and_of_the_given_deviation(robot, name):
     state = state_of(robot)
-    truth = getattr(SensorSuite(robot, FLOOR, IDEAL_SENSORS).read(state, 0.0), name)
+    truth = getattr(one(name, SensorSpec(), robot).read(state, 0.0), name)
     suite = one(name, SensorSpec(sigma=0.03), robot)
     errors = np.array([error_of(name, getattr(suite.read(state, k * DT), name), truth, robot) for k in range(4000)])
     assert np.abs(errors.mean(axis=0)).max() < 4 * 0.03 / math.sqrt(4000)
@@ -170,11 +173,19 @@ def test_noise_is_unbiased_and_of_the_given_deviation(robot, name):
 @pytest.mark.parametrize("name", CHANNELS)
 def test_a_bias_shifts_every_reading(robot, name):
     state = state_of(robot)
-    truth = getattr(SensorSuite(robot, FLOOR, IDEAL_SENSORS).read(state, 0.0), name)
+    truth = getattr(one(name, SensorSpec(), robot).read(state, 0.0), name)
     n = UNITS.get(name, robot.n_joints)
     for bias in (0.02, tuple(np.linspace(0.01, 0.03, n))):
         reading = getattr(one(name, SensorSpec(bias=bias), robot).read(state, 0.0), name)
         np.testing.assert_allclose(error_of(name, reading, truth, robot), np.broadcast_to(bias, (n,)), atol=1e-12)
+
+
+def test_an_accelerometer_shows_how_the_velocity_in_the_world_changes_less_gravity(robot):
+    state, h = state_of(robot), 1e-4
+    R_WB, (v, w), a = pin.Quaternion(state.q[3:7]).matrix(), (state.v[:3], state.v[3:6]), state.a[:3]
+    before, after = (R_WB @ pin.exp3(s * h * w) @ (v + s * h * a) for s in (-1.0, 1.0))
+    shown = one("specific_force", SensorSpec(), robot).read(state, 0.0).specific_force.value
+    np.testing.assert_allclose(R_WB @ shown + robot.model.gravity.linear, (after - before) / (2 * h), atol=1e-7)
 
 
 def test_the_noise_of_the_attitude_keeps_quaternions_at_unit_length(robot):

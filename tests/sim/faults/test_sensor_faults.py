@@ -45,7 +45,9 @@ def readings(
     suite = SensorSuite(robot, FlatSeafloor(z=-40.0), specs, seed=3, faults=parse_faults(texts))
     start = robot.configuration(position=(1.0, 2.0, -36.0), rpy=(0.1, -0.06, 0.5))
     v = np.linspace(0.01, 0.02, robot.n_v)
-    states = (State(q=pin.integrate(robot.model, start, v * k * DT), v=v * k) for k in range(round(duration / DT)))
+    states = (
+        State(q=pin.integrate(robot.model, start, v * k * DT), v=v * k, a=v / DT) for k in range(round(duration / DT))
+    )
     return [getattr(suite.read(state, k * DT), channel) for k, state in enumerate(states)]
 
 
