@@ -10,6 +10,7 @@ import numpy as np
 from uvms_ocp.arguments import checked, late, trusted
 from uvms_ocp.control.navigation.beam import BeamMount
 from uvms_ocp.control.navigation.channels import needed_channels
+from uvms_ocp.control.navigation.filter import fusion
 from uvms_ocp.control.navigation.filter.core import bound_tick
 from uvms_ocp.control.navigation.filter.memory import CHANNELS, N_VEHICLE, NUMBER, Memory
 from uvms_ocp.control.navigation.filter.settings import prepared
@@ -110,6 +111,10 @@ class Estimator:
         """Use no readings of a channel from now on, or again. Raises `NameNotFound` for an unknown channel."""
         _number(channel)
         self._refused = self._refused | {channel} if refused else self._refused - {channel}
+
+    def doubt_velocity(self) -> None:
+        """Take linear velocity and acceleration for unknown: what told them proved wrong."""
+        fusion.doubt_velocity(self.memory)
 
     @property
     def spread(self) -> np.ndarray:

@@ -106,6 +106,14 @@ def _is_usable(m: Memory, c: Channel) -> bool:
     return bool(np.isfinite(value).all())
 
 
+def doubt_velocity(m: Memory) -> None:
+    """Linear velocity and acceleration may be anything that vehicles do. Rare, and so in NumPy for both cores."""
+    m.owner[:] = _FREE
+    for first in (Part.SPEED, Part.ACCELERATION):
+        axes = np.arange(first, first + 3)
+        m.P[axes, axes] += CONSTANTS.exposed**2
+
+
 def _set(m: Memory, c: Channel) -> None:
     """Take the first reading for the truth. Nothing that was cloned before can be right."""
     m.owner[:] = _FREE
@@ -232,6 +240,13 @@ def _yield(m: Memory, c: Channel, squared: float) -> None:
     m.owner[(m.owner != c)] = _FREE
     m.since[c] = math.nan
     _doubt_own(m, c, CONSTANTS.persuasion * squared)
+    if c not in (Channel.POSITION, Channel.DEPTH):
+        return
+    # It took the time of recovery to go so far: with a speed that nobody knew of, or an acceleration.
+    time, own = float(m.recovery[c]), np.arange(_OWN[c], _OWN[c] + ROWS[c])
+    speed = min(CONSTANTS.persuasion * squared / time**2, CONSTANTS.exposed**2)
+    m.P[own + 3, own + 3] += speed
+    m.P[own + 6, own + 6] += speed / time**2
 
 
 def _be_surprised(m: Memory, c: Channel, squared: float) -> None:

@@ -100,6 +100,8 @@ class Constants:
     """[s] for which the robot may have accelerated as it can before the process model notices."""
     unit: float = 1e-3
     """[-] by which the norm of a measured quaternion may differ from 1."""
+    exposed: float = 1.0
+    """[m/s, m/s2] by which the motion may be wrong where what told it proves wrong: more than vehicles make."""
     unknown: float = 0.25
     """[-] share of the largest variance from which on a part counts as unknown."""
     steep: float = STEEP

@@ -35,6 +35,7 @@ class ChannelState:
         """[s] when a reading was last refused, by whomever."""
         self.impossible_at = -math.inf
         """[s] when one was last refused before the filter saw it: one that could not be, whatever else is wrong."""
+        self._barred_until = -math.inf
         self.agreed = 0
         """Readings in a row that agreed with the estimate."""
         self.verdict = _health(channel=name, trust=Trust.GOOD)
@@ -83,6 +84,20 @@ class ChannelState:
         if self.verdict.trust is Trust.GOOD or not self._complaint:
             self._complaint = why
         self._bad_at = t
+
+    def bar(self, why: str, t: float) -> bool:
+        """Something speaks against all readings of the channel at time t [s]: none is used before that is over.
+
+        Returns whether that is news.
+        """
+        news = not self.is_barred(t)
+        self.doubt(why, t)
+        self._barred_until = t + self._tuning.clean
+        return news
+
+    def is_barred(self, t: float) -> bool:
+        """Whether no reading is used at time t [s]."""
+        return t <= self._barred_until
 
     def judge(self, t: float, period: float, *, contested: bool = False) -> bool:
         """Look at the clock at time t [s]; period [s] between two readings. Returns whether the verdict changed.

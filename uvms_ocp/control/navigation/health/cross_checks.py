@@ -29,6 +29,8 @@ class Quarrel(NamedTuple):
     why: str
     likely: str = ""
     """The one to blame where nothing else tells, if it is known."""
+    bars: bool = False
+    """The one that is blamed is not used until they agree again: the filter cannot find out by itself."""
 
 
 class CrossChecks:
@@ -62,7 +64,7 @@ class CrossChecks:
         deep = self._depth.position(p, _in_world(estimate, estimate.v[:3]), t)
         velocity = ("linear_velocity", "position")
         found = (
-            Quarrel(velocity, moving, likely="linear_velocity") if moving else None,
+            Quarrel(velocity, moving, likely="linear_velocity", bars=True) if moving else None,
             Quarrel(("depth", "position"), deep) if deep else None,
         )
         return tuple(quarrel for quarrel in found if quarrel)

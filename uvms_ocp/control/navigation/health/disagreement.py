@@ -9,6 +9,7 @@ import pinocchio as pin
 
 _GAP = 2.0  # [s] of silence after which a comparison begins anew
 _SIGMAS = 8.0
+_KEPT = 64  # readings of a DVL that late fixes may be compared with
 
 
 class VelocityAgainstPosition:
@@ -20,6 +21,7 @@ class VelocityAgainstPosition:
         """sigma [m]: noise of a fix."""
         self._tolerance = self._RATE + _SIGMAS * np.sqrt(2.0) * sigma / self._SPAN
         self._way, self._velocity, self._t = np.zeros(3), np.zeros(3), -np.inf
+        self._ways: deque[tuple[float, np.ndarray]] = deque(maxlen=_KEPT)
         self._offsets: deque[tuple[float, np.ndarray]] = deque()
 
     def velocity(self, v_W: np.ndarray, t: float) -> None:
@@ -27,23 +29,37 @@ class VelocityAgainstPosition:
         dt = t - self._t
         if not 0.0 <= dt <= _GAP:
             self._offsets.clear()
+            self._ways.clear()
         else:
             self._way = self._way + 0.5 * dt * (v_W + self._velocity)
         self._velocity, self._t = v_W, t
+        self._ways.append((t, self._way))
 
     def position(self, p: np.ndarray, t: float) -> str | None:
-        """Why the two disagree, by a fix p (3,) [m] in W at time t [s]."""
-        if not abs(t - self._t) <= _GAP:
+        """Why the two disagree, by a fix p (3,) [m] in W at time t [s].
+
+        Thirds of the span are compared by their medians, which fixes that are far off now and then do not move.
+        """
+        if not (abs(t - self._t) <= _GAP and self._ways and t >= self._ways[0][0]):
             self._offsets.clear()
             return None
-        self._offsets.append((t, p - self._way - (t - self._t) * self._velocity))
+        self._offsets.append((t, p - self._way_at(t)))
         while self._offsets[-1][0] - self._offsets[0][0] > self._SPAN + 0.5:
             self._offsets.popleft()
-        (first, old), (last, new) = self._offsets[0], self._offsets[-1]
-        if last - first < self._SPAN:
+        if self._offsets[-1][0] - self._offsets[0][0] < self._SPAN or len(self._offsets) < 3:
             return None
-        rate = float(np.linalg.norm(new - old)) / (last - first)
+        times, offsets = (np.array(values) for values in zip(*self._offsets, strict=True))
+        n = len(times) // 3
+        change = np.median(offsets[-n:], axis=0) - np.median(offsets[:n], axis=0)
+        rate = float(np.linalg.norm(change)) / float(times[-n:].mean() - times[:n].mean())
         return f"position fixes and DVL disagree by {rate:.2g} m/s" if rate > self._tolerance else None
+
+    def _way_at(self, t: float) -> np.ndarray:
+        """(3,) [m] by the DVL until time t [s], which a late fix was taken at some readings ago."""
+        if t >= self._t:
+            return np.asarray(self._way + (t - self._t) * self._velocity)
+        times, ways = (np.array(values) for values in zip(*self._ways, strict=True))
+        return np.array([np.interp(t, times, ways[:, i]) for i in range(3)])
 
 
 class RateAgainstAttitude:

@@ -47,12 +47,14 @@ class Spot(NamedTuple):
 
 
 class Belief(NamedTuple):
-    """What to do with an echo."""
+    """What to do with a reading."""
 
     used: bool
     """Whether it is passed on."""
     why: str | None
     """What speaks against it."""
+    sane: bool = True
+    """Whether that is the estimate alone, if anything."""
 
 
 _FINE = Belief(used=True, why=None)

@@ -47,6 +47,9 @@ class Gating(Protocol):
     def outcome(self, channel: str) -> Outcome | None:
         """Of the newest reading of a channel that was compared with the estimate; `None` before the first."""
 
+    def doubt_velocity(self) -> None:
+        """Take the linear velocity for unknown."""
+
 
 @checked
 class GuardedEstimator:
@@ -81,6 +84,8 @@ class GuardedEstimator:
         vetted = self.monitor.vet(readings, t, command)
         if self._exact and not self._begun(vetted):
             return changed(self._nothing, health=self.monitor.judge(self._nothing, t))
+        if self._gating is not None and self.monitor.velocity_exposed:
+            self._gating.doubt_velocity()
         measurement = self.estimator(vetted, t, command)
         if self._gating is not None:
             self._tell_outcomes(self._gating, t)

@@ -18,6 +18,7 @@ from uvms_ocp.model.state import Command, Measurement, Reading, Readings
 
 _readings = trusted(Readings)
 
+_FIX = "position"
 _JOINTS = ("joint_positions", "joint_velocities")
 
 
@@ -49,6 +50,8 @@ class HealthMonitor:
         self._t: float | None = None
         self._dt = 0.0
         self._health = tuple(state.verdict for state in self._states.values())
+        self.velocity_exposed = False
+        """What told the velocity has been found out in this tick."""
         self.alarms: list[tuple[float, str]] = []
         """Time [s] and text of each change of a verdict; the text begins with the channel."""
 
@@ -79,6 +82,7 @@ class HealthMonitor:
         """
         self._dt, self._t = 0.0 if self._t is None else max(t - self._t, 0.0), t
         self._checks.begin(command, self._dt)
+        self.velocity_exposed = False
         return _readings(**{name: self._vetted(name, getattr(readings, name), t) for name in self._states})
 
     @late
@@ -110,26 +114,30 @@ class HealthMonitor:
         state = self._states[name]
         if reading is None or not state.is_new(reading):
             return state.used
-        belief = self._checks.belief(name, reading, t, self._history)
-        if not belief.used:
-            state.refuse(belief.why or "", t)
-            return state.used
-        if belief.why:
+        belief, barred = self._checks.belief(name, reading, t, self._history), state.is_barred(t)
+        if belief.used and not barred and is_empty(name, reading):
+            state.pass_empty(reading)
+        elif belief.used and not barred:
+            state.use(reading, t)
+        else:
+            state.refuse(belief.why or state.verdict.why, t)
+        if belief.why and belief.used:
             state.doubt(belief.why, t)
-        self._use(name, reading, t)
+        if belief.used or (belief.sane and (barred or name == _FIX)):
+            self._compare(name, reading, t)
         return state.used
 
-    def _use(self, name: str, reading: Reading[Any], t: float) -> None:
-        state = self._states[name]
-        if is_empty(name, reading):
-            state.pass_empty(reading)
-            return
-        state.use(reading, t)
+    def _compare(self, name: str, reading: Reading[Any], t: float) -> None:
+        """With what other channels tell of the same; fixes are heard even where the estimate contradicts them: it may err."""
         estimate = self._history.at(reading.t) if name not in _JOINTS else None
-        if estimate is not None:
-            for quarrel in self._cross.hear(name, reading, estimate):
-                for guilty in blamed(quarrel, self._states, t):
+        if estimate is None or is_empty(name, reading):
+            return
+        for quarrel in self._cross.hear(name, reading, estimate):
+            for guilty in blamed(quarrel, self._states, t):
+                if not quarrel.bars:
                     self._states[guilty].doubt(quarrel.why, t)
+                else:
+                    self.velocity_exposed |= self._states[guilty].bar(quarrel.why, t)
 
     def _period(self, name: str) -> float:
         """[s] between two readings, as the ticks allow."""

@@ -63,7 +63,7 @@ class ReadingChecks:
         if why is None:
             why = self._by_itself(name, reading, t)
         if why is not None:
-            return Belief(used=False, why=why)
+            return Belief(used=False, why=why, sane=False)
         belief = self._against_estimate(name, reading, history)
         return belief if belief.why else Belief(used=True, why=self._late(name, reading, t))
 

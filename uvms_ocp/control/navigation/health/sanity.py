@@ -20,6 +20,7 @@ def shapes_of(robot: Robot) -> dict[str, tuple[int, ...]]:
         "attitude": (4,),
         "angular_velocity": (3,),
         "linear_velocity": (3,),
+        "specific_force": (3,),
         "joint_positions": (len(robot.home),),
         "joint_velocities": (robot.n_joints,),
     }
