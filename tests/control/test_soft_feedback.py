@@ -1,4 +1,4 @@
-"""What is known late is fed back softly: a vehicle without DVL does not swing itself up."""
+"""A vehicle whose velocity is known late, or was told wrongly, stays on its way."""
 
 from __future__ import annotations
 
@@ -18,3 +18,12 @@ def test_a_vehicle_whose_dvl_falls_silent_stays_on_its_way() -> None:
     assert cKDTree(way).query(without["q"][:, :3])[0].max() < 0.3
     late = without["t"] > ONSET + 5.0
     assert np.abs(without["v"][late, :3]).max() < 0.3
+
+
+def test_a_dvl_that_is_off_is_found_out_by_position_fixes() -> None:
+    usual = {"noise": True, "dt": 1 / 50, "duration": END}
+    way = case1(**usual).run()["q"][:, :3]
+    biased = case1(**usual, faults=(parse_fault(f"linear_velocity:bias=0.3,0,0@{ONSET:g}"),)).run()
+    assert cKDTree(way).query(biased["q"][:, :3])[0].max() < 1.5
+    estimated, true = biased["q_measured"][:, :3], biased["q"][:, :3]
+    assert np.abs(estimated - true)[biased["t"] > END - 5.0].max() < 0.2

@@ -44,7 +44,8 @@ def estimate_table(record: Record) -> list[dict[str, Any]]:
     """One row for position [m], attitude [rad] and joints [rad or m], as far as there are; none with ideal sensors.
 
     ``rms`` error of an axis over the second half of the run, ``spread``: the standard deviation that the filter gave, also root
-    mean square, and ``ratio`` of their squares, which is 1 where the process model holds. None in older records.
+    mean square, and ``ratio`` of their squares, which is 1 where the process model holds, and None
+    where the spread is 0. No rows in older records.
     """
     if not {"q_measured", "q_spread"} <= record.series.keys():
         return []
@@ -64,4 +65,4 @@ def estimate_table(record: Record) -> list[dict[str, Any]]:
 
 def _row(name: str, errors: np.ndarray, spreads: np.ndarray) -> dict[str, Any]:
     error, spread = (float(np.sqrt(np.mean(values**2))) for values in (errors, spreads))
-    return {"of": name, "rms": error, "spread": spread, "ratio": (error / spread) ** 2}
+    return {"of": name, "rms": error, "spread": spread, "ratio": (error / spread) ** 2 if spread else None}

@@ -38,12 +38,13 @@ NOBODY = Blame(thruster=-1, explained=0.0, lead=1.0)
 class BlameWindow:
     """What was seen lately. Holds it: one per run."""
 
-    def __init__(self, matrix: np.ndarray, scale: np.ndarray, tuning: ActuatorHealthTuning) -> None:
-        """matrix (6, n) [N/N, N m/N] of the thrusters; scale (6,) [N, N m]: what counts as one on each axis."""
+    def __init__(self, matrix: np.ndarray, scale: np.ndarray, tuning: ActuatorHealthTuning, *, period: float) -> None:
+        """matrix (6, n) [N/N, N m/N] of the thrusters; scale (6,) [N, N m]: what counts as one on each axis; period [s] of
+        the looks."""
         n = matrix.shape[1]
         self._directions, self._scale, self._tuning = matrix / scale[:, None], scale, tuning
         self._square = np.sum(self._directions**2, axis=0)
-        self._length = max(round(tuning.window / tuning.sample_time), 2)
+        self._length = max(round(tuning.window / period), 4)
         self._size = 2 * self._length + max(_LATE) + max(_EARLY)
         self._seen, self._asked = np.zeros((2 * self._size, 6)), np.zeros((2 * self._size, n))
         self._time, self._count = np.zeros(2 * self._size), 0

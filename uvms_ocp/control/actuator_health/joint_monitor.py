@@ -35,7 +35,8 @@ class JointMonitor:
         self._before = None
 
     def look(self, way: np.ndarray, q: np.ndarray, resistance: np.ndarray, t: float) -> tuple[int, ...]:
-        """Take in the way (n_joints,) [rad or m] asked since the last look, and positions q (n_joints,) at time t [s].
+        """Take in the way (n_joints,) [rad or m] asked since the last look, and q (n_joints,) where they
+        are, by the way they went, at time t [s].
 
         resistance (n_joints,) [N m or N]: what the observer finds to act on the joints beside motors and model. Returns
         the joints that were found jammed now.

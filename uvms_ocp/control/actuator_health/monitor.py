@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from uvms_ocp.control.actuator_health.authority import Authority, authority_of
 from uvms_ocp.control.actuator_health.balance import Balance
@@ -60,6 +61,8 @@ class ActuatorMonitor:
         self.thrusters = ThrusterMonitor(
             self._matrix, self._lower, self._upper, tuning=tuning, bandwidth=bandwidth, dt=dt
         )
+        self._before: np.ndarray | None = None
+        self._gone = np.zeros(robot.n_joints)
         self.joints = JointMonitor(robot.limits.effort, tuning=tuning)
         self._dt, self._joints = dt, robot.joint_v
         self._way = np.zeros(robot.n_v)
@@ -101,7 +104,8 @@ class ActuatorMonitor:
         self._way = np.zeros(self._robot.n_v)
         if not seen.joints_known:
             self.joints.pause()
-        jammed = self.joints.look(way, seen.q[self._robot.joint_q], seen.residual[n:], t) if seen.joints_known else ()
+        gone = self._gone_by(seen.q)
+        jammed = self.joints.look(way, gone, seen.residual[n:], t) if seen.joints_known else ()
         faulty = self.thrusters.look(seen.residual[:n], t)
         for j in jammed:
             self.alarms.append((t, joint_alarm(j + 1, self._robot.joint_names[j])))
@@ -111,6 +115,13 @@ class ActuatorMonitor:
         self._judge(seen, faulty, t)
         self._told = self._telemetry()
         return bool(faulty or jammed)
+
+    def _gone_by(self, q: np.ndarray) -> np.ndarray:
+        """(n_joints,) [rad or m] that the joints went until q (n_q,) [m, rad]; some turn without end, and are no numbers."""
+        if self._before is not None:
+            self._gone = self._gone + pin.difference(self._robot.model, self._before, q)[self._joints]
+        self._before = q.copy()
+        return self._gone
 
     def telemetry(self) -> dict[str, Any]:
         """For the record: shares (n_thrusters,) [-], constants (n_thrusters,) [N], verdicts as whole numbers."""

@@ -37,7 +37,7 @@ class ActuatorHealthTuning:
     looks: float = 8.0
     """[-] that must agree, one after the other; those of a smaller lead count by its square."""
     sound_share: float = 0.75
-    """[-] of what is asked that a thruster gives at least, else it is weak; less than a quarter counts as nothing."""
+    """[-] of what is asked that a thruster gives at least, else it is weak; less than 0.3 counts as nothing."""
     settling: float = 1.5
     """[s] after a start or a verdict that are not looked at."""
     judged_after: float = 6.0

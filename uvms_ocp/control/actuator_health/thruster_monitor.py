@@ -45,7 +45,9 @@ class ThrusterMonitor:
         self._share = 1.0 - math.exp(-bandwidth * dt)
         reach = np.abs(matrix) @ np.maximum(upper, -lower)
         scale = np.repeat([tuning.force_scale, tuning.moment_scale], 3) * reach
-        self._window = BlameWindow(matrix, np.maximum(scale, 1e-6 * reach.max(initial=1.0)), tuning)
+        self._window = BlameWindow(
+            matrix, np.maximum(scale, 1e-6 * reach.max(initial=1.0)), tuning, period=self._every * dt
+        )
         self._filtered, self._ticks = np.zeros(n), 0
         self._quiet_until, self._started = -math.inf, False
         self._last, self._evidence = NOBODY, 0.0
@@ -88,6 +90,7 @@ class ThrusterMonitor:
         i, share, constant = blame.thruster, self.effect.share.copy(), self.effect.constant.copy()
         manner = manner_of(*self._window.history(i), self._bandwidth, _NOTHING)
         if manner.share > self._tuning.sound_share:
+            self._evidence = 0.0
             return ()
         share[i] *= manner.share
         constant[i] = 0.0 if share[i] else self._constant(i, manner)

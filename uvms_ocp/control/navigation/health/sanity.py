@@ -45,6 +45,8 @@ def nonsense(name: str, reading: Reading[Any], shape: tuple[int, ...] | None) ->
 def _scalar(name: str, value: Any) -> str | None:
     if np.ndim(value) != 0:
         return f"a value of shape {np.shape(value)} in place of a number"
+    if name == "altimeter_range" and value < 0.0:
+        return f"a range of {value:.3g} m"
     if math.isfinite(value) or (name == "altimeter_range" and math.isnan(value)):
         return None
     return "a value that is no number"
