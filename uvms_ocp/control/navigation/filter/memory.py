@@ -100,6 +100,8 @@ class Constants:
     """[s] for which the robot may have accelerated as it can before the process model notices."""
     unit: float = 1e-3
     """[-] by which the norm of a measured quaternion may differ from 1."""
+    largest: float = 1e9
+    """[unit of the channel] no sensor reads more: a larger number is none."""
     unknown: float = 0.25
     """[-] share of the largest variance from which on a part counts as unknown."""
     steep: float = STEEP
