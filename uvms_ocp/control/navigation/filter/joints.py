@@ -100,7 +100,11 @@ def _judge(m: Memory, c: Channel, slot: int, delta: float, done: Mask) -> None:
     P, x = m.joint_P, m.joint_x
     seen, rate, doubt = _seen(m, k, slot)
     nu = m.joint_value[k] - seen - delta * rate
-    own = m.sigma[c] ** 2 + delta * delta * np.maximum(0.0, doubt) + abs(delta) * (m.drive[Noise.JOINT] ** 2 if k else 0.0)
+    own = (
+        m.sigma[c] ** 2
+        + delta * delta * np.maximum(0.0, doubt)
+        + abs(delta) * (m.drive[Noise.JOINT] ** 2 if k else 0.0)
+    )
     S = P[:, state, state] + own
     squared = nu * nu / S
     granted = _allowance(m, c, rate if k == 0 else seen)
