@@ -241,3 +241,21 @@ def test_exact_sensors_that_jump_and_come_back_are_followed(channel: str, jump: 
     for measurement in told:
         assert np.abs(measurement.q[:3]).max() < 1e-3
         assert np.abs(measurement.v).max() < 1e-2
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.3, 1.0])
+def test_late_readings_find_the_estimate_again_after_a_long_silence(delay: float) -> None:
+    """When the filter knows nothing any more, however late what is read is."""
+    twins, dt = Twins(SPECS), 0.05
+    for k in range(round(75.0 / dt)):
+        t = k * dt
+        there = {} if t < delay or 5.0 <= t < 65.0 else twins.truth
+        readings = Readings(**{name: Reading(value=value, t=t - delay) for name, value in there.items()})
+        measurement, *twin = [estimator(readings, t) for estimator in (twins.both if delay == 0.3 else twins.both[:1])]
+        for other in twin:
+            for part in ("q", "v", "spread", "age"):
+                np.testing.assert_allclose(getattr(measurement, part), getattr(other, part), rtol=1e-7, atol=1e-7)
+    assert measurement.age < delay + 0.3
+    assert measurement.spread.max() < 0.5
+    assert np.abs(measurement.v).max() < 0.1
+    assert measurement.altimeter_range == pytest.approx(5.0, abs=0.1)

@@ -47,12 +47,14 @@ static void set_floor(double *m, const Sight *s, double age, int n) {
   m_echo[0] = m_stamp[CHANNEL_ALTIMETER_RANGE];
 }
 
-/* The first reading is taken for the truth; nothing that was cloned before can be right. */
+/* The first reading is taken for the truth, unless it is too old to be; nothing that was cloned before can be right. */
 static void set(double *m, int c, Sight *s) {
-  for (int slot = 0; slot < SLOTS; ++slot) m_owner[slot] = -1;
   int n = active(m), first = own_part[c];
   double age = m_now[0] - m_stamp[c], noise = m_sigma[c] * m_sigma[c], *value = m_value + 4 * c;
   look(m, c, n, s);
+  if (noise + doubt_since(m, c, s, age) > UNKNOWN * m_limit[first] * m_limit[first]) return;
+  for (int slot = 0; slot < SLOTS; ++slot) m_owner[slot] = -1;
+  n = active(m), look(m, c, n, s);
   m_used[c] = m_stamp[c];
   if (c == CHANNEL_ALTIMETER_RANGE) {
     set_floor(m, s, age, n);

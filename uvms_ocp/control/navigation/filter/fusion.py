@@ -46,7 +46,7 @@ _OWN = {
     Channel.SPECIFIC_FORCE: Part.ACCELERATION,
     Channel.ALTIMETER_RANGE: Part.FLOOR,
 }
-"""The part of the error state that a channel alone can put right."""
+"""The part that a channel alone can put right."""
 _CARRIED = {
     Channel.ATTITUDE: Part.GYRO_BIAS,
     Channel.ANGULAR_VELOCITY: Part.GYRO_BIAS,
@@ -58,8 +58,6 @@ _SETTING = (Channel.ATTITUDE, Channel.POSITION, Channel.DEPTH, Channel.ALTIMETER
 """Channels whose first reading is taken for the truth."""
 _TURNING = (Channel.LINEAR_VELOCITY, Channel.SPECIFIC_FORCE, Channel.ALTIMETER_RANGE)
 """Channels that mean nothing where the attitude is unknown."""
-
-
 _FREE = -1.0
 
 
@@ -107,16 +105,19 @@ def _is_usable(m: Memory, c: Channel) -> bool:
 
 
 def _set(m: Memory, c: Channel) -> None:
-    """Take the first reading for the truth. Nothing that was cloned before can be right."""
+    """Take the first reading for the truth, unless it is too old to be. Nothing that was cloned before can be right."""
+    age, first, sight = m.now[0] - m.stamp[c], _OWN[c], look(m, c)
+    variance = float(m.sigma[c] ** 2) + _doubt_since(m, c, sight, age)
+    if variance > CONSTANTS.unknown * m.limit[first] ** 2:
+        return
     m.owner[:] = _FREE
-    n, age, first = active(m), m.now[0] - m.stamp[c], _OWN[c]
-    sight, noise = look(m, c), float(m.sigma[c] ** 2)
+    n, sight = active(m), look(m, c)
     if c == Channel.ALTIMETER_RANGE:
         _set_floor(m, sight, age)
     else:
         moved = age * sight.rate[:3] - age * age / 2 * _second(m, c)
         for i in range(ROWS[c]):
-            clear(m, first + i, n, noise + _doubt_since(m, c, sight, age))
+            clear(m, first + i, n, variance)
         if c == Channel.ATTITUDE:
             m.turn[:] = turned(m.value[c] / np.linalg.norm(m.value[c]), moved)
         else:
@@ -163,8 +164,7 @@ def _judge(m: Memory, c: Channel, slot: int, delta: float) -> None:
         return
     nu, own = _innovation(m, c, sight, delta), _noise(m, c, sight, delta)
     granted, size = allowance(m, c), float(nu @ nu)
-    squared = _squared(sight, own, nu)
-    believed = bool(_squared(sight, own + granted, nu) <= m.gate[c])
+    squared, believed = _squared(sight, own, nu), _squared(sight, own + granted, nu) <= m.gate[c]
     if believed:
         m.since[c] = math.nan
         if squared > m.gate[c]:

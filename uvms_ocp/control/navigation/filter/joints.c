@@ -15,6 +15,14 @@ static void clear_joint(double *m, int j, int i, double variance) {
   JP(j, i, i) = variance;
 }
 
+/* As `limit_to` of its velocity. */
+static void limit_joint(double *m, int j, double variance) {
+  double share = sqrt(variance / JP(j, 1, 1));
+  for (int k = 0; k < JOINT_STATES; ++k) JP(j, 1, k) *= share;
+  for (int k = 0; k < JOINT_STATES; ++k) JP(j, k, 1) *= share;
+  JP(j, 1, 1) = variance;
+}
+
 static void predict_joints(double *m) {
   double dt = m_dt[0], h = smaller_of(dt, LONGEST_STEP), drive = m_drive[NOISE_JOINT] * m_drive[NOISE_JOINT];
   int n = top_of_joints(m);
@@ -33,7 +41,8 @@ static void predict_joints(double *m) {
       double most = m_joint_limit[i] * m_joint_limit[i];
       int lost = !isfinite(JX(j, i));
       if (!lost && is_known(JP(j, i, i), most)) continue;
-      clear_joint(m, j, i, most);
+      if (i == 1 && !lost && JP(j, 1, 1) > 0 && isfinite(JP(j, 1, 1))) limit_joint(m, j, most);
+      else clear_joint(m, j, i, most);
       if (lost || i == 1) JX(j, i) = 0;
     }
   }

@@ -46,8 +46,12 @@ def predict(m: Memory) -> None:
     for i in range(2):
         lost = ~np.isfinite(x[:, i])
         unknown = lost | ~are_known(P[:, i, i], m.joint_limit[i] ** 2)
-        P[unknown, i, :] = 0.0
-        P[unknown, :, i] = 0.0
+        carried = unknown & ~lost & (i == 1) & (P[:, i, i] > 0.0) & (P[:, i, i] < np.inf)
+        share = (m.joint_limit[i] / np.sqrt(P[carried, i, i]))[:, None]
+        P[carried, i, :] *= share
+        P[carried, :, i] *= share
+        P[unknown & ~carried, i, :] = 0.0
+        P[unknown & ~carried, :, i] = 0.0
         P[unknown, i, i] = m.joint_limit[i] ** 2
         x[unknown if i == 1 else lost, i] = 0.0
 

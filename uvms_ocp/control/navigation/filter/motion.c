@@ -93,6 +93,14 @@ static void clear(double *m, int i, int n, double variance) {
   AT(i, i) = variance;
 }
 
+/* Less doubt and no less correlation: clones whose readings are on their way still tell of it. */
+static void limit_to(double *m, int i, int n, double variance) {
+  double share = sqrt(variance / AT(i, i));
+  for (int j = 0; j < i; ++j) AT(j, i) *= share;
+  for (int j = i; j < n; ++j) AT(i, j) *= share;
+  AT(i, i) = variance;
+}
+
 static int is_unknown(const double *m, int first, int n) {
   for (int i = first; i < first + n; ++i)
     if (AT(i, i) > UNKNOWN * m_limit[i] * m_limit[i]) return 1;
@@ -201,7 +209,8 @@ static void forget_unknown(double *m, int n) {
     double most = m_limit[i] * m_limit[i];
     int lost = !isfinite(i < PART_PLACE ? norm4(m_turn) : X(i)[0]);
     if (!lost && is_known(AT(i, i), most)) continue;
-    clear(m, i, n, most);
+    if (!lost && i >= PART_SPEED && i < PART_FLOOR && AT(i, i) > 0 && isfinite(AT(i, i))) limit_to(m, i, n, most);
+    else clear(m, i, n, most);
     if (i >= PART_PLACE && (lost || (i >= PART_SPEED && i < PART_GYRO_BIAS))) X(i)[0] = 0;
   }
   if (isfinite(norm4(m_turn))) return;

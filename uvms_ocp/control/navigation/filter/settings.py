@@ -12,10 +12,10 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import SensorSpec, SensorSpecs
 
 _SMALLEST_SIGMA = 1e-5  # stands in for the noise of an exact sensor, and keeps covariances regular
-_LIMITS = (3.0, 1e2, 30.0, 10.0, 30.0, 100.0, 1.0, 10.0, 10.0)  # of each `Part` but the floor
+_LIMITS = (3.0, 1e2, 30.0, 10.0, 3.0, 3.0, 1.0, 10.0, 10.0)  # of each `Part` but the floor
 _FIRST = (3.0, 1e2, 1.0, 0.1, 1.0, 0.1)  # of those that are not biases
 _FLOOR = 1e2  # [m]
-_JOINT_LIMIT, _JOINT_FIRST = (10.0, 100.0), (10.0, 1.0)
+_JOINT_LIMIT, _JOINT_FIRST = (10.0, 10.0), (10.0, 1.0)
 _GATES = {1: 25.0, 3: 31.8125}  # chi-squared that 6e-7 exceed: five standard deviations of one number
 _MOST_AGILE = 10.0  # [m/s2, rad/s2] where limits are infinite
 _EARLY_STEP = 0.25  # [s] for which echoes must agree that the floor has gone down
