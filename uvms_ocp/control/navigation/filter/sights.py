@@ -29,7 +29,7 @@ class Sight:
     """(rows, rows) [SI] its own."""
 
     def factor(self, more: float) -> Array:
-        """(rows, rows) lower factor of S + more on its diagonal, which bounds the pivots but for rounding."""
+        """(rows, rows) lower factor of S with `more` [square of its unit] on the diagonal: no pivot is less but by rounding."""
         L = np.zeros(self.S.shape)
         for j in range(len(L)):
             column = self.S[j:, j] - L[j:, :j] @ L[j, :j]

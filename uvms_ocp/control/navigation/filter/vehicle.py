@@ -144,7 +144,7 @@ def _forget_unknown(m: Memory) -> None:
 
 
 def are_known(variance: Array, most: Array | float) -> Mask:
-    """Whether variances (n,) [square of a unit] are none but `most`; one below zero is one that rounding has eaten."""
+    """Whether each variance (n,) [square of a unit] is at most `most` [square of a unit]; rounding eats one below zero."""
     return np.asarray((variance >= 0.0) & (variance <= most))
 
 
