@@ -144,7 +144,7 @@ def _forget_unknown(m: Memory) -> None:
 
 
 def are_known(variance: Array, most: Array | float) -> Mask:
-    """Whether each variance (n,) [square of a unit] is at most `most` [square of a unit]; rounding eats one below zero."""
+    """Whether each variance (n,) [square of a unit] is within `most` (n,) or () [the same]. One below zero rounding has eaten."""
     return np.asarray((variance >= 0.0) & (variance <= most))
 
 
