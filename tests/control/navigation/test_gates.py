@@ -9,11 +9,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.control.navigation.estimator import Estimator
 from uvms_ocp.exceptions import NameNotFound
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import ACCELEROMETER, CHANNELS, SensorSpec, SensorSpecs
+from uvms_ocp.model.sensing import ACCELEROMETER, CHANNELS, IDEAL_SENSORS, SensorSpec, SensorSpecs
 from uvms_ocp.model.state import Measurement, Reading, Readings, State
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import SensorSuite
@@ -166,3 +167,95 @@ def test_no_delay_makes_the_estimate_diverge(seed: int) -> None:
     assert measurement.spread.max() < 0.5
     assert np.abs(measurement.v).max() < 0.5
     assert measurement.age < 2.4
+
+
+class Twins:
+    """The filter in C and that in NumPy, of a robot at the origin, both given what `spoil` makes of the truth."""
+
+    def __init__(self, specs: SensorSpecs) -> None:
+        robot = load_robot("girona_maris7")
+        self.both = Estimator(robot, specs), Estimator(robot, specs, compiled=False)
+        truth = dict.fromkeys(CHANNELS, np.zeros(3)) | {"attitude": np.array([0.0, 0.0, 0.0, 1.0]), "depth": 0.0}
+        truth |= dict.fromkeys(("joint_positions", "joint_velocities"), np.zeros(robot.n_joints))
+        truth |= {"altimeter_range": 5.0, "specific_force": np.array([0.0, 0.0, 9.81])}
+        self.truth = {name: truth[name] for name in CHANNELS if getattr(specs, name) is not None}
+        self.k = 0
+
+    def run(self, seconds, dt, spoil=lambda name, value: value) -> list[Measurement]:
+        for _ in range(round(seconds / dt)):
+            t = self.k * dt
+            values = {name: spoil(name, value) for name, value in self.truth.items()}
+            readings = Readings(**{name: Reading(value=value, t=t) for name, value in values.items()})
+            told, self.k = [estimator(readings, t) for estimator in self.both], self.k + 1
+        return told
+
+    def are_finite(self, told: list[Measurement]) -> bool:
+        numbers = [part for m in told for part in (m.q, m.v, m.spread, m.altimeter_range)]
+        numbers += [part for e in self.both for part in (e.memory.x, e.memory.covariance)]
+        return all(np.isfinite(part).all() for part in numbers)
+
+
+@pytest.mark.parametrize("size", [np.nan, np.inf, -1.0, 1e200, -1e200, 1e6])
+@pytest.mark.parametrize("channel", CHANNELS)
+def test_no_number_leaves_an_estimate_that_is_not_finite(channel: str, size: float) -> None:
+    """For one reading or for 1.5 s, of a filter that nothing guards; the last size is believed after a while."""
+    twins = Twins(SPECS)
+    twins.run(0.5, 0.1)
+    for seconds in (0.1, 1.5):
+        twins.run(seconds, 0.1, lambda name, value: value * 0.0 + size if name == channel else value)
+        told = twins.run(2.0, 0.1)
+        assert twins.are_finite(told)
+        # What is left of 1e6 m after a jump back is rounding.
+        for part in ("q", "v", "spread", "age", "altimeter_range") if size != 1e6 else ("age",):
+            np.testing.assert_allclose(
+                getattr(told[0], part), getattr(told[1], part), rtol=1e-9, atol=1e-9, err_msg=part
+            )
+
+
+@pytest.mark.parametrize("value", [-1.0, np.inf, -np.inf, 1e200, -1e200])
+def test_a_range_that_cannot_be_is_no_echo_and_no_answer(value: float) -> None:
+    twins = Twins(SPECS)
+    before = twins.run(1.0, 0.1)
+    used = [estimator.used("altimeter_range") for estimator in twins.both]
+    told = twins.run(0.5, 0.1, lambda name, true: value if name == "altimeter_range" else true)
+    assert [estimator.used("altimeter_range") for estimator in twins.both] == used
+    for now, then in zip(told, before, strict=True):
+        assert now.altimeter_range == pytest.approx(then.altimeter_range, abs=1e-6)
+    twins.run(0.1, 0.1, lambda name, true: np.nan if name == "altimeter_range" else true)
+    assert all(estimator.used("altimeter_range") > 1.4 for estimator in twins.both)
+
+
+@pytest.mark.parametrize(
+    ("channel", "jump"),
+    [("position", np.array([10.0, 0.0, 0.0])), ("position", 300.0), ("depth", 1e3), ("linear_velocity", 300.0)],
+)
+def test_exact_sensors_that_jump_and_come_back_are_followed(channel: str, jump: Array | float) -> None:
+    twins = Twins(IDEAL_SENSORS)
+    told = twins.run(1.0, 0.02)
+    for _ in range(75):
+        told = twins.run(0.02, 0.02, lambda name, value: value + jump if name == channel else value)
+        assert twins.are_finite(told)
+    for _ in range(125):
+        told = twins.run(0.02, 0.02)
+        assert twins.are_finite(told)
+    for measurement in told:
+        assert np.abs(measurement.q[:3]).max() < 1e-3
+        assert np.abs(measurement.v).max() < 1e-2
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.3, 1.0])
+def test_late_readings_find_the_estimate_again_after_a_long_silence(delay: float) -> None:
+    """When the filter knows nothing any more, however late what is read is."""
+    twins, dt = Twins(SPECS), 0.05
+    for k in range(round(75.0 / dt)):
+        t = k * dt
+        there = {} if t < delay or 5.0 <= t < 65.0 else twins.truth
+        readings = Readings(**{name: Reading(value=value, t=t - delay) for name, value in there.items()})
+        measurement, *twin = [estimator(readings, t) for estimator in (twins.both if delay == 0.3 else twins.both[:1])]
+        for other in twin:
+            for part in ("q", "v", "spread", "age"):
+                np.testing.assert_allclose(getattr(measurement, part), getattr(other, part), rtol=1e-7, atol=1e-7)
+    assert measurement.age < delay + 0.3
+    assert measurement.spread.max() < 0.5
+    assert np.abs(measurement.v).max() < 0.1
+    assert measurement.altimeter_range == pytest.approx(5.0, abs=0.1)

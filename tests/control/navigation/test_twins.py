@@ -73,9 +73,19 @@ def test_c_and_numpy_give_the_same_numbers(name: str, specs: SensorSpecs) -> Non
 
 
 def test_without_a_compiler_the_filter_is_that_of_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, tick, ticked = load_robot("girona_maris7"), core.numpy_tick, []
+    compiled = Estimator(robot)
     monkeypatch.setattr(core, "_core", lambda n_joints: None)
-    estimator = Estimator(load_robot("girona_maris7"))
-    assert np.isfinite(estimator(Readings(), 0.0).q).all()
+    monkeypatch.setattr(core, "numpy_tick", lambda memory: (ticked.append(memory), tick(memory)))
+    plain, babble = Estimator(robot), Babble(robot, SensorSpecs(), seed=0)
+    for k in range(100):
+        readings, command = babble.readings(0.01 * k), babble.command()
+        a, b = compiled(readings, 0.01 * k, command), plain(readings, 0.01 * k, command)
+        for part in ("q", "v", "spread", "age", "altimeter_range"):
+            np.testing.assert_allclose(getattr(a, part), getattr(b, part), rtol=1e-7, atol=1e-9, err_msg=part)
+    assert len(ticked) == 100
+    assert all(memory is plain.memory for memory in ticked)
+    assert np.isfinite(b.age)
 
 
 @pytest.mark.parametrize("specs", [SensorSpecs(), IDEAL_SENSORS, late(SPECS, DELAYS)], ids=["default", "ideal", "late"])

@@ -33,9 +33,10 @@ class Estimator:
     """A callable ``(Readings, t, command) -> Measurement``. Holds its estimate: build one per run.
 
     Until a channel has its first reading its part of the estimate means nothing, and `Measurement.age` is inf. A reading
-    that is late is fused at the time it was taken. One that is not finite, of the future or older than the last of its
-    channel is never used, one that contradicts the estimate by more than five standard deviations not until others agree
-    with it for `EstimatorTuning.recovery`; the age is that of the last one that was used.
+    that is late is fused at the time it was taken. One that is not finite, larger than 1e9 in the unit of its channel, of
+    the future or older than the last of its channel is never used, nor is an altimeter's range below zero; only its nan says
+    something, that there is no echo. One that contradicts the estimate by more than five standard deviations is not used
+    until others agree with it for `EstimatorTuning.recovery`. The age is that of the last one that was used.
 
     The current is no part of the state: without a sensor of the velocity in water, or a model of thrust and drag, nothing
     that is read depends on it.
@@ -92,7 +93,7 @@ class Estimator:
     def outcome(self, channel: str) -> Outcome | None:
         """What became of the newest reading of a channel that was compared with the estimate; `None` before the first.
 
-        A channel's first reading is no news, and one that is not finite, of the wrong time or so late that its past is
+        A channel's first reading is no news, and one that no sensor gives, of the wrong time or so late that its past is
         forgotten is not compared. Raises `NameNotFound` for an unknown channel.
         """
         t, squared, degrees, accepted = self.memory.outcome[_number(channel)].tolist()

@@ -81,7 +81,7 @@ def numpy_tick(m: Memory) -> None:
         _tell_vehicle(m)
     joints.predict(m)
     joints.fuse(m)
-    m.spread[6:] = np.sqrt(m.joint_P[:, 0, 0])
+    m.spread[6:] = np.sqrt(np.maximum(0.0, m.joint_P[:, 0, 0]))
     late = m.now[0] - np.where(m.needed > 0.0, m.used, np.inf)
     m.age[:] = max(0.0, late.max()), max(0.0, m.now[0] - m.used[Channel.JOINT_POSITIONS])
     m.fresh[:] = 0.0
@@ -90,7 +90,7 @@ def numpy_tick(m: Memory) -> None:
 def _tell_vehicle(m: Memory) -> None:
     m.twist[:3] = vehicle.rotation(m).T @ vehicle.part(m, Part.SPEED)
     m.twist[3:] = vehicle.part(m, Part.SPIN)
-    sigma = np.sqrt(np.diag(m.P)[:6])
+    sigma = np.sqrt(np.maximum(0.0, np.diag(m.P)[:6]))
     m.spread[:3], m.spread[3:6] = sigma[3:], sigma[:3]
     sight = look(m, Channel.ALTIMETER_RANGE)
     altitude, cosine = sight.seen[:2]

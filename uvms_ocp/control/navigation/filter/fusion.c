@@ -11,11 +11,10 @@ static int sets(int c) {
 static int is_usable(const double *m, int c) {
   const double *value = m_value + 4 * c;
   if (!is_of_now(m, c)) return 0;
-  if (c == CHANNEL_ALTIMETER_RANGE) return 1;
-  if (c == CHANNEL_ATTITUDE) return fabs(norm4(value) - 1) <= UNIT;
+  if (c == CHANNEL_ALTIMETER_RANGE) return isnan(value[0]) || (value[0] >= 0 && value[0] <= LARGEST);
   for (int i = 0; i < rows_of[c]; ++i)
-    if (!isfinite(value[i])) return 0;
-  return 1;
+    if (!(fabs(value[i]) <= LARGEST)) return 0;
+  return c != CHANNEL_ATTITUDE || fabs(norm4(value) - 1) <= UNIT;
 }
 
 /* Second derivative of what a channel that sets a part sees. */
@@ -33,11 +32,13 @@ static double doubt_since(const double *m, int c, const Sight *s, double age) {
 }
 
 static void set_floor(double *m, const Sight *s, double age, int n) {
-  double altitude = s->seen[0], cosine = s->seen[1], row[STATES], noise = cosine * m_sigma[CHANNEL_ALTIMETER_RANGE];
   int at = PART_FLOOR, c = CHANNEL_ALTIMETER_RANGE;
+  double cosine = s->seen[1], row[STATES], noise = cosine * m_sigma[c], R[9], arm = 0;
   if (cosine <= STEEP) return;
+  matrix_of(m_turn, R);
+  for (int i = 0; i < 3; ++i) arm += R[6 + i] * m_beam_at[i];
   double late = doubt_since(m, c, s, age), moved = age * s->rate[0] - age * age / 2 * second_of(m, c, 0);
-  X(at)[0] += altitude - (cosine * m_value[4 * c] + moved);
+  X(at)[0] = X(PART_PLACE)[2] + arm - (cosine * m_value[4 * c] + moved);
   double own = s->S[0][0] + 2 * s->HP[0][at] + AT(at, at);
   for (int j = 0; j < n; ++j) row[j] = s->HP[0][j] + ENTRY(at, j);
   for (int j = 0; j < at; ++j) AT(j, at) = row[j];
@@ -46,12 +47,14 @@ static void set_floor(double *m, const Sight *s, double age, int n) {
   m_echo[0] = m_stamp[CHANNEL_ALTIMETER_RANGE];
 }
 
-/* The first reading is taken for the truth; nothing that was cloned before can be right. */
+/* The first reading is taken for the truth, unless it is too old to be; nothing that was cloned before can be right. */
 static void set(double *m, int c, Sight *s) {
-  for (int slot = 0; slot < SLOTS; ++slot) m_owner[slot] = -1;
   int n = active(m), first = own_part[c];
   double age = m_now[0] - m_stamp[c], noise = m_sigma[c] * m_sigma[c], *value = m_value + 4 * c;
   look(m, c, n, s);
+  if (noise + doubt_since(m, c, s, age) > UNKNOWN * m_limit[first] * m_limit[first]) return;
+  for (int slot = 0; slot < SLOTS; ++slot) m_owner[slot] = -1;
+  n = active(m), look(m, c, n, s);
   m_used[c] = m_stamp[c];
   if (c == CHANNEL_ALTIMETER_RANGE) {
     set_floor(m, s, age, n);
@@ -93,24 +96,7 @@ static void innovation(const double *m, int c, const Sight *s, double delta, dou
 static double noise_of(const double *m, int c, const Sight *s, double delta) {
   double sigma = m_sigma[c] * (c == CHANNEL_ALTIMETER_RANGE ? s->seen[1] : 1);
   double walk = c == CHANNEL_SPECIFIC_FORCE ? m_drive[NOISE_JERK] * m_drive[NOISE_JERK] : 0;
-  return sigma * sigma + delta * delta * s->doubt + fabs(delta) * walk;
-}
-
-/* Lower factor of S + more on its diagonal. */
-static void factor(const Sight *s, double more, int n, double L[3][3]) {
-  for (int j = 0; j < n; ++j)
-    for (int i = j; i < n; ++i) {
-      double sum = s->S[i][j] + (i == j ? more : 0);
-      for (int k = 0; k < j; ++k) sum -= L[i][k] * L[j][k];
-      L[i][j] = i == j ? sqrt(sum) : sum / L[j][j];
-    }
-}
-
-static void divide(double L[3][3], int n, double *x) {
-  for (int i = 0; i < n; ++i) {
-    for (int k = 0; k < i; ++k) x[i] -= L[i][k] * x[k];
-    x[i] /= L[i][i];
-  }
+  return sigma * sigma + delta * delta * larger_of(0, s->doubt) + fabs(delta) * walk;
 }
 
 static double squared_of(const Sight *s, double more, int n, const double *nu) {
@@ -244,7 +230,7 @@ static void judge(double *m, int c, int slot, double delta, Sight *s) {
   if (believed) {
     m_since[c] = NAN;
     if (squared > m_gate[c]) be_surprised(m, c, size), look_back(m, c, slot, n, s);
-  } else if (is_convincing(m, c, s, 2 * own + granted, nu)) {
+  } else if (isfinite(squared) && isfinite(size) && is_convincing(m, c, s, 2 * own + granted, nu)) {
     believed = 1;
     yield_to(m, c, size);
     n = active(m), look_back(m, c, slot, n, s);
@@ -260,7 +246,7 @@ static void take(double *m, int c, Sight *s) {
   double delta;
   if (!is_usable(m, c)) return;
   m_last[c] = m_stamp[c];
-  if (c == CHANNEL_ALTIMETER_RANGE && !isfinite(m_value[4 * c])) {
+  if (c == CHANNEL_ALTIMETER_RANGE && isnan(m_value[4 * c])) {
     m_used[c] = m_stamp[c];
     return;
   }

@@ -46,7 +46,7 @@ _OWN = {
     Channel.SPECIFIC_FORCE: Part.ACCELERATION,
     Channel.ALTIMETER_RANGE: Part.FLOOR,
 }
-"""The part of the error state that a channel alone can put right."""
+"""The part that a channel alone can put right."""
 _CARRIED = {
     Channel.ATTITUDE: Part.GYRO_BIAS,
     Channel.ANGULAR_VELOCITY: Part.GYRO_BIAS,
@@ -58,8 +58,6 @@ _SETTING = (Channel.ATTITUDE, Channel.POSITION, Channel.DEPTH, Channel.ALTIMETER
 """Channels whose first reading is taken for the truth."""
 _TURNING = (Channel.LINEAR_VELOCITY, Channel.SPECIFIC_FORCE, Channel.ALTIMETER_RANGE)
 """Channels that mean nothing where the attitude is unknown."""
-
-
 _FREE = -1.0
 
 
@@ -80,7 +78,7 @@ def _take(m: Memory, c: Channel) -> None:
     if not _is_usable(m, c):
         return
     m.last[c] = m.stamp[c]
-    if c == Channel.ALTIMETER_RANGE and not math.isfinite(m.value[c, 0]):
+    if c == Channel.ALTIMETER_RANGE and math.isnan(m.value[c, 0]):
         m.used[c] = m.stamp[c]  # no echo is an answer too
         return
     learn_lag(m, c)
@@ -95,15 +93,15 @@ def _take(m: Memory, c: Channel) -> None:
 
 
 def _is_usable(m: Memory, c: Channel) -> bool:
-    """Whether the fresh reading is one: numbers, newer than the last, not of the future."""
+    """Whether the fresh reading is one: of a size that can be, newer than the last, not of the future."""
     if not m.last[c] < m.stamp[c] <= m.now[0] + CONSTANTS.early:
         return False
+    value = m.value[c, : ROWS[c]]
     if c == Channel.ALTIMETER_RANGE:
-        return True
-    value = m.value[c, : 4 if c == Channel.ATTITUDE else ROWS[c]]
-    if c == Channel.ATTITUDE:
-        return bool(abs(math.sqrt(value @ value) - 1.0) <= CONSTANTS.unit)
-    return bool(np.isfinite(value).all())
+        return bool(math.isnan(value[0]) or 0.0 <= value[0] <= CONSTANTS.largest)
+    if not (np.abs(value) <= CONSTANTS.largest).all():
+        return False
+    return c != Channel.ATTITUDE or bool(abs(float(np.linalg.norm(m.value[c])) - 1.0) <= CONSTANTS.unit)
 
 
 def doubt_velocity(m: Memory) -> None:
@@ -115,16 +113,19 @@ def doubt_velocity(m: Memory) -> None:
 
 
 def _set(m: Memory, c: Channel) -> None:
-    """Take the first reading for the truth. Nothing that was cloned before can be right."""
+    """Take the first reading for the truth, unless it is too old to be. Nothing that was cloned before can be right."""
+    age, first, sight = m.now[0] - m.stamp[c], _OWN[c], look(m, c)
+    variance = float(m.sigma[c] ** 2) + _doubt_since(m, c, sight, age)
+    if variance > CONSTANTS.unknown * m.limit[first] ** 2:
+        return
     m.owner[:] = _FREE
-    n, age, first = active(m), m.now[0] - m.stamp[c], _OWN[c]
-    sight, noise = look(m, c), float(m.sigma[c] ** 2)
+    n, sight = active(m), look(m, c)
     if c == Channel.ALTIMETER_RANGE:
         _set_floor(m, sight, age)
     else:
         moved = age * sight.rate[:3] - age * age / 2 * _second(m, c)
         for i in range(ROWS[c]):
-            clear(m, first + i, n, noise + _doubt_since(m, c, sight, age))
+            clear(m, first + i, n, variance)
         if c == Channel.ATTITUDE:
             m.turn[:] = turned(m.value[c] / np.linalg.norm(m.value[c]), moved)
         else:
@@ -150,12 +151,12 @@ def _doubt_since(m: Memory, c: Channel, sight: Sight, age: float) -> float:
 
 
 def _set_floor(m: Memory, sight: Sight, age: float) -> None:
-    altitude, cosine = sight.seen[:2]
+    cosine = sight.seen[1]
     if cosine <= CONSTANTS.steep:
         return
     c, i, n = Channel.ALTIMETER_RANGE, Part.FLOOR, active(m)
     measured = cosine * m.value[c, 0] + age * sight.rate[0] - age * age / 2 * _second(m, c)[0]
-    m.x[i - Part.PLACE] += altitude - measured
+    m.x[i - Part.PLACE] = part(m, Part.PLACE)[2] + rotation(m)[2] @ m.beam_at - measured
     row = sight.HP[0] + m.P[i, :n]  # of the height of the altimeter
     own = sight.S[0, 0] + 2.0 * sight.HP[0, i] + m.P[i, i]
     m.P[i, :n] = row
@@ -170,17 +171,16 @@ def _judge(m: Memory, c: Channel, slot: int, delta: float) -> None:
     if c == Channel.ALTIMETER_RANGE and sight.seen[1] <= CONSTANTS.steep:
         return
     nu, own = _innovation(m, c, sight, delta), _noise(m, c, sight, delta)
-    eye, granted = np.eye(len(nu)), allowance(m, c)
-    squared = _squared(sight.S + own * eye, nu)
-    believed = bool(_squared(sight.S + (own + granted) * eye, nu) <= m.gate[c])
+    granted, size = allowance(m, c), float(nu @ nu)
+    squared, believed = _squared(sight, own, nu), _squared(sight, own + granted, nu) <= m.gate[c]
     if believed:
         m.since[c] = math.nan
         if squared > m.gate[c]:
-            _be_surprised(m, c, float(nu @ nu))
+            _be_surprised(m, c, size)
             sight = _sight_of(m, c, slot)
-    elif _is_convincing(m, c, nu, sight.S + (2.0 * own + granted) * eye):
+    elif math.isfinite(squared) and math.isfinite(size) and _is_convincing(m, c, sight, 2.0 * own + granted, nu):
         believed = True
-        _yield(m, c, float(nu @ nu))
+        _yield(m, c, size)
         sight = _sight_of(m, c, slot)
     note(m, c, squared, len(nu), believed=believed)
     if believed:
@@ -214,19 +214,19 @@ def _noise(m: Memory, c: Channel, sight: Sight, delta: float) -> float:
     """Variance of every entry of the reading."""
     sigma = m.sigma[c] * (sight.seen[1] if c == Channel.ALTIMETER_RANGE else 1.0)
     walk = m.drive[Noise.JERK] ** 2 if c == Channel.SPECIFIC_FORCE else 0.0
-    return float(sigma * sigma + delta * delta * sight.doubt + abs(delta) * walk)
+    return float(sigma * sigma + delta * delta * max(0.0, sight.doubt) + abs(delta) * walk)
 
 
-def _squared(S: Array, nu: Array) -> float:
-    w = np.linalg.solve(np.linalg.cholesky(S), nu)
+def _squared(sight: Sight, more: float, nu: Array) -> float:
+    w = np.linalg.solve(sight.factor(more), nu)
     return float(w @ w)
 
 
-def _is_convincing(m: Memory, c: Channel, nu: Array, S: Array) -> bool:
+def _is_convincing(m: Memory, c: Channel, sight: Sight, more: float, nu: Array) -> bool:
     """Whether a reading outside the gate agrees with those before it, for long enough; a nearer floor needs no witness."""
     rows = len(nu)
     known = math.isfinite(m.since[c])
-    agrees = known and _squared(S, nu - m.refused[c, :rows]) <= m.gate[c]
+    agrees = known and _squared(sight, more, nu - m.refused[c, :rows]) <= m.gate[c]
     if not agrees:
         m.since[c] = m.stamp[c]
     m.refused[c, :rows] = nu
@@ -272,7 +272,7 @@ def _doubt_own(m: Memory, c: Channel, variance: float) -> None:
 
 def _correct(m: Memory, c: Channel, sight: Sight, nu: Array, own: float) -> None:
     """The Kalman update. Echoes move the floor alone: they are no means to tell where the vehicle is."""
-    n, L = active(m), np.linalg.cholesky(sight.S + own * np.eye(len(nu)))
+    n, L = active(m), sight.factor(own)
     W, w = np.linalg.solve(L, sight.HP), np.linalg.solve(L, nu)
     loss, dx = W.T @ W, W.T @ w
     if c == Channel.ALTIMETER_RANGE:

@@ -15,6 +15,14 @@ static void clear_joint(double *m, int j, int i, double variance) {
   JP(j, i, i) = variance;
 }
 
+/* As `limit_to` of its velocity. */
+static void limit_joint(double *m, int j, double variance) {
+  double share = sqrt(variance / JP(j, 1, 1));
+  for (int k = 0; k < JOINT_STATES; ++k) JP(j, 1, k) *= share;
+  for (int k = 0; k < JOINT_STATES; ++k) JP(j, k, 1) *= share;
+  JP(j, 1, 1) = variance;
+}
+
 static void predict_joints(double *m) {
   double dt = m_dt[0], h = smaller_of(dt, LONGEST_STEP), drive = m_drive[NOISE_JOINT] * m_drive[NOISE_JOINT];
   int n = top_of_joints(m);
@@ -31,9 +39,11 @@ static void predict_joints(double *m) {
     JP(j, 0, 1) += drive * (dt * dt / 2), JP(j, 1, 0) += drive * (dt * dt / 2);
     for (int i = 0; i < 2; ++i) {
       double most = m_joint_limit[i] * m_joint_limit[i];
-      if (JP(j, i, i) <= most) continue;
-      clear_joint(m, j, i, most);
-      if (i == 1) JX(j, 1) = 0;
+      int lost = !isfinite(JX(j, i));
+      if (!lost && is_known(JP(j, i, i), most)) continue;
+      if (i == 1 && !lost && JP(j, 1, 1) > 0 && isfinite(JP(j, 1, 1))) limit_joint(m, j, most);
+      else clear_joint(m, j, i, most);
+      if (lost || i == 1) JX(j, i) = 0;
     }
   }
 }
@@ -107,7 +117,7 @@ static void judge_joints(double *m, int c, int slot, double delta, const char *d
       m_joint_since[k * N_JOINTS + j] = NAN;
       continue;
     }
-    double doubt = joint_doubt(m, j, k, slot), own = m_sigma[c] * m_sigma[c] + delta * delta * doubt + fabs(delta) * walk;
+    double doubt = joint_doubt(m, j, k, slot), own = m_sigma[c] * m_sigma[c] + delta * delta * larger_of(0, doubt) + fabs(delta) * walk;
     double nu = m_joint_value[k * N_JOINTS + j] - joint_seen(m, j, k, slot) - delta * joint_rate(m, j, k, slot);
     double S = JP(j, state, state) + own;
     double granted = joint_allowance(m, c, k ? joint_seen(m, j, k, slot) : joint_rate(m, j, k, slot));
@@ -129,7 +139,7 @@ static void take_joints(double *m, int c) {
   char unknown[N_JOINTS + 1] = {0};
   if (!is_of_now(m, c)) return;
   for (int j = 0; j < N_JOINTS; ++j)
-    if (!isfinite(m_joint_value[k * N_JOINTS + j])) return;
+    if (!(fabs(m_joint_value[k * N_JOINTS + j]) <= LARGEST)) return;
   m_last[c] = m_stamp[c];
   learn_lag(m, c);
   for (int j = 0; j < N_JOINTS; ++j)

@@ -19,7 +19,7 @@ from uvms_ocp.control.navigation.filter.clones import (
     unseen,
 )
 from uvms_ocp.control.navigation.filter.memory import CONSTANTS, JOINT_SLOTS, N_CHANNELS, Channel, Memory, Noise
-from uvms_ocp.control.navigation.filter.vehicle import reply_doubt
+from uvms_ocp.control.navigation.filter.vehicle import are_known, reply_doubt
 
 _FIRST = Channel.JOINT_POSITIONS
 _CHANNELS = (Channel.JOINT_POSITIONS, Channel.JOINT_VELOCITIES)
@@ -44,11 +44,16 @@ def predict(m: Memory) -> None:
     P[:, 1, 0] += drive * (dt * dt / 2)
     P[:, 1, 1] += drive * dt
     for i in range(2):
-        lost = ~(P[:, i, i] <= m.joint_limit[i] ** 2)
-        P[lost, i, :] = 0.0
-        P[lost, :, i] = 0.0
-        P[lost, i, i] = m.joint_limit[i] ** 2
-    x[lost, 1] = 0.0
+        lost = ~np.isfinite(x[:, i])
+        unknown = lost | ~are_known(P[:, i, i], m.joint_limit[i] ** 2)
+        carried = unknown & ~lost & (i == 1) & (P[:, i, i] > 0.0) & (P[:, i, i] < np.inf)
+        share = (m.joint_limit[i] / np.sqrt(P[carried, i, i]))[:, None]
+        P[carried, i, :] *= share
+        P[carried, :, i] *= share
+        P[unknown & ~carried, i, :] = 0.0
+        P[unknown & ~carried, :, i] = 0.0
+        P[unknown, i, i] = m.joint_limit[i] ** 2
+        x[unknown if i == 1 else lost, i] = 0.0
 
 
 def fuse(m: Memory) -> None:
@@ -66,7 +71,7 @@ def fuse(m: Memory) -> None:
 
 def _is_usable(m: Memory, c: Channel) -> bool:
     fits = m.last[c] < m.stamp[c] <= m.now[0] + CONSTANTS.early
-    return bool(fits and np.isfinite(m.joint_value[c - _FIRST]).all())
+    return bool(fits and (np.abs(m.joint_value[c - _FIRST]) <= CONSTANTS.largest).all())
 
 
 def _take(m: Memory, c: Channel) -> None:
@@ -99,7 +104,11 @@ def _judge(m: Memory, c: Channel, slot: int, delta: float, done: Mask) -> None:
     P, x = m.joint_P, m.joint_x
     seen, rate, doubt = _seen(m, k, slot)
     nu = m.joint_value[k] - seen - delta * rate
-    own = m.sigma[c] ** 2 + delta * delta * doubt + abs(delta) * (m.drive[Noise.JOINT] ** 2 if k else 0.0)
+    own = (
+        m.sigma[c] ** 2
+        + delta * delta * np.maximum(0.0, doubt)
+        + abs(delta) * (m.drive[Noise.JOINT] ** 2 if k else 0.0)
+    )
     S = P[:, state, state] + own
     squared = nu * nu / S
     granted = _allowance(m, c, rate if k == 0 else seen)

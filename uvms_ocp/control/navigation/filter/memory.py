@@ -102,6 +102,8 @@ class Constants:
     """[-] by which the norm of a measured quaternion may differ from 1."""
     exposed: float = 1.0
     """[m/s, m/s2] by which the motion may be wrong where what told it proves wrong: more than vehicles make."""
+    largest: float = 1e9
+    """[unit of the channel] no sensor reads more: a larger number is none."""
     unknown: float = 0.25
     """[-] share of the largest variance from which on a part counts as unknown."""
     steep: float = STEEP

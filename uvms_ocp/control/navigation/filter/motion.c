@@ -81,7 +81,7 @@ static int active(const double *m) {
   return MAIN + 3 * (slot + 1);
 }
 
-/* Fills both triangles of the vehicle's own block, or of what stands before column n of its first rows. */
+/* Fills both triangles of the vehicle's own block. */
 static void mirror(double *m) {
   for (int i = 1; i < MAIN; ++i)
     for (int j = 0; j < i; ++j) AT(i, j) = AT(j, i);
@@ -90,6 +90,14 @@ static void mirror(double *m) {
 static void clear(double *m, int i, int n, double variance) {
   for (int j = 0; j < i; ++j) AT(j, i) = 0;
   for (int j = i; j < n; ++j) AT(i, j) = 0;
+  AT(i, i) = variance;
+}
+
+/* Less doubt and no less correlation: clones whose readings are on their way still tell of it. */
+static void limit_to(double *m, int i, int n, double variance) {
+  double share = sqrt(variance / AT(i, i));
+  for (int j = 0; j < i; ++j) AT(j, i) *= share;
+  for (int j = i; j < n; ++j) AT(i, j) *= share;
   AT(i, i) = variance;
 }
 
@@ -193,13 +201,20 @@ static void diffuse(double *m, double dt, const double *J) {
   AT(PART_FLOOR, PART_FLOOR) += dt * relief(m, R);
 }
 
+/* A variance below zero is one that rounding has eaten. */
+static int is_known(double variance, double most) { return variance >= 0 && variance <= most; }
+
 static void forget_unknown(double *m, int n) {
   for (int i = 0; i < MAIN; ++i) {
     double most = m_limit[i] * m_limit[i];
-    if (AT(i, i) <= most) continue;
-    clear(m, i, n, most);
-    if (i >= PART_SPEED && i < PART_GYRO_BIAS) X(i)[0] = 0;
+    int lost = !isfinite(i < PART_PLACE ? norm4(m_turn) : X(i)[0]);
+    if (!lost && is_known(AT(i, i), most)) continue;
+    if (!lost && i >= PART_SPEED && i < PART_FLOOR && AT(i, i) > 0 && isfinite(AT(i, i))) limit_to(m, i, n, most);
+    else clear(m, i, n, most);
+    if (i >= PART_PLACE && (lost || (i >= PART_SPEED && i < PART_GYRO_BIAS))) X(i)[0] = 0;
   }
+  if (isfinite(norm4(m_turn))) return;
+  for (int i = 0; i < 4; ++i) m_turn[i] = i == 3;
 }
 
 static void predict(double *m) {

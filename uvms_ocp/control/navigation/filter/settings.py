@@ -11,11 +11,11 @@ from uvms_ocp.control.navigation.tuning import EstimatorTuning
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import SensorSpec, SensorSpecs
 
-_SMALLEST_SIGMA = 1e-7  # stands in for the noise of an exact sensor, and keeps covariances regular
-_LIMITS = (3.0, 1e2, 30.0, 10.0, 30.0, 100.0, 1.0, 10.0, 10.0)  # of each `Part` but the floor
+_SMALLEST_SIGMA = 1e-5  # stands in for the noise of an exact sensor, and keeps covariances regular
+_LIMITS = (3.0, 1e2, 30.0, 10.0, 3.0, 3.0, 1.0, 10.0, 10.0)  # of each `Part` but the floor
 _FIRST = (3.0, 1e2, 1.0, 0.1, 1.0, 0.1)  # of those that are not biases
 _FLOOR = 1e2  # [m]
-_JOINT_LIMIT, _JOINT_FIRST = (10.0, 100.0), (10.0, 1.0)
+_JOINT_LIMIT, _JOINT_FIRST = (10.0, 10.0), (10.0, 1.0)
 _GATES = {1: 25.0, 3: 31.8125}  # chi-squared that 6e-7 exceed: five standard deviations of one number
 _MOST_AGILE = 10.0  # [m/s2, rad/s2] where limits are infinite
 _EARLY_STEP = 0.25  # [s] for which echoes must agree that the floor has gone down
@@ -32,7 +32,7 @@ def prepared(memory: Memory, robot: Robot, specs: SensorSpecs, tuning: Estimator
     memory.floating[0], memory.guided[0] = float(robot.n_vehicle > 0), float(specs.specific_force is None)
     memory.beam_up[2], memory.echo_memory[0] = 1.0, tuning.echo_memory
     memory.agility[:] = _agility(robot)
-    _set_drive(memory, specs, tuning)
+    _set_drive(memory, tuning)
     _set_first(memory, specs, tuning)
     return memory
 
@@ -58,7 +58,7 @@ def _set_channel(memory: Memory, c: Channel, spec: SensorSpec | None, tuning: Es
     memory.gate[c], memory.recovery[c] = _GATES[rows], tuning.recovery
 
 
-def _set_drive(memory: Memory, specs: SensorSpecs, tuning: EstimatorTuning) -> None:
+def _set_drive(memory: Memory, tuning: EstimatorTuning) -> None:
     drive = memory.drive
     drive[Noise.JERK], drive[Noise.ANGULAR_JERK] = tuning.jerk, tuning.angular_jerk
     drive[Noise.GYRO], drive[Noise.DVL], drive[Noise.FORCE] = tuning.gyro_drift, tuning.dvl_drift, tuning.force_drift

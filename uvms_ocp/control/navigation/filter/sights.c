@@ -101,6 +101,23 @@ static void look(const double *m, int c, int n, Sight *s) {
     }
 }
 
+/* Lower factor of S + more on its diagonal, which bounds the pivots but for rounding. */
+static void factor(const Sight *s, double more, int n, double L[3][3]) {
+  for (int j = 0; j < n; ++j)
+    for (int i = j; i < n; ++i) {
+      double sum = s->S[i][j] + (i == j ? more : 0);
+      for (int k = 0; k < j; ++k) sum -= L[i][k] * L[j][k];
+      L[i][j] = i == j ? sqrt(sum < more ? more : sum) : sum / L[j][j];
+    }
+}
+
+static void divide(double L[3][3], int n, double *x) {
+  for (int i = 0; i < n; ++i) {
+    for (int k = 0; k < i; ++k) x[i] -= L[i][k] * x[k];
+    x[i] /= L[i][i];
+  }
+}
+
 /* What it saw at the time of a clone, -1 for now. */
 static void look_back(const double *m, int c, int slot, int n, Sight *s) {
   if (slot < 0) {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,16 @@ class Sight:
     """(rows, n) [SI] covariance with all errors."""
     S: Array
     """(rows, rows) [SI] its own."""
+
+    def factor(self, more: float) -> Array:
+        """(rows, rows) lower factor of S with `more` [square of its unit] on the diagonal: no pivot is less but by rounding."""
+        L = np.zeros(self.S.shape)
+        for j in range(len(L)):
+            column = self.S[j:, j] - L[j:, :j] @ L[j, :j]
+            pivot = column[0] + more
+            L[j, j] = math.sqrt(more if pivot < more else pivot)
+            L[j + 1 :, j] = column[1:] / L[j, j]
+        return L
 
 
 def look(m: Memory, c: Channel) -> Sight:

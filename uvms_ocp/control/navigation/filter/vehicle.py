@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arrays import Array
+from uvms_ocp.arrays import Array, Mask
 from uvms_ocp.control.navigation.filter.memory import CONSTANTS, MAIN, Memory, Noise, Part
 
 _FORGOTTEN = slice(Part.SPEED, Part.GYRO_BIAS)  # parts that are zero where nothing is known of them
@@ -131,12 +131,29 @@ def _relief(m: Memory) -> float:
 
 
 def _forget_unknown(m: Memory) -> None:
-    """What has become less certain than `limit` is not known at all: no correlation, no growth."""
-    n = active(m)
-    for i in np.flatnonzero(~(np.diag(m.P)[:MAIN] <= m.limit**2)):
-        clear(m, int(i), n, float(m.limit[i]) ** 2)
-        if _FORGOTTEN.start <= i < _FORGOTTEN.stop:
+    """What has become less certain than `limit` is not known at all: no growth, and no correlation if a reading can set it."""
+    n, no_turn = active(m), not np.isfinite(m.turn).all()
+    lost = np.concatenate([np.full(3, no_turn), ~np.isfinite(m.x)])
+    for i in np.flatnonzero(lost | ~are_known(np.diag(m.P)[:MAIN], m.limit**2)):
+        carried = Part.SPEED <= i < Part.FLOOR and not lost[i] and 0.0 < m.P[i, i] < math.inf
+        (_limit_to if carried else clear)(m, int(i), n, float(m.limit[i]) ** 2)
+        if i >= Part.PLACE and (lost[i] or _FORGOTTEN.start <= i < _FORGOTTEN.stop):
             m.x[i - Part.PLACE] = 0.0
+    if no_turn:
+        m.turn[:] = 0.0, 0.0, 0.0, 1.0
+
+
+def are_known(variance: Array, most: Array | float) -> Mask:
+    """Whether each variance (n,) [square of a unit] is within `most` (n,) or () [the same]. One below zero rounding has eaten."""
+    return np.asarray((variance >= 0.0) & (variance <= most))
+
+
+def _limit_to(m: Memory, i: int, n: int, variance: float) -> None:
+    """Less doubt and no less correlation: clones whose readings are on their way still tell of entry i."""
+    share = math.sqrt(variance / float(m.P[i, i]))
+    m.P[i, :n] *= share
+    m.P[:n, i] *= share
+    m.P[i, i] = variance
 
 
 def clear(m: Memory, i: int, n: int, variance: float) -> None:
