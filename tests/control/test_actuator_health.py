@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
+import pinocchio as pin
 import pytest
 from actuators.hovering import Hover, run
 
 from uvms_ocp.control.actuator_health.authority import authority_of
 from uvms_ocp.control.actuator_health.effect import Effect
 from uvms_ocp.control.actuator_health.joint_monitor import JointMonitor
+from uvms_ocp.control.actuator_health.monitor import ActuatorMonitor, Look
 from uvms_ocp.control.actuator_health.thresholds import ActuatorHealthTuning
 from uvms_ocp.control.actuator_health.thruster_monitor import ThrusterMonitor
 from uvms_ocp.control.actuator_health.verdicts import FaultKind, ThrusterVerdict
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.thrusters import thrust_limits, thruster_matrix
 
+ROBOTS = Path(__file__).parents[2] / "robots"
 FULL = "girona_maris7_full"
 RIGHTING = np.array([0.0, 0.0, 0.0, 30.0, 30.0, 0.0])
 
@@ -135,3 +142,25 @@ def test_commands_are_the_same_to_the_last_bit_while_nothing_is_faulty() -> None
     watched, alone = run(Hover(duration=4.0, seed=2)), run(Hover(duration=4.0, seed=2, watched=False))
     np.testing.assert_array_equal(watched.commands, alone.commands)
     assert watched.alarms == []
+
+
+def test_the_way_of_a_joint_that_turns_without_end_is_known(tmp_path: Path) -> None:
+    source = ROBOTS / "bluerov2_alpha5"
+    text = (source / "robot.urdf").read_text(encoding="utf-8")
+    (tmp_path / "robot.urdf").write_text(text.replace('type="revolute"', 'type="continuous"', 1), encoding="utf-8")
+    machine = load_robot(urdf=tmp_path / "robot.urdf", hydrodynamics=source / "hydrodynamics.yaml")
+    assert len(machine.home) == machine.n_joints + 1
+    monitor, v, nothing = monitor_of(machine), np.zeros(machine.n_v), np.zeros(machine.n_v)
+    v[machine.joint_v] = 0.3
+    q = machine.configuration()
+    for k in range(1, 100):
+        q = pin.integrate(machine.model, q, 0.1 * v)
+        for _ in range(5):
+            due = monitor.due(np.zeros(len(machine.description.thrusters)), v)
+        assert due
+        assert not monitor.look(Look(q=q, residual=-10.0 * v, disturbance=nothing), 0.1 * k)
+    assert not monitor.joints.jammed.any()
+
+
+def monitor_of(machine: Robot) -> ActuatorMonitor:
+    return ActuatorMonitor(machine, robot_dynamics(machine), bandwidth=3.0, dt=0.02, alarms=[])

@@ -21,6 +21,7 @@ Motion = Callable[[float], np.ndarray]
 Spoil = Callable[[Readings, float], Readings]
 
 FLOOR = FlatSeafloor(z=-40.0)
+_H = 1e-4  # [s] of finite differences
 
 
 def swaying(robot: Robot) -> Motion:
@@ -53,7 +54,8 @@ class HealthRun:
         self.t, rows, command = dt * np.arange(round(duration / dt)), [], None
         for t in self.t:
             v = motion(t)
-            m = self.guard(spoil(suite.read(State(q=q, v=v), t), t), t, command)
+            a = (motion(t + _H) - motion(t - _H)) / (2 * _H)
+            m = self.guard(spoil(suite.read(State(q=q, v=v, a=a), t), t), t, command)
             rows.append((q, m.q, v, m.v, m.altimeter_range, m.age, m.joint_age, [h.trust for h in m.health]))
             command, q = Command(v=(asked or motion)(t + dt)), pin.integrate(robot.model, q, motion(t + dt / 2) * dt)
         columns = [np.array(column) for column in zip(*rows, strict=True)]

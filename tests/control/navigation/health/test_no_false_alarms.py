@@ -12,7 +12,7 @@ from uvms_ocp.control.navigation.health.repeats import Repeats
 from uvms_ocp.control.navigation.pass_through import PassThrough
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpec, SensorSpecs
+from uvms_ocp.model.sensing import ACCELEROMETER, IDEAL_SENSORS, SensorSpec, SensorSpecs
 from uvms_ocp.model.state import Command, State
 from uvms_ocp.scenarios.case1 import case1
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
@@ -24,6 +24,7 @@ LATE = SensorSpecs(
     joint_positions=SensorSpec(rate=200.0, sigma=1e-4, delay=0.01),
     altimeter_range=SensorSpec(rate=10.0, sigma=0.01, delay=0.1),
 )
+ALL = SensorSpecs(joint_velocities=SensorSpec(rate=50.0, sigma=0.01), specific_force=ACCELEROMETER)
 LOSSY = SensorSpecs(
     position=SensorSpec(rate=5.0, sigma=0.02, dropout=0.3),
     attitude=SensorSpec(rate=100.0, sigma=0.001, dropout=0.3),
@@ -36,7 +37,7 @@ def robot() -> Robot:
     return load_robot("girona_maris7")
 
 
-@pytest.mark.parametrize("specs", [SensorSpecs(), LATE, LOSSY], ids=["usual", "late", "lossy"])
+@pytest.mark.parametrize("specs", [SensorSpecs(), LATE, LOSSY, ALL], ids=["usual", "late", "lossy", "all"])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_swaying_robot_with_sound_sensors_raises_no_alarm(robot: Robot, specs: SensorSpecs, seed: int) -> None:
     assert HealthRun(robot, duration=15.0, specs=specs, seed=seed).guard.monitor.alarms == []
