@@ -10,10 +10,10 @@ import numpy as np
 from uvms_ocp.arguments import checked, late, trusted
 from uvms_ocp.control.navigation.beam import BeamMount
 from uvms_ocp.control.navigation.channels import needed_channels
-from uvms_ocp.control.navigation.filter import fusion
 from uvms_ocp.control.navigation.filter.core import bound_tick
 from uvms_ocp.control.navigation.filter.memory import CHANNELS, N_VEHICLE, NUMBER, Memory
 from uvms_ocp.control.navigation.filter.settings import prepared
+from uvms_ocp.control.navigation.filter.vehicle import doubt_velocity
 from uvms_ocp.control.navigation.joint_chart import JointChart
 from uvms_ocp.control.navigation.outcome import Outcome
 from uvms_ocp.control.navigation.tuning import EstimatorTuning
@@ -115,7 +115,7 @@ class Estimator:
 
     def doubt_velocity(self) -> None:
         """Take linear velocity and acceleration for unknown: what told them proved wrong."""
-        fusion.doubt_velocity(self.memory)
+        doubt_velocity(self.memory)
 
     @property
     def spread(self) -> np.ndarray:

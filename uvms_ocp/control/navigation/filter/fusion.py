@@ -34,7 +34,7 @@ from uvms_ocp.control.navigation.filter.memory import (
     Noise,
     Part,
 )
-from uvms_ocp.control.navigation.filter.sights import Sight, doubt_of, look
+from uvms_ocp.control.navigation.filter.sights import Sight, doubt_since, look, second_of
 from uvms_ocp.control.navigation.filter.vehicle import active, clear, is_unknown, part, rotation, turned
 
 _OWN = {
@@ -104,18 +104,10 @@ def _is_usable(m: Memory, c: Channel) -> bool:
     return c != Channel.ATTITUDE or bool(abs(float(np.linalg.norm(m.value[c])) - 1.0) <= CONSTANTS.unit)
 
 
-def doubt_velocity(m: Memory) -> None:
-    """Linear velocity and acceleration may be anything that vehicles do. Rare, and so in NumPy for both cores."""
-    m.owner[:] = _FREE
-    for first in (Part.SPEED, Part.ACCELERATION):
-        axes = np.arange(first, first + 3)
-        m.P[axes, axes] += CONSTANTS.exposed**2
-
-
 def _set(m: Memory, c: Channel) -> None:
     """Take the first reading for the truth, unless it is too old to be. Nothing that was cloned before can be right."""
     age, first, sight = m.now[0] - m.stamp[c], _OWN[c], look(m, c)
-    variance = float(m.sigma[c] ** 2) + _doubt_since(m, c, sight, age)
+    variance = float(m.sigma[c] ** 2) + doubt_since(m, c, sight, age)
     if variance > CONSTANTS.unknown * m.limit[first] ** 2:
         return
     m.owner[:] = _FREE
@@ -123,7 +115,7 @@ def _set(m: Memory, c: Channel) -> None:
     if c == Channel.ALTIMETER_RANGE:
         _set_floor(m, sight, age)
     else:
-        moved = age * sight.rate[:3] - age * age / 2 * _second(m, c)
+        moved = age * sight.rate[:3] - age * age / 2 * second_of(m, c)
         for i in range(ROWS[c]):
             clear(m, first + i, n, variance)
         if c == Channel.ATTITUDE:
@@ -133,35 +125,18 @@ def _set(m: Memory, c: Channel) -> None:
     m.used[c] = m.stamp[c]
 
 
-def _second(m: Memory, c: Channel) -> Array:
-    """(3,) second derivative of what a channel that sets a part sees; its first entry alone for one row."""
-    if c == Channel.ATTITUDE:
-        return part(m, Part.SPIN_UP).copy()
-    acceleration = part(m, Part.ACCELERATION)
-    return acceleration.copy() if ROWS[c] == 3 else np.repeat(acceleration[2], 3)
-
-
-def _doubt_since(m: Memory, c: Channel, sight: Sight, age: float) -> float:
-    """Variance of the way since a reading of that age [s]."""
-    turns = c == Channel.ATTITUDE
-    drive = m.drive[Noise.ANGULAR_JERK if turns else Noise.JERK]
-    second = doubt_of(m, Part.SPIN_UP if turns else Part.ACCELERATION)
-    squared = age * age
-    return float(squared * sight.doubt + squared * squared / 4 * second + drive * drive * squared * squared * age / 20)
-
-
 def _set_floor(m: Memory, sight: Sight, age: float) -> None:
     cosine = sight.seen[1]
     if cosine <= CONSTANTS.steep:
         return
     c, i, n = Channel.ALTIMETER_RANGE, Part.FLOOR, active(m)
-    measured = cosine * m.value[c, 0] + age * sight.rate[0] - age * age / 2 * _second(m, c)[0]
+    measured = cosine * m.value[c, 0] + age * sight.rate[0] - age * age / 2 * second_of(m, c)[0]
     m.x[i - Part.PLACE] = part(m, Part.PLACE)[2] + rotation(m)[2] @ m.beam_at - measured
     row = sight.HP[0] + m.P[i, :n]  # of the height of the altimeter
     own = sight.S[0, 0] + 2.0 * sight.HP[0, i] + m.P[i, i]
     m.P[i, :n] = row
     m.P[:n, i] = row
-    m.P[i, i] = own + (cosine * m.sigma[c]) ** 2 + _doubt_since(m, c, sight, age)
+    m.P[i, i] = own + (cosine * m.sigma[c]) ** 2 + doubt_since(m, c, sight, age)
     m.echo[0] = m.stamp[c]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.arrays import Array
-from uvms_ocp.control.navigation.filter.memory import CONSTANTS, MAIN, Channel, Memory, Part
+from uvms_ocp.control.navigation.filter.memory import CONSTANTS, MAIN, ROWS, Channel, Memory, Noise, Part
 from uvms_ocp.control.navigation.filter.vehicle import active, part, rotation
 
 
@@ -116,3 +116,20 @@ _LOOKS = {
     Channel.SPECIFIC_FORCE: _see_force,
     Channel.ALTIMETER_RANGE: _see_floor,
 }
+
+
+def second_of(m: Memory, c: Channel) -> Array:
+    """(3,) second derivative of what a channel that sets a part sees; its first entry alone for one row."""
+    if c == Channel.ATTITUDE:
+        return part(m, Part.SPIN_UP).copy()
+    acceleration = part(m, Part.ACCELERATION)
+    return acceleration.copy() if ROWS[c] == 3 else np.repeat(acceleration[2], 3)
+
+
+def doubt_since(m: Memory, c: Channel, sight: Sight, age: float) -> float:
+    """Variance of the way since a reading of that age [s]."""
+    turns = c == Channel.ATTITUDE
+    drive = m.drive[Noise.ANGULAR_JERK if turns else Noise.JERK]
+    second = doubt_of(m, Part.SPIN_UP if turns else Part.ACCELERATION)
+    squared = age * age
+    return float(squared * sight.doubt + squared * squared / 4 * second + drive * drive * squared * squared * age / 20)

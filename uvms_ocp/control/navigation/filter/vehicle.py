@@ -167,3 +167,11 @@ def is_unknown(m: Memory, first: int, n: int) -> bool:
     """Whether any of n entries of the error state is."""
     entries = slice(first, first + n)
     return bool((np.diag(m.P)[entries] > CONSTANTS.unknown * m.limit[entries] ** 2).any())
+
+
+def doubt_velocity(m: Memory) -> None:
+    """Linear velocity and acceleration may be anything that vehicles do. Rare, and so in NumPy for both cores."""
+    m.owner[:] = -1.0
+    for first in (Part.SPEED, Part.ACCELERATION):
+        axes = np.arange(first, first + 3)
+        m.P[axes, axes] += CONSTANTS.exposed**2
