@@ -16,6 +16,7 @@ class VelocityAgainstPosition:
     """The way between two position fixes against the velocity of the DVL, integrated over the same time."""
 
     _SPAN, _RATE = 3.0, 0.04  # [s], [m/s]: a bias that a vehicle may have
+    _BLIND = 1.2  # [s] without a velocity, in which a vehicle may have gone anywhere
 
     def __init__(self, sigma: float) -> None:
         """sigma [m]: noise of a fix."""
@@ -27,7 +28,7 @@ class VelocityAgainstPosition:
     def velocity(self, v_W: np.ndarray, t: float) -> None:
         """The DVL's velocity v_W (3,) [m/s] in W at time t [s]."""
         dt = t - self._t
-        if not 0.0 <= dt <= _GAP:
+        if not 0.0 <= dt <= self._BLIND:
             self._offsets.clear()
             self._ways.clear()
         else:

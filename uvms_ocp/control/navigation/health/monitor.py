@@ -115,12 +115,12 @@ class HealthMonitor:
         if reading is None or not state.is_new(reading):
             return state.used
         belief, barred = self._checks.belief(name, reading, t, self._history), state.is_barred(t)
-        if belief.used and not barred and is_empty(name, reading):
+        if not belief.used:
+            state.refuse(belief.why or "", t)
+        elif not barred and is_empty(name, reading):
             state.pass_empty(reading)
-        elif belief.used and not barred:
+        elif not barred:
             state.use(reading, t)
-        else:
-            state.refuse(belief.why or state.verdict.why, t)
         if belief.why and belief.used:
             state.doubt(belief.why, t)
         if belief.used or (belief.sane and (barred or name == _FIX)):
@@ -133,11 +133,12 @@ class HealthMonitor:
         if estimate is None or is_empty(name, reading):
             return
         for quarrel in self._cross.hear(name, reading, estimate):
-            for guilty in blamed(quarrel, self._states, t):
-                if not quarrel.bars:
-                    self._states[guilty].doubt(quarrel.why, t)
-                else:
-                    self.velocity_exposed |= self._states[guilty].bar(quarrel.why, t)
+            guilty = blamed(quarrel, self._states, t)
+            if not quarrel.bars:
+                for accused in guilty:
+                    self._states[accused].doubt(quarrel.why, t)
+            elif guilty == (quarrel.likely,):  # else fixes jumped, for which they have been refused
+                self.velocity_exposed |= self._states[quarrel.likely].bar(quarrel.why, t)
 
     def _period(self, name: str) -> float:
         """[s] between two readings, as the ticks allow."""
