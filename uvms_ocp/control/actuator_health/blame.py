@@ -55,10 +55,8 @@ class BlameWindow:
 
     def look(self, residual: np.ndarray, asked: np.ndarray, t: float) -> None:
         """Take in the residual (6,) [N, N m] and the thrust asked (n,) [N], as it should be in it, at time t [s]."""
-        for k in (
-            self._count % self._size,
-            self._count % self._size + self._size,
-        ):  # twice: any stretch is in one piece
+        first = self._count % self._size
+        for k in (first, first + self._size):  # twice: any stretch is in one piece
             self._seen[k], self._asked[k], self._time[k] = residual / self._scale, asked, t
         self._count += 1
 

@@ -13,11 +13,8 @@ from uvms_ocp.control.actuator_health.thresholds import ActuatorHealthTuning
 from uvms_ocp.control.actuator_health.verdicts import FaultKind, Health, ThrusterVerdict
 
 _NOTHING = 0.3  # share below which a thruster is dead, not weak
-_STUCK_SIGMAS, _STUCK_SHARE = (
-    4.0,
-    0.1,
-)  # constant thrust that is told from none: standard deviations, share of the limit
-
+_STUCK_SIGMAS = 4.0  # standard deviations from which on a constant thrust is told from none
+_STUCK_SHARE = 0.1  # of the limit, likewise
 _BEYOND = 1.1  # of the limits: no thruster sticks farther out
 
 

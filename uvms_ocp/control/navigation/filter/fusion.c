@@ -140,7 +140,7 @@ static void yield_to(double *m, int c, double squared) {
   doubt_own(m, c, PERSUASION * squared);
   if (c != CHANNEL_POSITION && c != CHANNEL_DEPTH) return;
   /* It took the time of recovery to go so far: with a speed that nobody knew of, or an acceleration. */
-  double time = m_recovery[c], speed = fmin(PERSUASION * squared / (time * time), EXPOSED * EXPOSED);
+  double time = m_recovery[c], speed = smaller_of(PERSUASION * squared / (time * time), EXPOSED * EXPOSED);
   for (int i = own_part[c]; i < own_part[c] + rows_of[c]; ++i) {
     AT(i + 3, i + 3) += speed;
     AT(i + 6, i + 6) += speed / (time * time);
