@@ -23,6 +23,7 @@ from uvms_ocp.model.sensing import SensorSpecs
 from uvms_ocp.model.state import Command, Measurement, Reading, Readings
 
 _measurement = trusted(Measurement)
+_outcome = trusted(Outcome)
 _readings = attrgetter(*CHANNELS)
 
 _LATEST = 1e9  # [s] of any clock; thirty years
@@ -90,6 +91,7 @@ class Estimator:
         self.advance()
         return self._told()
 
+    @late
     def outcome(self, channel: str) -> Outcome | None:
         """What became of the newest reading of a channel that was compared with the estimate; `None` before the first.
 
@@ -99,7 +101,7 @@ class Estimator:
         t, squared, degrees, accepted = self.memory.outcome[_number(channel)].tolist()
         if math.isnan(t):
             return None
-        return Outcome(t=t, squared=squared, degrees=int(degrees), accepted=bool(accepted))
+        return _outcome(t=t, squared=squared, degrees=int(degrees), accepted=bool(accepted))
 
     def used(self, channel: str) -> float:
         """Time [s] of the newest reading of a channel that was used, -inf before the first; an echo that is missing counts.

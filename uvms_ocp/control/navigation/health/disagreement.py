@@ -10,6 +10,7 @@ import pinocchio as pin
 _GAP = 2.0  # [s] of silence after which a comparison begins anew
 _SIGMAS = 8.0
 _KEPT = 64  # readings of a DVL that late fixes may be compared with
+_SPACING = 0.1  # [s] between readings that are compared: more tell no more
 
 
 class VelocityAgainstPosition:
@@ -44,6 +45,8 @@ class VelocityAgainstPosition:
         if not (abs(t - self._t) <= _GAP and self._ways and t >= self._ways[0][0]):
             self._offsets.clear()
             return None
+        if self._offsets and t - self._offsets[-1][0] < _SPACING:
+            return None
         self._offsets.append((t, p - self._way_at(t)))
         while self._offsets[-1][0] - self._offsets[0][0] > self._SPAN + 0.5:
             self._offsets.popleft()
@@ -66,7 +69,7 @@ class VelocityAgainstPosition:
 class RateAgainstAttitude:
     """The turn between two attitudes against that of the gyro, integrated over the same time."""
 
-    _SPAN, _RATE, _SPACING = 1.0, 0.03, 0.1  # [s], [rad/s], [s]
+    _SPAN, _RATE = 1.0, 0.03  # [s], [rad/s]
 
     def __init__(self, sigma: float) -> None:
         """sigma [rad]: noise of an attitude."""
@@ -89,12 +92,12 @@ class RateAgainstAttitude:
         if not abs(t - self._t) <= _GAP:
             self._offsets.clear()
             return None
-        if self._offsets and t - self._offsets[-1][0] < self._SPACING:
+        if self._offsets and t - self._offsets[-1][0] < _SPACING:
             return None
         turned = self._turn * _rotation((t - self._t) * self._omega)
         # Constant in B where both turn alike.
         self._offsets.append((t, pin.Quaternion(quaternion) * turned.conjugate()))
-        while self._offsets[-1][0] - self._offsets[0][0] > self._SPAN + self._SPACING:
+        while self._offsets[-1][0] - self._offsets[0][0] > self._SPAN + _SPACING:
             self._offsets.popleft()
         (first, old), (last, new) = self._offsets[0], self._offsets[-1]
         if last - first < self._SPAN - 1e-6:
