@@ -1,0 +1,120 @@
+"""Functions that are no kernels; each with what its refusal says."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any
+
+from uvms_ocp.functions.kernels import Layout, Sized, Vector, zeros
+
+
+class Small(Layout):
+    """What they work on."""
+
+    n: int
+    x: float
+    values: Annotated[Vector, Sized(3)]
+
+
+def to_a_power(m: Small) -> float:
+    """line \\d+: m.x \\*\\* 3 is nothing that a kernel can do"""
+    return m.x**3
+
+
+def of_a_text(m: Small) -> None:
+    """'far' is no number"""
+    m.x = "far"  # type: ignore[assignment]
+
+
+def of_a_field_that_is_not_there(m: Small) -> float:
+    """Small has no field 'y'; it has n, x, values"""
+    return m.y  # type: ignore[attr-defined, no-any-return]
+
+
+def of_a_changing_type(m: Small) -> float:
+    """k is int at first and double here"""
+    k = 0
+    k = m.x  # type: ignore[assignment]
+    return k + 1
+
+
+def of_a_whole_number_that_is_none(m: Small) -> None:
+    """is a whole number; make the value one by int"""
+    m.n = m.x  # type: ignore[assignment]
+
+
+def over_a_list(m: Small) -> float:
+    """has to go over a range"""
+    total = 0.0
+    for x in m.values:
+        total += x
+    return total
+
+
+def of_unknown_length(m: Small, x: Vector) -> int:
+    """is not known here; give the number to the kernel"""
+    return len(x) + m.n
+
+
+def of_a_size_that_changes(m: Small) -> None:
+    """needs a size that is known"""
+    x = zeros(m.n)
+    m.x = x[0]
+
+
+def of_swapped_names(m: Small) -> float:
+    """has to give as many values, which depend on none of the names"""
+    a, b = m.x, 2.0
+    a, b = b, a
+    return a - b
+
+
+def calling_what_is_no_kernel(m: Small) -> None:
+    """gamma is no function written in Python"""
+    m.x = math.gamma(m.x)
+
+
+def calling_a_builtin(m: Small) -> None:
+    """has to call a kernel with arguments by place"""
+    print(m.x)
+
+
+def calling_with_too_few(m: Small) -> float:
+    """has to give 2 arguments"""
+    return _sum(m.x)  # type: ignore[call-arg]
+
+
+def _sum(a: float, b: float) -> float:
+    return a + b
+
+
+def without_annotation(m: Any) -> float:
+    """without_annotation: m is annotated with .*; give float, int, bool, Vector or a layout of \\['Small'\\]"""
+    return float(m.x)
+
+
+def that_is_nested(m: Small) -> float:
+    """is nothing that a kernel can do"""
+
+    def inner() -> float:
+        return m.x
+
+    return inner()
+
+
+ALL = (
+    to_a_power,
+    of_a_text,
+    of_a_field_that_is_not_there,
+    of_a_changing_type,
+    of_a_whole_number_that_is_none,
+    over_a_list,
+    of_unknown_length,
+    of_a_size_that_changes,
+    of_swapped_names,
+    calling_what_is_no_kernel,
+    calling_a_builtin,
+    calling_with_too_few,
+    without_annotation,
+    that_is_nested,
+)

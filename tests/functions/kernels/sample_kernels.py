@@ -1,0 +1,87 @@
+"""Kernels that use all that kernels can do."""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import Annotated
+
+from uvms_ocp.functions.kernels import Layout, Sized, Vector, zeros
+
+LIMIT = 0.75
+
+
+class Mood(IntEnum):
+    CALM = 0
+    ALARMED = 2
+
+
+class Window(Layout):
+    """The last readings of something."""
+
+    mood: int
+    count: int
+    full: bool
+    values: Annotated[Vector, Sized(7)]
+
+
+class Memory(Layout):
+    """Of `tick`."""
+
+    now: float
+    windows: Annotated[list[Window], Sized("n")]
+    double: Annotated[list[Vector], Sized("n", 3)]
+    out: Annotated[Vector, Sized(4)]
+
+
+def push(window: Window, x: float) -> bool:
+    """Add x; whether the window is full."""
+    window.values[window.count % len(window.values)] = x
+    window.count += 1
+    window.full = window.full or window.count >= len(window.values)
+    window.mood = Mood.ALARMED if not -LIMIT <= x <= LIMIT else Mood.CALM
+    return window.full
+
+
+def median(x: Vector, n: int) -> float:
+    """The one in the middle, by counting those that are smaller."""
+    for i in range(n):
+        smaller = 0
+        for k in range(n):
+            if x[k] < x[i] or (x[k] == x[i] and k < i):
+                smaller += 1
+        if smaller == n // 2:
+            return x[i]
+    return math.nan
+
+
+def halvings(x: float) -> int:
+    """Until x is below the limit, eight at most."""
+    n = 0
+    while abs(x) > LIMIT:
+        if n == 8:
+            break
+        n += 1
+        x *= 0.5
+    return n
+
+
+def tick(m: Memory, x: float, quiet: bool) -> float:
+    """All of it."""
+    total, s = 0.0, 0.0
+    medians = zeros(4)
+    for i in range(len(m.windows)):
+        window = m.windows[i]
+        if quiet and i == 1:
+            continue
+        if push(window, x + i):
+            total += window.count / (i + 2)
+        row = m.double[i]
+        row[2] = max(x, 0.3, min(m.now, x - i)) * math.copysign(1.0, x)
+        medians[i] = median(window.values, len(window.values))
+        s -= math.atan2(row[2], medians[i]) + math.sqrt(abs(x))
+    for i in range(1, len(m.out)):
+        m.out[i] = medians[i - 1] if math.isfinite(medians[i - 1]) else math.inf
+    m.out[0] = s
+    m.now += 0.1
+    return total + halvings(x) + int(x) + float(m.windows[0].mood)

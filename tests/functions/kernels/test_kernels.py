@@ -1,0 +1,77 @@
+"""A kernel is the same function in Python and in C."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import refused_kernels
+from sample_kernels import Memory, tick
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions.kernels import Layout, bind_kernels, c_program, structure_of
+
+
+def _numbers(memory: ctypes.Structure) -> list[float]:
+    """All that it holds, one after the other."""
+    found: list[float] = []
+    for name, _ in memory._fields_:  # type: ignore[misc]
+        _gather(getattr(memory, name), found)
+    return found
+
+
+def _gather(value: Any, found: list[float]) -> None:
+    if isinstance(value, ctypes.Structure):
+        found += _numbers(value)
+    elif isinstance(value, ctypes.Array):
+        for item in value:
+            _gather(item, found)
+    else:
+        found.append(value)
+
+
+@pytest.mark.parametrize("n", [2, 4])
+def test_python_and_c_give_the_same_bits(n: int) -> None:
+    """Over many ticks, with what they remember, whatever comes in."""
+    structure = structure_of(Memory, n=n)
+    (in_c,) = bind_kernels((tick,), (structure,))
+    assert in_c is not tick
+    mine, other, draw = structure(), structure(), np.random.default_rng(n)
+    for _ in range(500):
+        x, quiet = float(draw.choice([0.0, 0.75, -0.75, *draw.normal(0.0, 3.0, 3)])), bool(draw.random() < 0.3)
+        assert in_c(mine, x, quiet) == tick(other, x, quiet)
+    np.testing.assert_array_equal(_numbers(mine), _numbers(other))
+    assert mine.windows[0].count == 500
+
+
+def test_without_a_compiler_it_is_the_function_itself() -> None:
+    assert bind_kernels((tick,), (structure_of(Memory, n=2),), compiled=False) == (tick,)
+
+
+def test_sizes_of_a_layout_are_those_of_its_parts() -> None:
+    memory = structure_of(Memory, n=5)()
+    assert (len(memory.windows), len(memory.double[0]), len(memory.windows[4].values)) == (5, 3, 7)
+    assert structure_of(Memory, n=5) is structure_of(Memory, n=5)
+    with pytest.raises(InvalidInput, match=r"Memory\.windows has 'n' entries, which is not given; given: \[\]"):
+        structure_of(Memory)
+
+
+def test_a_field_that_memory_cannot_hold_is_refused() -> None:
+    with pytest.raises(InvalidInput, match=r"Wrong\.name is <class 'str'>; give float, int, bool"):
+        structure_of(Wrong)
+
+
+class Wrong(Layout):
+    """Not numbers alone."""
+
+    name: str
+
+
+@pytest.mark.parametrize("kernel", refused_kernels.ALL, ids=lambda kernel: kernel.__name__)
+def test_what_is_no_kernel_is_refused_with_its_line(kernel: Callable[..., Any]) -> None:
+    """Each says in its docstring what the refusal has to tell."""
+    with pytest.raises(InvalidInput, match=kernel.__doc__ or "-"):
+        c_program((kernel,), (structure_of(refused_kernels.Small),))

@@ -1,0 +1,55 @@
+"""Kernels as things to call: compiled once, in Python where that cannot be."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Iterable, Sequence
+from functools import lru_cache
+from inspect import signature
+from typing import Any, get_type_hints
+
+from uvms_ocp.functions.compile import compile_library
+from uvms_ocp.functions.kernels.expressions import PREFIX
+from uvms_ocp.functions.kernels.layout import Layout
+from uvms_ocp.functions.kernels.program import c_program
+
+_PLAIN: dict[Any, Any] = {float: ctypes.c_double, int: ctypes.c_int, bool: ctypes.c_int}
+
+
+def bind_kernels(
+    kernels: Sequence[Callable[..., Any]], structures: Iterable[type[ctypes.Structure]], *, compiled: bool = True
+) -> tuple[Callable[..., Any], ...]:
+    """The `kernels`, in C unless `compiled` is false or there is no compiler; themselves otherwise.
+
+    structures: those that they work on, as `structure_of` makes them. A vector is given as an array in a structure. Raises
+    `InvalidInput` for a function that is no kernel.
+    """
+    return _bound(tuple(kernels), tuple(structures)) if compiled else tuple(kernels)
+
+
+@lru_cache(maxsize=64)
+def _bound(
+    kernels: tuple[Callable[..., Any], ...], structures: tuple[type[ctypes.Structure], ...]
+) -> tuple[Callable[..., Any], ...]:
+    path = compile_library(c_program(kernels, structures))
+    if path is None:
+        return kernels
+    library = ctypes.CDLL(str(path))
+    by_name = {structure.__name__: structure for structure in structures}
+    return tuple(_function(library, kernel, by_name) for kernel in kernels)
+
+
+def _function(
+    library: ctypes.CDLL, kernel: Callable[..., Any], structures: dict[str, type[ctypes.Structure]]
+) -> Callable[..., Any]:
+    function = library[f"{PREFIX}{kernel.__name__}"]
+    hints = get_type_hints(kernel)
+    function.argtypes = [_passed(hints[name], structures) for name in signature(kernel).parameters]
+    function.restype = _PLAIN.get(hints.get("return"))
+    return function
+
+
+def _passed(hint: Any, structures: dict[str, type[ctypes.Structure]]) -> Any:
+    if isinstance(hint, type) and issubclass(hint, Layout):
+        return ctypes.POINTER(structures[hint.__name__])
+    return _PLAIN.get(hint, ctypes.POINTER(ctypes.c_double))

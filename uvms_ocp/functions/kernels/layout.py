@@ -1,0 +1,85 @@
+"""What kernels remember: named numbers, arrays and parts, in Python and in C at the same place in memory."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping, MutableSequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Annotated, Any, TypeAlias, get_args, get_origin, get_type_hints
+
+from uvms_ocp.exceptions import InvalidInput
+
+Vector: TypeAlias = MutableSequence[float]
+"""A parameter of a kernel: numbers that it reads or changes in place."""
+
+
+@dataclass(frozen=True, slots=True, init=False)
+class Sized:
+    """Sizes of an array in a layout, ``Annotated[Vector, Sized(3, "n")]``: numbers, or names that `structure_of` is given."""
+
+    sizes: tuple[int | str, ...]
+
+    def __init__(self, *sizes: int | str) -> None:
+        object.__setattr__(self, "sizes", sizes)
+
+
+class Layout:
+    """Base of classes that only declare: fields of ``float``, ``int``, ``bool``, sized arrays of them, and other layouts.
+
+    ``structure_of(Class, n_joints=4)`` is the type whose instances kernels work on; all of it is zero at first.
+    """
+
+
+_NUMBERS: dict[Any, Any] = {float: ctypes.c_double, int: ctypes.c_int, bool: ctypes.c_int}
+
+
+def structure_of(layout: type[Layout], **sizes: int) -> type[ctypes.Structure]:
+    """The type of a layout in memory, with the sizes [-] that its arrays and those of its parts are declared with.
+
+    Raises `InvalidInput` for a size without a number and a field of another type.
+    """
+    key: Any = layout
+    return _structure(key, tuple(sorted(sizes.items())))
+
+
+@lru_cache(maxsize=256)
+def _structure(layout: Any, sizes: tuple[tuple[str, int], ...]) -> type[ctypes.Structure]:
+    known = dict(sizes)
+    hints = get_type_hints(layout, include_extras=True)
+    fields = [(name, _field(f"{layout.__name__}.{name}", hint, known)) for name, hint in hints.items()]
+    return type(layout.__name__, (ctypes.Structure,), {"__slots__": (), "_fields_": fields, "__doc__": layout.__doc__})
+
+
+def _field(name: str, hint: Any, sizes: Mapping[str, int]) -> Any:
+    if hint in _NUMBERS:
+        return _NUMBERS[hint]
+    if isinstance(hint, type) and issubclass(hint, Layout):
+        return structure_of(hint, **sizes)
+    item = _item(hint)
+    if item is None:
+        raise InvalidInput(
+            f"{name} is {hint}; give float, int, bool, a Layout, or a sequence of one of them with its Sized"
+        )
+    kind = _field(name, item, sizes)
+    for size in reversed(get_args(hint)[1].sizes):
+        if isinstance(size, str) and size not in sizes:
+            raise InvalidInput(f"{name} has {size!r} entries, which is not given; given: {sorted(sizes)}")
+        # C knows no empty array.
+        kind = kind * max(1, sizes[size] if isinstance(size, str) else size)
+    return kind
+
+
+def _item(hint: Any) -> Any:
+    """Type of the entries of an array, however many dimensions it has; `None` for anything else."""
+    if get_origin(hint) is not Annotated or not isinstance(get_args(hint)[1], Sized):
+        return None
+    item = get_args(hint)[0]
+    while get_origin(item) is not None:
+        item = get_args(item)[0]
+    return item
+
+
+def zeros(n: int) -> list[float]:
+    """A local array of a kernel: n numbers [-], which is a constant, or the `len` of an array in a layout."""
+    return [0.0] * n

@@ -1,0 +1,140 @@
+"""A C program of kernels: their structures, then all functions that the first ones call."""
+
+from __future__ import annotations
+
+import ast
+import ctypes
+import inspect
+import sys
+import textwrap
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, get_type_hints
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions.kernels.c_types import DOUBLE, INT, NOTHING, VECTOR, CType, of_ctypes
+from uvms_ocp.functions.kernels.expressions import PREFIX, Scope, Signature, c_name
+from uvms_ocp.functions.kernels.layout import Layout, Vector
+from uvms_ocp.functions.kernels.statements import block
+
+_HEAD = """#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+static inline double smaller(double x, double y) { return y < x ? y : x; }
+static inline double larger(double x, double y) { return y > x ? y : x; }
+static inline int smaller_int(int x, int y) { return y < x ? y : x; }
+static inline int larger_int(int x, int y) { return y > x ? y : x; }
+"""
+_PLAIN = {float: DOUBLE, int: INT, bool: INT, Vector: VECTOR, type(None): NOTHING}
+
+
+def c_program(kernels: Sequence[Callable[..., Any]], structures: Iterable[type[ctypes.Structure]]) -> str:
+    """C99 source of the `kernels`, under their names behind ``k_``, and of what they call; needs libm only.
+
+    structures: those that their parameters are annotated with, as `structure_of` makes them. Raises `InvalidInput` for a
+    function that is no kernel, with the line.
+    """
+    program = _Program(structures)
+    for kernel in kernels:
+        program.signature_of(kernel)
+    while program.waiting:
+        program.translate(program.waiting.pop(0))
+    public = {kernel.__name__ for kernel in kernels}
+    heads = [f"{'' if name in public else 'static '}{head}" for name, head in program.heads.items()]
+    bodies = [f"{head} {{\n{program.bodies[name]}}}\n" for name, head in zip(program.heads, heads, strict=True)]
+    return "\n".join([_HEAD, *program.declared, *(f"{head};" for head in heads), "", *bodies])
+
+
+class _Program:
+    """What is known of it so far."""
+
+    def __init__(self, structures: Iterable[type[ctypes.Structure]]) -> None:
+        self.declared: list[str] = []
+        self.heads: dict[str, str] = {}
+        self.bodies: dict[str, str] = {}
+        self.waiting: list[Callable[..., Any]] = []
+        self._functions: dict[str, Callable[..., Any]] = {}
+        self._signatures: dict[str, Signature] = {}
+        self._structures: dict[str, type[ctypes.Structure]] = {}
+        for structure in structures:
+            self._declare(structure)
+
+    def signature_of(self, kernel: Any) -> Signature:
+        """Of a kernel, which is translated later."""
+        name = getattr(kernel, "__name__", str(kernel))
+        if not inspect.isfunction(kernel):
+            raise InvalidInput(f"{name} is no function written in Python; call kernels and functions of math")
+        if self._functions.setdefault(name, kernel) is not kernel:
+            raise InvalidInput(f"two kernels are named {name}; rename one of them")
+        if name not in self._signatures:
+            hints = get_type_hints(kernel)
+            result = self._type(f"what {name} returns", hints.pop("return", None))
+            parameters = {p: self._type(f"{name}: {p}", hints.get(p)) for p in inspect.signature(kernel).parameters}
+            self._signatures[name] = Signature(parameters, result)
+            given = ", ".join(kind.declared(c_name(p)) for p, kind in parameters.items()) or "void"
+            self.heads[name] = f"{result.name} {PREFIX}{name}({given})"
+            self.waiting.append(kernel)
+        return self._signatures[name]
+
+    def translate(self, kernel: Callable[..., Any]) -> None:
+        """The body of a kernel."""
+        signature = self._signatures[kernel.__name__]
+        scope = Scope(
+            names=vars(sys.modules[kernel.__module__]),
+            signature_of=self.signature_of,
+            result=signature.result,
+            local=dict(signature.parameters),
+        )
+        try:
+            lines = block(_syntax(kernel).body, scope)
+        except InvalidInput as error:
+            raise InvalidInput(f"{kernel.__module__}.{kernel.__name__} is no kernel: {error}") from None
+        own = [
+            f"  {_variable(name, kind, own=name in scope.own)};"
+            for name, kind in scope.local.items()
+            if name not in signature.parameters
+        ]
+        self.bodies[kernel.__name__] = "".join(f"{line}\n" for line in own + lines)
+
+    def _type(self, what: str, hint: Any) -> CType:
+        if hint is None or hint in _PLAIN:
+            return _PLAIN.get(hint, NOTHING)
+        if isinstance(hint, type) and issubclass(hint, Layout) and hint.__name__ in self._structures:
+            return CType(hint.__name__, (), self._structures[hint.__name__])
+        raise InvalidInput(
+            f"{what} is annotated with {hint}; give float, int, bool, Vector or a layout of {[*self._structures]}"
+        )
+
+    def _declare(self, structure: type[ctypes.Structure]) -> None:
+        name = structure.__name__
+        if name in self._structures:
+            if self._structures[name] is not structure:
+                raise InvalidInput(f"layout {name} has two sizes in one program; give it one")
+            return
+        kinds = {field: of_ctypes(kind) for field, kind in structure._fields_}  # type: ignore[misc]
+        for kind in kinds.values():
+            if kind.structure is not None:
+                self._declare(kind.structure)
+        self._structures[name] = structure
+        fields = "".join(f"  {_field(field, kind)};\n" for field, kind in kinds.items())
+        self.declared.append(f"typedef struct {{\n{fields}}} {name};\n")
+
+
+def _field(name: str, kind: CType) -> str:
+    return f"{kind.name} {c_name(name)}{''.join(f'[{size}]' for size in kind.sizes)}"
+
+
+def _variable(name: str, kind: CType, *, own: bool) -> str:
+    """A declaration: an array of one's own, a pointer to somebody else's, or a number, which is set before it is read."""
+    if own:
+        return kind.declared(c_name(name))
+    if kind.sizes or kind.structure is not None:
+        return f"{kind.name} *{c_name(name)} = 0"
+    return f"{kind.name} {c_name(name)} = 0"
+
+
+def _syntax(kernel: Callable[..., Any]) -> ast.FunctionDef:
+    found = ast.parse(textwrap.dedent(inspect.getsource(kernel))).body[0]
+    if not isinstance(found, ast.FunctionDef) or found.decorator_list:
+        raise InvalidInput(f"{kernel.__name__} is no plain function; kernels have no decorators")
+    ast.increment_lineno(found, kernel.__code__.co_firstlineno - 1)
+    return found

@@ -1,0 +1,155 @@
+"""Statements of kernels, from Python to C."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from uvms_ocp.functions.kernels.c_types import DOUBLE, INT, NOTHING, CType, kernel_error
+from uvms_ocp.functions.kernels.expressions import C, Scope, c_name, constant, expression, length, number
+from uvms_ocp.functions.kernels.layout import zeros
+
+
+def block(nodes: Sequence[ast.stmt], scope: Scope) -> list[str]:
+    """Lines of C, indented by two blanks. Raises `InvalidInput` for what kernels cannot do."""
+    return [f"  {line}" for node in nodes for line in _statement(node, scope)]
+
+
+def _statement(node: ast.stmt, scope: Scope) -> list[str]:
+    translate = _TRANSLATED.get(type(node))
+    if translate is None:
+        raise kernel_error(node, "is nothing that a kernel can do")
+    return translate(node, scope)
+
+
+def _assign(node: ast.Assign | ast.AnnAssign, scope: Scope) -> list[str]:
+    target = node.target if isinstance(node, ast.AnnAssign) else node.targets[0]
+    if node.value is None or (isinstance(node, ast.Assign) and len(node.targets) > 1):
+        raise kernel_error(node, "has to give one value to one name")
+    if isinstance(target, ast.Tuple):
+        return _several(node, target, scope)
+    if isinstance(target, ast.Name):
+        return _to_variable(target, node.value, scope)
+    place, value = number(target, scope), number(node.value, scope)
+    return [f"{place.text} = {_fitting(node, place.type, value)};"]
+
+
+def _several(node: ast.Assign | ast.AnnAssign, targets: ast.Tuple, scope: Scope) -> list[str]:
+    """One after the other, which is the same as at once where no value depends on what the others change."""
+    names = [target.id for target in targets.elts if isinstance(target, ast.Name)]
+    values = node.value.elts if isinstance(node.value, ast.Tuple) else []
+    read = {part.id for value in values for part in ast.walk(value) if isinstance(part, ast.Name)}
+    if len(names) != len(targets.elts) or len(values) != len(names) or read & set(names):
+        raise kernel_error(node, "has to give as many values, which depend on none of the names")
+    return [line for name, value in zip(targets.elts, values, strict=True) for line in _to_variable(name, value, scope)]
+
+
+def _to_variable(target: Any, value: ast.expr, scope: Scope) -> list[str]:
+    name = c_name(target.id)
+    if isinstance(value, ast.Call) and constant(value.func, scope) is zeros:
+        _declare(target, CType("double", (_size(value, scope),)), scope)
+        scope.own.add(target.id)
+        return [f"memset({name}, 0, sizeof {name});"]
+    found = expression(value, scope)
+    if len(found.type.sizes) > 1 or found.type == NOTHING:
+        raise kernel_error(target, f"would be {found.type.name} of {len(found.type.sizes)} dimensions")
+    if target.id in scope.own:
+        raise kernel_error(target, "is an array of its own, and cannot become another one")
+    _declare(target, found.type, scope)
+    return [f"{name} = {_fitting(target, scope.local[target.id], found)};"]
+
+
+def _size(call: ast.Call, scope: Scope) -> int:
+    (of,) = call.args
+    if isinstance(of, ast.Call) and constant(of.func, scope) is None and ast.unparse(of.func) == "len":
+        return length(of, scope)
+    value = of.value if isinstance(of, ast.Constant) else constant(of, scope)
+    if not isinstance(value, int) or value < 1:
+        raise kernel_error(call, "needs a size that is known: a number > 0 or the len of an array in a layout")
+    return int(value)
+
+
+def _declare(target: ast.Name, kind: CType, scope: Scope) -> None:
+    known = scope.local.setdefault(target.id, kind)
+    if known.name != kind.name and not (known == DOUBLE and kind == INT):
+        raise kernel_error(target, f"is {known.name} at first and {kind.name} here")
+
+
+def _fitting(node: ast.AST, wanted: CType, value: C) -> str:
+    if wanted == INT and value.type == DOUBLE:
+        raise kernel_error(node, "is a whole number; make the value one by int()")
+    return value.text
+
+
+def _augmented(node: ast.AugAssign, scope: Scope) -> list[str]:
+    value = ast.BinOp(left=_as_read(node.target), op=node.op, right=node.value)
+    ast.copy_location(value, node)
+    place, found = number(_as_read(node.target), scope), number(value, scope)
+    return [f"{place.text} = {_fitting(node, place.type, found)};"]
+
+
+def _as_read(target: ast.expr) -> ast.expr:
+    return ast.copy_location(ast.parse(ast.unparse(target), mode="eval").body, target)
+
+
+def _if(node: ast.If, scope: Scope) -> list[str]:
+    lines = [f"if ({number(node.test, scope).text}) {{", *block(node.body, scope)]
+    if node.orelse:
+        lines += ["} else {", *block(node.orelse, scope)]
+    return [*lines, "}"]
+
+
+def _for(node: ast.For, scope: Scope) -> list[str]:
+    over = node.iter
+    if not (isinstance(over, ast.Call) and ast.unparse(over.func) == "range" and isinstance(node.target, ast.Name)):
+        raise kernel_error(node, "has to go over a range")
+    bounds = [number(bound, scope) for bound in over.args]
+    if node.orelse or len(bounds) > 2 or any(bound.type != INT for bound in bounds):
+        raise kernel_error(node, "has to go over a range of one or two whole numbers, without else")
+    start, end = ("0", bounds[0].text) if len(bounds) == 1 else (bounds[0].text, bounds[1].text)
+    _declare(node.target, INT, scope)
+    k, last = f"at_{node.lineno}", f"end_{node.lineno}"  # as Python, which looks at the bounds once
+    head = f"for (int {k} = {start}, {last} = {end}; {k} < {last}; ++{k}) {{"
+    return [head, f"  {c_name(node.target.id)} = {k};", *block(node.body, scope), "}"]
+
+
+def _while(node: ast.While, scope: Scope) -> list[str]:
+    if node.orelse:
+        raise kernel_error(node, "has an else")
+    return [f"while ({number(node.test, scope).text}) {{", *block(node.body, scope), "}"]
+
+
+def _return(node: ast.Return, scope: Scope) -> list[str]:
+    if (node.value is None) != (scope.result == NOTHING):
+        raise kernel_error(node, "does not return what the kernel is annotated with")
+    if node.value is None:
+        return ["return;"]
+    return [f"return {_fitting(node, scope.result, number(node.value, scope))};"]
+
+
+def _alone(node: ast.Expr, scope: Scope) -> list[str]:
+    if isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+        return []
+    if not isinstance(node.value, ast.Call):
+        raise kernel_error(node, "does nothing")
+    return [f"{expression(node.value, scope).text};"]
+
+
+def _word(word: str) -> Callable[[Any, Scope], list[str]]:
+    return lambda node, scope: [word]
+
+
+_TRANSLATED: dict[type, Callable[[Any, Scope], list[str]]] = {
+    ast.Assign: _assign,
+    ast.AnnAssign: _assign,
+    ast.AugAssign: _augmented,
+    ast.If: _if,
+    ast.For: _for,
+    ast.While: _while,
+    ast.Return: _return,
+    ast.Expr: _alone,
+    ast.Break: _word("break;"),
+    ast.Continue: _word("continue;"),
+    ast.Pass: _word(";"),
+}
