@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any
 
-from uvms_ocp.functions.kernels import Layout, Sized, Vector, zeros
+from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, zeros
 
 
 class Small(Layout):

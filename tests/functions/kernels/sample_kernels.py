@@ -6,7 +6,7 @@ import math
 from enum import IntEnum
 from typing import Annotated
 
-from uvms_ocp.functions.kernels import Layout, Sized, Vector, zeros
+from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, zeros
 
 LIMIT = 0.75
 

@@ -12,7 +12,9 @@ import refused_kernels
 from sample_kernels import Memory, tick
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions.kernels import Layout, bind_kernels, c_program, structure_of
+from uvms_ocp.functions.kernels.binding import bind_kernels
+from uvms_ocp.functions.kernels.layout import Layout, structure_of
+from uvms_ocp.functions.kernels.program import c_program
 
 
 def _numbers(memory: ctypes.Structure) -> list[float]:

@@ -9,11 +9,3 @@ integer enumerations of its module. A local variable keeps the type that it has 
 Python and C give the same bits as long as nothing is divided by zero, taken the root of below zero or made an integer out of
 range: there Python raises, and C goes on. Kernels guard against it, and multiply where they would take a power.
 """
-
-from uvms_ocp.functions.kernels.binding import bind_kernels as bind_kernels
-from uvms_ocp.functions.kernels.layout import Layout as Layout
-from uvms_ocp.functions.kernels.layout import Sized as Sized
-from uvms_ocp.functions.kernels.layout import Vector as Vector
-from uvms_ocp.functions.kernels.layout import structure_of as structure_of
-from uvms_ocp.functions.kernels.layout import zeros as zeros
-from uvms_ocp.functions.kernels.program import c_program as c_program
