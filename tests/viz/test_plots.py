@@ -26,6 +26,7 @@ from uvms_ocp.viz.motion_figures import figure_joints, figure_velocities
 from uvms_ocp.viz.quantity_figures import figure_altitude, figure_errors
 from uvms_ocp.viz.run_figures import FIGURES, write_figures
 from uvms_ocp.viz.series import phase_spans, task_activity
+from uvms_ocp.viz.style import DPI, save_figure
 
 _PNG = b"\x89PNG"
 
@@ -40,6 +41,16 @@ def test_every_figure_of_a_complete_record_is_written_as_png(record: Record, tmp
     paths = write_figures(record, tmp_path / "figures")
     assert [path.stem for path in paths] == list(FIGURES)
     assert all(path.read_bytes().startswith(_PNG) for path in paths)
+
+
+def test_a_figure_is_written_as_matplotlib_itself_writes_it(record: Record, tmp_path: Path) -> None:
+    first, second = figure_joints(record), figure_joints(record)
+    assert first is not None
+    assert second is not None
+    first.savefig(tmp_path / "own.png", dpi=DPI)
+    save_figure(second, tmp_path / "ours.png")
+    assert (tmp_path / "ours.png").read_bytes() == (tmp_path / "own.png").read_bytes()
+    assert second.get_layout_engine() is not None
 
 
 def test_labels_of_ticks_can_be_read(record: Record) -> None:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial import cKDTree
 
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.spatial import quaternion_to_matrix
@@ -85,6 +84,8 @@ def arm_height(scenario: Scenario, q: np.ndarray) -> float:
 
 def astray(way: np.ndarray, q: np.ndarray) -> float:
     """The farthest distance [m] of the vehicle at q (n, n_q) [m, rad] from the points way (m, 3) [m]; inf where no number."""
+    from scipy.spatial import cKDTree  # a quarter of a second, which few need
+
     places = q[::_EVERY, :3]
     return float(cKDTree(way).query(places)[0].max()) if np.isfinite(places).all() else np.inf
 

@@ -16,6 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from uvms_ocp.campaign import STUDIES
+from uvms_ocp.cli.compiling import told_of_compiling
 from uvms_ocp.cli.options import (
     NOT_COMPLETED,
     CurrentVelocity,
@@ -122,19 +123,20 @@ def _run_study(name: str, options: dict[str, Any], out: Path | None, console: Co
 
 
 def _simulate(scenario: Scenario, console: Console) -> Record:
-    """Run with a progress bar that names the phase and what it waits for."""
-    controller = scenario.controller()
+    """Run with a progress bar that names the phase and what it waits for; what is compiled before."""
     with _bar(console) as bar:
         task = bar.add_task("", total=scenario.duration, waiting="")
+        with told_of_compiling(lambda text: bar.update(task, description=text), console):
+            controller = scenario.controller()
 
-        def show(t: float, command: Command) -> None:
-            if round(t / scenario.dt) % _PROGRESS_EVERY == 0 or command.finished:
-                phase = scenario.mission.all_phases[controller.state.phase]
-                waiting = "complete" if command.finished else plain_line(controller.pending())
-                done = scenario.duration if command.finished else t
-                bar.update(task, completed=done, description=_title(phase.name, phase.title), waiting=waiting)
+            def show(t: float, command: Command) -> None:
+                if round(t / scenario.dt) % _PROGRESS_EVERY == 0 or command.finished:
+                    phase = scenario.mission.all_phases[controller.state.phase]
+                    waiting = "complete" if command.finished else plain_line(controller.pending())
+                    done = scenario.duration if command.finished else t
+                    bar.update(task, completed=done, description=_title(phase.name, phase.title), waiting=waiting)
 
-        return scenario.run(show, controller)
+            return scenario.run(show, controller)
 
 
 @contextmanager

@@ -18,7 +18,6 @@ import coal
 import numpy as np
 import pinocchio as pin
 from pydantic import BaseModel, ConfigDict, ValidationError
-from scipy.spatial import ConvexHull
 
 from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
@@ -123,6 +122,8 @@ def build_obstacles(obstacles: Sequence[ObstacleData]) -> list[Obstacle]:
 
 def _form(shape: coal.CollisionGeometry) -> dict[str, Any] | None:
     """Shape and size of `ObstacleData`, or shape, vertices and triangles."""
+    from scipy.spatial import ConvexHull  # a quarter of a second, which few need
+
     if isinstance(shape, coal.BVHModelBase):
         triangles = [[shape.tri_indices(k)[i] for i in range(3)] for k in range(shape.num_tris)]
         return {"shape": _MESH, "vertices": shape.vertices().tolist(), "triangles": triangles}

@@ -48,8 +48,10 @@ _log = logging.getLogger(__name__)
 
 
 @checked
-def compile_library(source: str, flags: Sequence[str] = ()) -> Path | None:
+def compile_library(source: str, flags: Sequence[str] = (), name: str = "C code") -> Path | None:
     """Path of the library of ``source`` (C, linked with libm), which can be loaded; None where there is none (logged once).
+
+    name: what it is called where the log tells, at level INFO, that it is being compiled.
 
     The path is inside the user's cache, or inside ``UVMS_OCP_CACHE`` if that is set. A compiler is stopped after
     ``UVMS_OCP_COMPILE_TIMEOUT`` seconds, 300 by default. Raises `InvalidInput` where that is no time.
@@ -66,7 +68,7 @@ def compile_library(source: str, flags: Sequence[str] = ()) -> Path | None:
         library = directory / f"{_key(source, flags, compiler)}.so"
         if _is_intact(library) and not _load_error(library):
             return library
-        return library if _build(compiler, source, flags, library) else None
+        return library if _build(compiler, source, flags, library, name) else None
     except subprocess.TimeoutExpired as error:
         _HUNG.add(compiler)
         _warn_once(f"{compiler} was stopped after {error.timeout:g} s")
@@ -85,7 +87,7 @@ def compile_function(function: ca.Function) -> ca.Function:
 @checked
 def external_function(name: str, source: str, flags: Sequence[str] = ()) -> ca.Function | None:
     """The CasADi function ``name`` that ``source`` defines, compiled; None where that cannot be (logged once)."""
-    path = compile_library(source, flags)
+    path = compile_library(source, flags, name)
     if path is None:
         return None
     try:
@@ -153,7 +155,9 @@ def _load_error(library: Path) -> str:
     return ""
 
 
-def _build(compiler: str, source: str, flags: Sequence[str], library: Path) -> bool:
+def _build(compiler: str, source: str, flags: Sequence[str], library: Path, name: str) -> bool:
+    _announce(library.parent)
+    _log.info("compiling %s", name)
     try:
         with tempfile.TemporaryDirectory(prefix="build-", dir=library.parent) as folder:
             return _build_in(Path(folder), compiler, source, flags, library)
@@ -164,7 +168,6 @@ def _build(compiler: str, source: str, flags: Sequence[str], library: Path) -> b
 
 def _build_in(folder: Path, compiler: str, source: str, flags: Sequence[str], library: Path) -> bool:
     code, built, digest = folder / "source.c", folder / "library.so", folder / "digest"
-    _announce(library.parent)
     code.write_text(source, encoding="utf-8")
     failed, said = call([compiler, *flags, "-o", str(built), str(code), "-lm"], compile_timeout())
     if failed:

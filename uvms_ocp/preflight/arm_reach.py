@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from scipy.optimize import least_squares
 
 from uvms_ocp.model.robot import Robot
 
@@ -77,6 +76,8 @@ class ArmReach:
         yield self._reach(X_WB, goal, x)
 
     def _minimise(self, X_WB: pin.SE3, goal: pin.SE3, start: np.ndarray, weight: float) -> np.ndarray:
+        from scipy.optimize import least_squares  # half a second, which few need
+
         weights = np.repeat([1.0, weight], 3)
         span = _MARGIN * (self._upper - self._lower)
         result = least_squares(

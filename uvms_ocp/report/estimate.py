@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from uvms_ocp.record import Record
 from uvms_ocp.report.series import quantities_at
@@ -37,7 +37,8 @@ def norm_bound(told: float, spread: float) -> float:
         return told
     variance = spread**2 / 3.0
     mean, half = spread**2 + told**2, variance * (3.0 * variance + 2.0 * told**2)  # of the square; half its variance
-    return float(np.sqrt(half / mean * chi2.ppf(CHANCE, mean**2 / half)))
+    of_chi_squared = 2.0 * gammaincinv(0.5 * mean**2 / half, CHANCE)
+    return float(np.sqrt(half / mean * of_chi_squared))
 
 
 def estimate_table(record: Record) -> list[dict[str, Any]]:

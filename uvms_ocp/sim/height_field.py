@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
-from scipy.optimize import brentq
 
 from uvms_ocp.arguments import Count, Shape, Vector3, checked, late
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
@@ -188,6 +187,8 @@ class HeightField(Seafloor):
     def _refined(
         self, bumps: np.ndarray, origin: np.ndarray, direction: np.ndarray, above: float, below: float
     ) -> float:
+        from scipy.optimize import brentq  # half a second, which few need
+
         (x, y, z), (dx, dy, dz) = origin.tolist(), direction.tolist()
 
         def clearance(s: float) -> float:

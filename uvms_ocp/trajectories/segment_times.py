@@ -10,7 +10,6 @@ from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize
 
 from uvms_ocp.arguments import Count, Finite, Positive, Shape, checked
 from uvms_ocp.arrays import Array
@@ -112,6 +111,8 @@ def optimal_times(
     tolerance [-]: largest slope of the cost, as a share of its first value, by the logarithm of a duration. Raises
     `InvalidInput` as ``min_snap``, and for a time weight that is not positive.
     """
+    from scipy.optimize import minimize  # half a second, which few need
+
     if not 0.0 < time_weight <= _LARGEST_WEIGHT:
         raise InvalidInput(f"time_weight is {time_weight}; it must be positive, and at most {_LARGEST_WEIGHT:g}.")
     if not np.size(times):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import wraps
 from io import BytesIO
 from pathlib import Path
@@ -77,6 +78,9 @@ _STYLE: dict[str, Any] = {
 }
 
 
+_AT_DRAWING = {key: _STYLE[key] for key in ("text.parse_math",)}
+
+
 class _PlainPowers(LogFormatterSciNotation):
     """Labels of a logarithmic axis in letters, 10⁻³ or 4·10⁻³, as formulas are off."""
 
@@ -97,7 +101,7 @@ class RecordFigure(Figure):
 
     def draw(self, renderer: RendererBase) -> None:
         """Ticks get their labels only now; letters that the font has not are drawn as boxes."""
-        with mpl.rc_context({"text.parse_math": False}), warnings.catch_warnings():
+        with mpl.rc_context(_AT_DRAWING), warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="Glyph .* missing from font")
             super().draw(renderer)
 
@@ -137,10 +141,25 @@ def save_figure(figure: Figure, path: Path) -> Path:
     """Write a PNG, and the folders that it needs; returns its path. Raises `OutputError`."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=DPI)
+        with _laid_out(figure):
+            figure.savefig(path, dpi=DPI)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error}); choose another folder") from error
     return path
+
+
+@contextmanager
+def _laid_out(figure: Figure) -> Iterator[None]:
+    """With every artist in its place: left to find them itself, Matplotlib draws all of it once more."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        with mpl.rc_context(_AT_DRAWING):
+            engine.execute(figure)
+    figure.set_layout_engine(None)
+    try:
+        yield
+    finally:
+        figure.set_layout_engine(engine)
 
 
 def heading_legend(figure: Figure, handles: Sequence[Line2D]) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linprog
 
 from uvms_ocp.control.actuator_health.effect import Effect
 
@@ -101,6 +100,8 @@ def _largest(
     way: int,
 ) -> float:
     """Largest x with ``matrix T + s = trim + way x e``, T within its limits, s within what the water balances."""
+    from scipy.optimize import linprog  # half a second, which few need
+
     direction = np.zeros((6, 1))
     direction[axis] = -way
     if axis in _HELD_BY_WATER:  # of the thrusters' own, whatever the water balances

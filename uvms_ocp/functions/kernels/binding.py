@@ -31,7 +31,7 @@ def bind_kernels(
 def _bound(
     kernels: tuple[Callable[..., Any], ...], structures: tuple[type[ctypes.Structure], ...]
 ) -> tuple[Callable[..., Any], ...]:
-    path = compile_library(c_program(kernels, structures))
+    path = compile_library(c_program(kernels, structures), name=", ".join(kernel.__name__ for kernel in kernels))
     if path is None:
         return kernels
     library = ctypes.CDLL(str(path))

@@ -32,7 +32,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import nnls
 
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
@@ -199,6 +198,8 @@ def _held(found: _Found, above: int) -> tuple[Array, Array, Array]:
 
 def _multipliers(c: Array, gap: Array, gradient: Array, reach: Array) -> Array:
     """x >= 0 (k,) for which both the gradient left and the gaps are small, in the sense of least squares."""
+    from scipy.optimize import nnls  # half a second, which few need
+
     if len(c) == 0:
         return np.zeros(0)
     columns = np.vstack([(c * reach).T, gap])
