@@ -21,7 +21,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import casadi as ca
@@ -43,6 +43,7 @@ static inline double smaller(double x, double y) { return x <= y || y != y ? x :
 _VERSION_TIMEOUT = 30.0  # [s]
 _HUNG: set[str] = set()  # compilers, which are not called again
 _SAID: set[str] = set()
+_HOMES: dict[ca.Function, Path] = {}  # of compiled functions
 _SLOWER = "everything works, only slower"
 _log = logging.getLogger(__name__)
 
@@ -91,10 +92,23 @@ def external_function(name: str, source: str, flags: Sequence[str] = ()) -> ca.F
     if path is None:
         return None
     try:
-        return ca.external(name, str(path))
+        function = ca.external(name, str(path))
+        _HOMES[function] = path
+        return function
     except RuntimeError:  # the library is one, but not of this source
         _warn_once(f"{path} does not define {name}")
         return None
+
+
+def compiled_symbol(function: ca.Function) -> int | None:
+    """Address of the machine code of ``function``, for other machine code to call; None where it cannot be compiled."""
+    path = _HOMES.get(function) or _HOMES.get(compile_function(function))
+    return None if path is None else ctypes.cast(_loaded(path)[function.name()], ctypes.c_void_p).value
+
+
+@cache
+def _loaded(path: Path) -> ctypes.CDLL:
+    return ctypes.CDLL(str(path))
 
 
 def _key(source: str, flags: Sequence[str], compiler: str) -> str:

@@ -6,6 +6,7 @@ import math
 from typing import Annotated, Any
 
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, zeros
+from uvms_ocp.functions.kernels.smooth import Smooth
 
 
 class Small(Layout):
@@ -14,6 +15,7 @@ class Small(Layout):
     n: int
     x: float
     values: Annotated[Vector, Sized(3)]
+    root: Smooth
 
 
 def to_a_power(m: Small) -> float:
@@ -27,7 +29,7 @@ def of_a_text(m: Small) -> None:
 
 
 def of_a_field_that_is_not_there(m: Small) -> float:
-    """Small has no field 'y'; it has n, x, values"""
+    """Small has no field 'y'; it has n, x, values, root"""
     return m.y  # type: ignore[attr-defined, no-any-return]
 
 
@@ -88,6 +90,16 @@ def _sum(a: float, b: float) -> float:
     return a + b
 
 
+def calling_a_function_with_too_few(m: Small) -> None:
+    """has to give 1 vectors to read and 1 to fill"""
+    m.root(m.values)
+
+
+def calling_a_function_with_a_short_vector(m: Small) -> None:
+    """m.values is no vector of 4 numbers"""
+    m.root(m.values, m.values)
+
+
 def without_annotation(m: Any) -> float:
     """without_annotation: m is annotated with .*; give float, int, bool, Vector or a layout of \\['Small'\\]"""
     return float(m.x)
@@ -115,6 +127,8 @@ ALL = (
     calling_what_is_no_kernel,
     calling_a_builtin,
     calling_with_too_few,
+    calling_a_function_with_too_few,
+    calling_a_function_with_a_short_vector,
     without_annotation,
     that_is_nested,
 )

@@ -7,6 +7,7 @@ from enum import IntEnum
 from typing import Annotated
 
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, zeros
+from uvms_ocp.functions.kernels.smooth import Smooth
 
 LIMIT = 0.75
 
@@ -23,6 +24,26 @@ class Window(Layout):
     count: int
     full: bool
     values: Annotated[Vector, Sized(7)]
+
+
+class Motion(Layout):
+    """Of `advance`."""
+
+    dynamics: Smooth
+    x: Annotated[Vector, Sized(2)]
+    rate: Annotated[Vector, Sized(2)]
+    slope: Annotated[Vector, Sized(4)]
+    energy: Annotated[Vector, Sized(1)]
+
+
+def advance(m: Motion, push: float, n: int) -> float:
+    """n steps of 10 ms, by a function that also tells its slope."""
+    for _ in range(n):
+        m.dynamics(m.x, push, m.rate, m.slope, None)
+        for i in range(len(m.x)):
+            m.x[i] += 0.01 * m.rate[i]
+    m.dynamics(m.x, None, None, None, m.energy)
+    return m.energy[0]
 
 
 class Memory(Layout):

@@ -6,13 +6,14 @@ import ctypes
 from collections.abc import Callable
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 import refused_kernels
-from sample_kernels import Memory, tick
+from sample_kernels import Memory, Motion, advance, tick
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions.kernels.binding import bind_kernels
+from uvms_ocp.functions.kernels.binding import bind_kernels, memory_of
 from uvms_ocp.functions.kernels.layout import Layout, structure_of
 from uvms_ocp.functions.kernels.program import c_program
 
@@ -49,6 +50,44 @@ def test_python_and_c_give_the_same_bits(n: int) -> None:
     assert mine.windows[0].count == 500
 
 
+def _pendulum() -> ca.Function:
+    x, push = ca.SX.sym("x", 2), ca.SX.sym("push")
+    rate = ca.vertcat(x[1], push - ca.sin(x[0]))
+    slope = ca.densify(ca.jacobian(rate, x))
+    return ca.Function("pendulum", [x, push], [rate, slope, x[1] ** 2 / 2 - ca.cos(x[0])])
+
+
+def test_kernels_call_smooth_functions() -> None:
+    """In machine code from machine code, and in Python with the same numbers up to rounding."""
+    structure = structure_of(Motion, dynamics=_pendulum())
+    mine, (in_c,) = memory_of(structure, (advance,))
+    other, (in_python,) = memory_of(structure, (advance,), compiled=False)
+    assert in_python is advance
+    assert in_c is not advance
+    for memory in (mine, other):
+        memory.x[0] = 1.0
+    for push in (0.3, -2.0, 0.0):
+        assert in_c(mine, push, 50) == pytest.approx(in_python(other, push, 50), abs=1e-12)
+    assert list(mine.slope) == pytest.approx([0.0, -np.cos(mine.x[0] - 0.01 * mine.rate[0]), 1.0, 0.0], abs=1e-12)
+
+
+def test_two_functions_of_one_form_are_not_mixed_up() -> None:
+    """Which one a kernel calls is part of its memory, not of its code."""
+    x, push = ca.SX.sym("x", 2), ca.SX.sym("push")
+    for gain in (1.0, -2.0):
+        function = ca.Function("linear", [x, push], [gain * x, ca.SX.ones(2, 2), ca.sumsqr(x)])
+        memory, (in_c,) = memory_of(structure_of(Motion, dynamics=function), (advance,))
+        memory.x[0] = 1.0
+        in_c(memory, 0.0, 1)
+        assert memory.x[0] == 1.0 + 0.01 * gain
+
+
+def test_a_function_with_structural_zeros_is_refused() -> None:
+    x = ca.SX.sym("x", 2)
+    with pytest.raises(InvalidInput, match="sparse has sparse arguments; make them dense"):
+        structure_of(Motion, dynamics=ca.Function("sparse", [x], [ca.diag(x)]))
+
+
 def test_without_a_compiler_it_is_the_function_itself() -> None:
     assert bind_kernels((tick,), (structure_of(Memory, n=2),), compiled=False) == (tick,)
 
@@ -57,7 +96,7 @@ def test_sizes_of_a_layout_are_those_of_its_parts() -> None:
     memory = structure_of(Memory, n=5)()
     assert (len(memory.windows), len(memory.double[0]), len(memory.windows[4].values)) == (5, 3, 7)
     assert structure_of(Memory, n=5) is structure_of(Memory, n=5)
-    with pytest.raises(InvalidInput, match=r"Memory\.windows has 'n' entries, which is not given; given: \[\]"):
+    with pytest.raises(InvalidInput, match=r"Memory\.windows needs 'n', which is not given; given: \[\]"):
         structure_of(Memory)
 
 
@@ -72,8 +111,12 @@ class Wrong(Layout):
     name: str
 
 
+_X = ca.SX.sym("x", 4)
+_ROOT = ca.Function("root", [_X], [ca.sqrt(_X)])
+
+
 @pytest.mark.parametrize("kernel", refused_kernels.ALL, ids=lambda kernel: kernel.__name__)
 def test_what_is_no_kernel_is_refused_with_its_line(kernel: Callable[..., Any]) -> None:
     """Each says in its docstring what the refusal has to tell."""
     with pytest.raises(InvalidInput, match=kernel.__doc__ or "-"):
-        c_program((kernel,), (structure_of(refused_kernels.Small),))
+        c_program((kernel,), (structure_of(refused_kernels.Small, root=_ROOT),))

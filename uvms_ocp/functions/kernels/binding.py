@@ -12,6 +12,7 @@ from uvms_ocp.functions.compile import compile_library
 from uvms_ocp.functions.kernels.expressions import PREFIX
 from uvms_ocp.functions.kernels.layout import Layout
 from uvms_ocp.functions.kernels.program import c_program
+from uvms_ocp.functions.kernels.smooth import connect
 
 _PLAIN: dict[Any, Any] = {float: ctypes.c_double, int: ctypes.c_int, bool: ctypes.c_int}
 
@@ -25,6 +26,17 @@ def bind_kernels(
     `InvalidInput` for a function that is no kernel.
     """
     return _bound(tuple(kernels), tuple(structures)) if compiled else tuple(kernels)
+
+
+def memory_of(
+    structure: type[ctypes.Structure], kernels: Sequence[Callable[..., Any]], *, compiled: bool = True
+) -> tuple[ctypes.Structure, tuple[Callable[..., Any], ...]]:
+    """A new memory whose functions are at their places, and the `kernels` that work on it, as `bind_kernels` gives them.
+
+    Where one of its functions cannot be compiled the kernels stay in Python.
+    """
+    memory = structure()
+    return memory, bind_kernels(kernels, (structure,), compiled=compiled and connect(memory))
 
 
 @lru_cache(maxsize=64)

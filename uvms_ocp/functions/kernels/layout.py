@@ -8,7 +8,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Any, TypeAlias, get_args, get_origin, get_type_hints
 
+import casadi as ca
+
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions.kernels.smooth import Smooth, smooth_structure
 
 Vector: TypeAlias = MutableSequence[float]
 """A parameter of a kernel: numbers that it reads or changes in place."""
@@ -25,7 +28,7 @@ class Sized:
 
 
 class Layout:
-    """Base of classes that only declare: fields of ``float``, ``int``, ``bool``, sized arrays of them, and other layouts.
+    """Base of classes that only declare: fields of ``float``, ``int``, ``bool``, sized arrays of them, other layouts, `Smooth`.
 
     ``structure_of(Class, n_joints=4)`` is the type whose instances kernels work on; all of it is zero at first.
     """
@@ -34,28 +37,30 @@ class Layout:
 _NUMBERS: dict[Any, Any] = {float: ctypes.c_double, int: ctypes.c_int, bool: ctypes.c_int}
 
 
-def structure_of(layout: type[Layout], **sizes: int) -> type[ctypes.Structure]:
-    """The type of a layout in memory, with the sizes [-] that its arrays and those of its parts are declared with.
+def structure_of(layout: type[Layout], **sizes: int | ca.Function) -> type[ctypes.Structure]:
+    """The type of a layout in memory, with the sizes [-] that its arrays and those of its parts are declared with, and functions.
 
-    Raises `InvalidInput` for a size without a number and a field of another type.
+    Raises `InvalidInput` for a size or function that is not given, and a field of another type.
     """
     key: Any = layout
     return _structure(key, tuple(sorted(sizes.items())))
 
 
 @lru_cache(maxsize=256)
-def _structure(layout: Any, sizes: tuple[tuple[str, int], ...]) -> type[ctypes.Structure]:
+def _structure(layout: Any, sizes: tuple[tuple[str, Any], ...]) -> type[ctypes.Structure]:
     known = dict(sizes)
     hints = get_type_hints(layout, include_extras=True)
     fields = [(name, _field(f"{layout.__name__}.{name}", hint, known)) for name, hint in hints.items()]
     return type(layout.__name__, (ctypes.Structure,), {"__slots__": (), "_fields_": fields, "__doc__": layout.__doc__})
 
 
-def _field(name: str, hint: Any, sizes: Mapping[str, int]) -> Any:
+def _field(name: str, hint: Any, sizes: Mapping[str, Any]) -> Any:
     if hint in _NUMBERS:
         return _NUMBERS[hint]
     if isinstance(hint, type) and issubclass(hint, Layout):
         return structure_of(hint, **sizes)
+    if hint is Smooth:
+        return smooth_structure(_known(name, name.rpartition(".")[2], sizes))
     item = _item(hint)
     if item is None:
         raise InvalidInput(
@@ -63,11 +68,15 @@ def _field(name: str, hint: Any, sizes: Mapping[str, int]) -> Any:
         )
     kind = _field(name, item, sizes)
     for size in reversed(get_args(hint)[1].sizes):
-        if isinstance(size, str) and size not in sizes:
-            raise InvalidInput(f"{name} has {size!r} entries, which is not given; given: {sorted(sizes)}")
         # C knows no empty array.
-        kind = kind * max(1, sizes[size] if isinstance(size, str) else size)
+        kind = kind * max(1, _known(name, size, sizes) if isinstance(size, str) else size)
     return kind
+
+
+def _known(name: str, asked: str, given: Mapping[str, Any]) -> Any:
+    if asked not in given:
+        raise InvalidInput(f"{name} needs {asked!r}, which is not given; given: {sorted(given)}")
+    return given[asked]
 
 
 def _item(hint: Any) -> Any:

@@ -14,6 +14,7 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.kernels.c_types import DOUBLE, INT, NOTHING, VECTOR, CType, of_ctypes
 from uvms_ocp.functions.kernels.expressions import PREFIX, Scope, Signature, c_name
 from uvms_ocp.functions.kernels.layout import Layout, Vector
+from uvms_ocp.functions.kernels.smooth import SmoothStructure, work_sizes
 from uvms_ocp.functions.kernels.statements import block
 
 _HEAD = """#include <math.h>
@@ -100,15 +101,18 @@ class _Program:
             return _PLAIN.get(hint, NOTHING)
         if isinstance(hint, type) and issubclass(hint, Layout) and hint.__name__ in self._structures:
             return CType(hint.__name__, (), self._structures[hint.__name__])
-        raise InvalidInput(
-            f"{what} is annotated with {hint}; give float, int, bool, Vector or a layout of {[*self._structures]}"
-        )
+        layouts = [name for name, kind in self._structures.items() if not issubclass(kind, SmoothStructure)]
+        raise InvalidInput(f"{what} is annotated with {hint}; give float, int, bool, Vector or a layout of {layouts}")
 
     def _declare(self, structure: type[ctypes.Structure]) -> None:
         name = structure.__name__
         if name in self._structures:
             if self._structures[name] is not structure:
                 raise InvalidInput(f"layout {name} has two sizes in one program; give it one")
+            return
+        if issubclass(structure, SmoothStructure):
+            self._structures[name] = structure
+            self.declared.append(_smooth(structure))
             return
         kinds = {field: of_ctypes(kind) for field, kind in structure._fields_}  # type: ignore[misc]
         for kind in kinds.values():
@@ -117,6 +121,13 @@ class _Program:
         self._structures[name] = structure
         fields = "".join(f"  {_field(field, kind)};\n" for field, kind in kinds.items())
         self.declared.append(f"typedef struct {{\n{fields}}} {name};\n")
+
+
+def _smooth(structure: type[SmoothStructure]) -> str:
+    n_arg, n_res, n_iw, n_w = work_sizes(structure.function)
+    call = "int (*call)(const double **, double **, long long int *, double *, int);"
+    memory = f"const double *arg[{n_arg}];\n  double *res[{n_res}];\n  long long int iw[{n_iw}];\n  double w[{n_w}];"
+    return f"typedef struct {{\n  {call}\n  {memory}\n}} {structure.__name__};\n"
 
 
 def _field(name: str, kind: CType) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 from uvms_ocp.functions.kernels.c_types import DOUBLE, INT, NOTHING, CType, kernel_error
 from uvms_ocp.functions.kernels.expressions import C, Scope, c_name, constant, expression, length, number
 from uvms_ocp.functions.kernels.layout import zeros
+from uvms_ocp.functions.kernels.smooth import SmoothStructure
 
 
 def block(nodes: Sequence[ast.stmt], scope: Scope) -> list[str]:
@@ -133,7 +134,47 @@ def _alone(node: ast.Expr, scope: Scope) -> list[str]:
         return []
     if not isinstance(node.value, ast.Call):
         raise kernel_error(node, "does nothing")
-    return [f"{expression(node.value, scope).text};"]
+    function = _smooth(node.value, scope)
+    return [f"{expression(node.value, scope).text};"] if function is None else _smooth_call(node.value, function, scope)
+
+
+def _smooth(call: ast.Call, scope: Scope) -> C | None:
+    """The field that is called, if it is one."""
+    owner = call.func
+    while isinstance(owner, ast.Attribute):
+        owner = owner.value
+    if not isinstance(owner, ast.Name) or owner.id not in scope.local:
+        return None
+    return expression(call.func, scope)
+
+
+def _smooth_call(call: ast.Call, target: C, scope: Scope) -> list[str]:
+    if not (isinstance(target.type.structure, type) and issubclass(target.type.structure, SmoothStructure)):
+        raise kernel_error(call, "calls what is no function")
+    function = target.type.structure.function
+    n, sizes = function.n_in(), [function.numel_in(i) for i in range(function.n_in())]
+    sizes += [function.numel_out(i) for i in range(function.n_out())]
+    if len(call.args) != len(sizes):
+        raise kernel_error(call, f"has to give {n} vectors to read and {len(sizes) - n} to fill")
+    given = [
+        _vector(argument, size, k < n, scope) for k, (argument, size) in enumerate(zip(call.args, sizes, strict=True))
+    ]
+    places = [f"arg[{k}]" if k < n else f"res[{k - n}]" for k in range(len(sizes))]
+    filled = [f"  f->{place} = {vector};" for place, vector in zip(places, given, strict=True)]
+    head = f"  {target.type.name} *f = {target.text};"
+    return ["{", head, *filled, "  f->call(f->arg, f->res, f->iw, f->w, 0);", "}"]
+
+
+def _vector(node: ast.expr, size: int, read: bool, scope: Scope) -> str:
+    if isinstance(node, ast.Constant) and node.value is None:
+        return "0"
+    found = expression(node, scope)
+    if found.type.is_number and read and size == 1:
+        return f"(const double[]){{{found.text}}}"
+    known = found.type.sizes[0] if found.type.sizes else -1
+    if found.type.name != "double" or len(found.type.sizes) != 1 or 0 < known < size:
+        raise kernel_error(node, f"is no vector of {size} numbers")
+    return found.text
 
 
 def _word(word: str) -> Callable[[Any, Scope], list[str]]:

@@ -1,0 +1,88 @@
+"""CasADi functions inside of layouts, which kernels call."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any, TypeAlias
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions.buffered import BufferedFunction
+from uvms_ocp.functions.compile import compiled_symbol
+
+Vectors: TypeAlias = Sequence[float] | float | None
+
+
+class Smooth:
+    """A field of a layout: a function that kernels call as ``m.levels(q, v, J, lower)``, what it reads first, then what it fills.
+
+    ``structure_of(Memory, levels=function)`` says which. Every argument is a vector of its own size, column after column. A
+    number is a vector of one to read; None is zeros to read, or nothing to fill.
+    """
+
+    def __call__(self, *vectors: Vectors) -> None:
+        """What stands in a kernel."""
+
+
+class SmoothStructure(ctypes.Structure):
+    """Of one function: its address, and the memory that it works in."""
+
+    __slots__ = ()
+    function: ca.Function
+    """Which it is."""
+
+    def __call__(self, *vectors: Vectors) -> None:
+        """As C does it, without a compiler."""
+        call, n = _buffered(self.function), self.function.n_in()
+        found = call(*(_given(vector, self.function.size_in(i)) for i, vector in enumerate(vectors[:n])))
+        for target, values in zip(vectors[n:], found, strict=True):
+            if target is not None:
+                np.ctypeslib.as_array(target)[: values.size] = values.ravel(order="F")
+
+
+@lru_cache(maxsize=256)
+def smooth_structure(function: ca.Function) -> type[SmoothStructure]:
+    """The type of the field. Raises `InvalidInput` for a function with structural zeros among what it takes or gives."""
+    if not all(function.sparsity_in(i).is_dense() for i in range(function.n_in())) or not all(
+        function.sparsity_out(i).is_dense() for i in range(function.n_out())
+    ):
+        raise InvalidInput(f"{function.name()} has sparse arguments; make them dense")
+    sizes = work_sizes(function)
+    kinds: tuple[Any, ...] = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_longlong, ctypes.c_double)
+    memory = [(name, kind * size) for name, kind, size in zip(("arg", "res", "iw", "w"), kinds, sizes, strict=True)]
+    fields: list[tuple[str, Any]] = [("call", ctypes.c_void_p), *memory]
+    name = "Smooth_" + "_".join(map(str, (function.name(), *sizes)))
+    return type(name, (SmoothStructure,), {"__slots__": (), "_fields_": fields, "function": function})
+
+
+def work_sizes(function: ca.Function) -> tuple[int, int, int, int]:
+    """Pointers to arguments and results, whole numbers and numbers [-] that a call needs memory for."""
+    return tuple(max(1, size) for size in (function.sz_arg(), function.sz_res(), function.sz_iw(), function.sz_w()))
+
+
+def connect(memory: ctypes.Structure) -> bool:
+    """Give the functions in `memory` the addresses of their machine code; false where one of them cannot be compiled."""
+    done = True
+    for name, kind in type(memory)._fields_:  # type: ignore[misc]
+        part = getattr(memory, name)
+        if isinstance(part, SmoothStructure):
+            part.call = compiled_symbol(part.function)
+            done &= part.call is not None
+        elif issubclass(kind, ctypes.Structure):
+            done &= connect(part)
+    return done
+
+
+@lru_cache(maxsize=256)
+def _buffered(function: ca.Function) -> BufferedFunction:
+    return BufferedFunction(function)
+
+
+def _given(vector: Any, size: tuple[int, int]) -> Any:
+    if vector is None:
+        return np.zeros(size)
+    return np.asarray(vector, dtype=float).ravel()[: size[0] * size[1]].reshape(size, order="F")
