@@ -15,6 +15,7 @@ from uvms_ocp.model.water.hydrodynamics import Water
 
 _FASTEST = 10.0  # [m/s] no sea is faster, Saltstraumen included: more is a slip of units
 _BLOCK = 256  # nodes of a gust that are drawn at a time
+_CUBICS = np.array([[0, -1, 2, -1], [2, 0, -5, 3], [0, 1, 4, -3], [0, 0, -1, 1]]) / 2  # (4, 4) [-] of nodes by powers
 
 Points = Annotated[np.ndarray, Shape("n", 3)]
 
@@ -51,9 +52,23 @@ def water_at(current: Current, p_W: Points, t: float) -> Water:
     flows steadily in parallel layers. `uvms_ocp.model.water.hydrodynamics` says what else slopes do, which is neglected.
     Raises `InvalidInput` where the current does.
     """
-    u = current.velocity(p_W, t)
+    u, rate = current.velocity(p_W, t), current.rate(p_W, t)
+    if is_uniform(current):
+        return Water(velocity=u, acceleration=rate)
     carried = (current.gradient(p_W, t) @ u[:, :, None])[:, :, 0]
-    return Water(velocity=u, acceleration=current.rate(p_W, t) + carried)
+    return Water(velocity=u, acceleration=rate + carried)
+
+
+def is_uniform(current: Current) -> bool:
+    """Whether it is known to be the same everywhere: one point then stands for all."""
+    if type(current) is GustyCurrent:
+        return is_uniform(current.base)
+    return type(current) in (StillWater, UniformCurrent, OnsetCurrent)
+
+
+def is_steady(current: Current) -> bool:
+    """Whether it is known to be the same everywhere and always."""
+    return type(current) in (StillWater, UniformCurrent)
 
 
 @late
@@ -86,7 +101,7 @@ class UniformCurrent(Current):
         object.__setattr__(self, "value", _flow("velocity of the current", velocity, (3,)))
 
     def velocity(self, p_W: Points, t: float) -> np.ndarray:
-        return np.tile(self.value, (len(p_W), 1))
+        return _rows(self.value, len(p_W))
 
     def rate(self, p_W: Points, t: float) -> np.ndarray:
         return np.zeros((len(p_W), 3))
@@ -168,11 +183,11 @@ class OnsetCurrent(Current):
         object.__setattr__(self, "rise", float(rise))
 
     def velocity(self, p_W: Points, t: float) -> np.ndarray:
-        return np.tile(self.value * (0.5 - 0.5 * math.cos(math.pi * self._share(t))), (len(p_W), 1))
+        return _rows(self.value * (0.5 - 0.5 * math.cos(math.pi * self._share(t))), len(p_W))
 
     def rate(self, p_W: Points, t: float) -> np.ndarray:
         slope = 0.5 * math.pi / self.rise * math.sin(math.pi * self._share(t))
-        return np.tile(self.value * slope, (len(p_W), 1))
+        return _rows(self.value * slope, len(p_W))
 
     def gradient(self, p_W: Points, t: float) -> np.ndarray:
         return np.zeros((len(p_W), 3, 3))
@@ -220,14 +235,14 @@ class GustyCurrent(Current):
     @late
     def velocity(self, p_W: Points, t: float) -> np.ndarray:
         s, nodes = self._around(t)
-        weights = np.array([-s + 2 * s**2 - s**3, 2 - 5 * s**2 + 3 * s**3, s + 4 * s**2 - 3 * s**3, s**3 - s**2]) / 2
-        return self.base.velocity(p_W, t) + weights @ nodes
+        weights = _CUBICS.dot((1.0, s, s * s, s * s * s))
+        return self.base.velocity(p_W, t) + weights.dot(nodes)
 
     @late
     def rate(self, p_W: Points, t: float) -> np.ndarray:
         s, nodes = self._around(t)
-        weights = np.array([-1 + 4 * s - 3 * s**2, -10 * s + 9 * s**2, 1 + 8 * s - 9 * s**2, 3 * s**2 - 2 * s]) / 2
-        return self.base.rate(p_W, t) + weights @ nodes / self.step
+        weights = _CUBICS.dot((0.0, 1.0 / self.step, 2.0 * s / self.step, 3.0 * s * s / self.step))
+        return self.base.rate(p_W, t) + weights.dot(nodes)
 
     @late
     def gradient(self, p_W: Points, t: float) -> np.ndarray:
@@ -262,6 +277,12 @@ class _Path:
             row += self._decay * previous
             previous = row
         return block
+
+
+def _rows(row: np.ndarray, n: int) -> np.ndarray:
+    rows = np.empty((n, 3))
+    rows[:] = row
+    return rows
 
 
 def _flow(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:

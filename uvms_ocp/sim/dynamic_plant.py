@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -10,15 +11,11 @@ import numpy as np
 
 from uvms_ocp.arguments import Period, checked, late, trusted
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.functions.compile import compile_function
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.spatial import quaternion_to_matrix
 from uvms_ocp.model.state import Command, State
-from uvms_ocp.model.thrusters import thruster_matrix
 from uvms_ocp.sim.contact import ContactModel, skid_points
-from uvms_ocp.sim.currents import water_at
 from uvms_ocp.sim.dynamic_step import JointStops, StepModel, step_function
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.faults.current_step import with_steps
@@ -26,7 +23,9 @@ from uvms_ocp.sim.faults.fault import Fault
 from uvms_ocp.sim.faults.plant_faults import active_of, jammed_axes, joined_velocity, loaded, payloads
 from uvms_ocp.sim.faults.thruster_condition import condition_of
 from uvms_ocp.sim.plant import Plant
-from uvms_ocp.sim.thrusters import ThrusterBank, joint_power
+from uvms_ocp.sim.step_sequence import StepSequence, parts_of
+from uvms_ocp.sim.surroundings import Surroundings
+from uvms_ocp.sim.thrusters import Thrusters
 
 _state = trusted(State)
 
@@ -65,62 +64,94 @@ class DynamicPlant(Plant):
             points=self._points,
             contact=contact or ContactModel(),
             stops=stops or JointStops(),
+            thrusters=Thrusters.of(robot),
         )
-        self._step = BufferedFunction(compile_function(step_function(self._model)))
+        self._step = compile_function(step_function(self._model))
+        self._surroundings = Surroundings(self._environment, dynamics.symbolic, self._points)
         self._faults = tuple(fault for fault in faults if fault.strikes.family in _STRUCK)
         self._active: tuple[Fault, ...] = ()
-        self._matrix = thruster_matrix(robot)
-        self._bank = ThrusterBank(robot)
-        self._efficiency = robot.description.joint_efficiency
         self._t = 0.0
-        self._contact = np.zeros(len(self._points))
-        self._torque = np.zeros(robot.n_joints)
-        self._joint_energy = 0.0
+        self._shapes = (len(robot.description.thrusters),), (robot.n_joints,)
+        self._zeros = np.zeros(self._shapes[0]), np.zeros(self._shapes[1])
+        self._condition = condition_of((), self._zeros[0])
         self.state = State(q=robot.check_configuration(q0), v=np.zeros(robot.n_v), a=np.zeros(robot.n_v))
+        self._left: State | None = None
+        self._parts = parts_of(self._step)
+        self._after = np.zeros(self._parts["a"].stop)
+        self._after[self._parts["thruster_energy"]] = 0.0 * self._model.thrusters.factor
+        self._begin(max_step)
 
     @late
     def step(self, command: Command, dt: Period) -> None:
         """Advance by dt [s]. Water and floor are sampled once, thrust and motion in steps of at most `max_step`.
 
-        Raises `InvalidInput` for a command without thrust or torque.
+        Raises `InvalidInput` for a command without thrust or torque, or with some that are not finite or of another number.
         """
-        thrust, self._torque = self._efforts(command)
-        if (active := active_of(self._faults, self._t)) != self._active:
+        if self._faults and (active := active_of(self._faults, self._t)) != self._active:
             self._suffer(active)
-        water, floor = self._water(), self._floor()
-        n_steps = math.ceil(dt / self._max_step - 1e-9)
-        h, brake = np.array([dt / n_steps]), np.array([BRAKE_FRICTION if command.brakes else 0.0])
-        q, v = self.state.q, self.state.v
-        for _ in range(n_steps):
-            wrench = self._matrix @ self._bank.step(thrust, h[0])
-            tau = np.concatenate([wrench[: self._robot.n_vehicle], self._torque])
-            q, v, self._contact = self._step(q, v, tau, *water, *floor, brake, h)
-            self._joint_energy += h[0] * float(
-                joint_power(self._torque, v[self._robot.joint_v], self._efficiency).sum()
-            )
+        if dt != self._dt:
+            self._begin(dt)
+        given, advance = self._given, self._advance
+        self._ask(command, given)
+        if self.state is not self._left:  # somebody has put another in its place
+            given["q"][:], given["v"][:] = self.state.q, self.state.v
+        self._surroundings.sample(self.state.q, self._t)
+        self._after = after = advance()
+        advance.carried[:] = after[: len(advance.carried)]
         self._t += dt
-        self.state = _state(q=q, v=v, a=(v - self.state.v) / dt)  # the mean, as an accelerometer would integrate it
+        self.state = self._left = _state(q=after[self._parts["q"]], v=after[self._parts["v"]], a=after[self._parts["a"]])
 
     def telemetry(self) -> dict[str, Any]:
+        after, parts = self._after, self._parts
         return {
-            "thrust": self._bank.thrust.copy(),
-            "torque": self._torque,
-            "contact": self._contact,
-            "thruster_energy": self._bank.energy.copy(),
-            "joint_energy": self._joint_energy,
+            "thrust": after[parts["thrust"]],
+            "torque": after[parts["torque"]],
+            "contact": after[parts["contact"]],
+            "thruster_energy": after[parts["thruster_energy"]],
+            "joint_energy": after.item(parts["joint_energy"].start),
         }
+
+    def _ask(self, command: Command, given: Mapping[str, np.ndarray]) -> None:
+        """Write down what the command asks for."""
+        thrust, torque, zeros = command.thrust, command.torque, self._zeros
+        if thrust is None or torque is None:
+            raise InvalidInput("the dynamic plant needs thrust and torque; wrap the controller in a DynamicController")
+        shapes = thrust.shape, torque.shape
+        # Infinite and NaN alike: times 0 neither is 0, and limits would hide both.
+        if shapes != self._shapes or thrust.dot(zeros[0]) != 0.0 or torque.dot(zeros[1]) != 0.0:
+            n, m = len(zeros[0]), len(zeros[1])
+            raise InvalidInput(f"thrust {thrust}, torque {torque} given; allowed: {n} and {m} finite numbers")
+        given["asked_thrust"][:], given["asked_torque"][:] = thrust, torque
+        given["brake"][0] = BRAKE_FRICTION if command.brakes else 0.0
+
+    def _begin(self, dt: float) -> None:
+        """From now on, with the function there is, take periods of dt [s]."""
+        n_steps = max(1, math.ceil(dt / self._max_step - 1e-9))
+        self._dt, self._advance = dt, StepSequence(self._step, n_steps)
+        self._given = given = self._advance.given
+        self._advance.carried[:] = self._after[: len(self._advance.carried)]
+        given["dt"][0], given["decay"][:] = dt, self._model.thrusters.decay(dt / n_steps).T
+        given["share"][:], given["offset"][:] = self._condition.share, self._condition.offset
+        self._surroundings.bind(given)
 
     def _suffer(self, active: tuple[Fault, ...]) -> None:
         """Go on with other faults than before."""
-        self._bank.suffer(condition_of(active, self._bank.thrust))
+        self._after = self._after.copy()
+        thrust = self._after[self._parts["thrust"]]
+        self._condition = condition_of(active, thrust)
+        thrust[self._condition.dead] = 0.0
         had, have, locked = payloads(self._active), payloads(active), jammed_axes(self._robot, active)
         self._active = active
         if have != had:
             self._carry(had, have)
         if have != had or locked != self._model.locked:
-            self._model = replace(self._model, dynamics=self._dynamics.symbolic, locked=locked)
             # Not compiled: a run does not wait for that in its middle.
-            self._step = BufferedFunction(step_function(self._model))
+            self._model = replace(self._model, dynamics=self._dynamics.symbolic, locked=locked)
+            self._step = step_function(self._model)
+            self._surroundings = Surroundings(
+                self._environment, self._dynamics.symbolic, self._points, compiled=False
+            )
+        self._begin(self._dt)
 
     def _carry(self, had: tuple[Fault, ...], have: tuple[Fault, ...]) -> None:
         """Let go of payloads, which take their momentum along, and pick up others, which lay still."""
@@ -134,23 +165,3 @@ class DynamicPlant(Plant):
 
     def _with_payloads(self, carried: tuple[Fault, ...]) -> Dynamics:
         return robot_dynamics(loaded(self._robot, carried)) if carried else self._unloaded
-
-    def _efforts(self, command: Command) -> tuple[np.ndarray, np.ndarray]:
-        if command.thrust is None or command.torque is None:
-            raise InvalidInput("the dynamic plant needs thrust and torque; wrap the controller in a DynamicController")
-        effort = self._robot.limits.effort
-        return command.thrust, np.clip(command.torque, -effort, effort)
-
-    def _water(self) -> tuple[np.ndarray, np.ndarray]:
-        """Velocity [m/s] and acceleration Du/Dt [m/s2] (3, n_links) of the water at the links."""
-        water = water_at(self._environment.current, self._dynamics.link_positions(self.state.q), self._t)
-        return water.velocity.T, water.acceleration.T
-
-    def _floor(self) -> tuple[np.ndarray, np.ndarray]:
-        """Height (n_points,) [m] and normal (3, n_points) [-] of the floor below the contact points."""
-        q = self.state.q
-        corners = self._points @ quaternion_to_matrix(q[3:7]).T + q[:3] if len(self._points) else self._points
-        floor = self._environment.seafloor
-        heights = [floor.height(x, y) for x, y, _ in corners]
-        normals = [floor.normal(x, y) for x, y, _ in corners]
-        return np.array(heights), np.array(normals).reshape(-1, 3).T

@@ -12,16 +12,29 @@ for, and where it still moved, the first step is the impulse that stops it, whic
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.functions.elementwise import clipped
 from uvms_ocp.model.limits import bounded_joints
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.spatial import skew
 from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
+from uvms_ocp.model.symbolic.joint_types import sparse
+from uvms_ocp.model.thrusters import thruster_matrix
 from uvms_ocp.sim.contact import ContactModel
+from uvms_ocp.sim.thrusters import N_DECAYS, Thrusters, joint_power
+
+CARRIED = ("q", "v", "thrust", "thruster_energy", "joint_energy")
+"""What one step hands to the next."""
+INPUTS = (
+    *(*CARRIED, "asked_thrust", "asked_torque", "share", "offset", "decay"),
+    *("u", "Du_Dt", "floor_z", "floor_normal", "brake", "dt"),
+)
+"""Of `step_function`."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -48,38 +61,59 @@ class StepModel:
     """Of every point."""
     stops: JointStops
     """Of every joint."""
+    thrusters: Thrusters
+    """Of the robot."""
     locked: tuple[int, ...] = ()
     """[-] entries of v that a constraint holds at 0."""
 
 
 def step_function(model: StepModel) -> ca.Function:
-    """Function ``q, v, tau, u, Du_Dt, floor_z, floor_normal, brake, dt -> q_next, v_next, contact``.
+    """Function of one step of dt [s], whose first results are the first inputs of the next.
 
-    tau (n_v,) [N, N m]: generalized force of thrusters and motors. u (3, n_links) [m/s] and Du_Dt (3, n_links) [m/s2]:
-    water at the links. floor_z (n_points,) [m] and floor_normal (3, n_points) [-]: height and normal of the floor below
-    the contact points. brake [N m s/rad]: friction of the brakes on every joint. dt [s]. contact (n_points,) [N]: the
+    ``q, v, thrust, thruster_energy, joint_energy, asked_thrust, asked_torque, share, offset, decay, u, Du_Dt, floor_z,
+    floor_normal, brake, dt -> q, v, thrust, thruster_energy, joint_energy, torque, contact``, the names of the first five
+    results with ``_next``.
+
+    thrust (n_thrusters,) [N], thruster_energy (n_thrusters,) [J] and joint_energy [J] so far. asked_thrust (n_thrusters,) [N]
+    and asked_torque (n_joints,) [N m or N]: the command; torque is what the motors give of it. share, offset (n_thrusters,)
+    [-, N]: `ThrusterCondition`. decay (n_thrusters, N_DECAYS) [-]: `Thrusters.decay`. u (3, n_links) [m/s] and Du_Dt
+    (3, n_links) [m/s2]: water at the links. floor_z (n_points,) [m] and floor_normal (3, n_points) [-]: height and normal of
+    the floor below the contact points. brake [N m s/rad]: friction of the brakes on every joint. contact (n_points,) [N]: the
     vertical force of the floor on each point.
     """
+    robot, x = model.robot, _inputs(model)
+    torque = clipped(x["asked_torque"], -robot.limits.effort, robot.limits.effort)
+    target = model.thrusters.target(x["asked_thrust"], x["share"], x["offset"])
+    thrust, taken = model.thrusters.step(x["thrust"], target, x["decay"], x["dt"])
+    wrench = sparse(thruster_matrix(robot)) @ thrust
+    v_next, contact = _velocity(model, x, ca.vertcat(wrench[: robot.n_vehicle], torque))
+    q_next = _unit_quaternion(robot, model.dynamics.symbolic.integrate(x["q"], v_next * x["dt"]))
+    power = joint_power(torque, v_next[robot.joint_v], robot.description.joint_efficiency)
+    spent = x["joint_energy"] + x["dt"] * ca.sum1(power)
+    outputs = [q_next, v_next, thrust, x["thruster_energy"] + taken, spent, torque, contact]
+    names = [*(f"{name}_next" for name in CARRIED), "torque", "contact"]
+    return ca.Function("plant_step", [*x.values()], [ca.densify(y) for y in outputs], [*x], names, {"cse": True})
+
+
+def _inputs(model: StepModel) -> dict[str, ca.SX]:
     robot, n_links, n_points = model.robot, len(model.dynamics.links), len(model.points)
-    q, v, tau = (ca.SX.sym(name, n) for name, n in (("q", robot.n_q), ("v", robot.n_v), ("tau", robot.n_v)))
-    u, Du_Dt = ca.SX.sym("u", 3, n_links), ca.SX.sym("Du_Dt", 3, n_links)
-    floor_z, normal = ca.SX.sym("floor_z", n_points), ca.SX.sym("floor_normal", 3, n_points)
-    brake, dt = ca.SX.sym("brake"), ca.SX.sym("dt")
+    n_thrusters = len(model.thrusters.lower)
+    sizes = {"q": robot.n_q, "v": robot.n_v, "asked_torque": robot.n_joints, "floor_z": n_points}
+    sizes |= {"joint_energy": 1, "brake": 1, "dt": 1}
+    tables = {"decay": (n_thrusters, N_DECAYS), "u": (3, n_links), "Du_Dt": (3, n_links), "floor_normal": (3, n_points)}
+    return {name: ca.SX.sym(name, *tables.get(name, (sizes.get(name, n_thrusters), 1))) for name in INPUTS}
 
+
+def _velocity(model: StepModel, x: Mapping[str, ca.SX], tau: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Velocity (n_v,) [m/s, rad/s] after the step under the generalized force tau (n_v,), and the contact (n_points,) [N]."""
+    q, v, u, dt = x["q"], x["v"], x["u"], x["dt"]
     force, slope_stops = _stops(model, q, v, dt)
-    brakes = brake * ca.vertcat(ca.SX.zeros(robot.n_vehicle), ca.SX.ones(robot.n_joints))
-    pushes, contact, slope_contact = _contact(model, q, v, floor_z, normal, dt)
+    brakes = x["brake"] * ca.vertcat(ca.SX.zeros(model.robot.n_vehicle), ca.SX.ones(model.robot.n_joints))
+    pushes, contact, slope_contact = _contact(model, q, v, x["floor_z"], x["floor_normal"], dt)
     G = model.dynamics.drag_slope(q, v, u) + ca.diag(slope_stops + brakes) + slope_contact
-    h = model.dynamics.bias_force(q, v, u, Du_Dt)
+    h = model.dynamics.bias_force(q, v, u, x["Du_Dt"])
     A, impulse = model.dynamics.mass_matrix(q) + dt * G, dt * (tau + force + contact - brakes * v - h)
-    v_next = _accelerated(A, v, impulse, model.locked)
-    q_next = model.dynamics.symbolic.integrate(q, v_next * dt)
-
-    inputs = {"q": q, "v": v, "tau": tau, "u": u, "Du_Dt": Du_Dt}
-    inputs |= {"floor_z": floor_z, "floor_normal": normal, "brake": brake, "dt": dt}
-    outputs = {"q_next": _unit_quaternion(robot, q_next), "v_next": v_next, "contact": pushes}
-    dense = [ca.densify(value) for value in outputs.values()]
-    return ca.Function("plant_step", [*inputs.values()], dense, [*inputs], [*outputs], {"cse": True})
+    return _accelerated(A, v, impulse, model.locked), pushes
 
 
 def _accelerated(A: ca.SX, v: ca.SX, impulse: ca.SX, locked: tuple[int, ...]) -> ca.SX:

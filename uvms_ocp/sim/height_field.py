@@ -10,7 +10,7 @@ import numpy as np
 
 from uvms_ocp.arguments import Count, Shape, Vector3, checked, late
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.sim.seafloor import Seafloor
+from uvms_ocp.sim.seafloor import Points, Seafloor
 
 _LEVEL = 1e-9  # sine of the angle to the horizon below which a ray counts as level
 _SAMPLES_PER_RADIUS = 12  # of the smallest protuberance, when a ray looks for the floor
@@ -131,15 +131,16 @@ class HeightField(Seafloor):
 
     def gradient(self, x: float, y: float) -> np.ndarray:
         """Slope (2,) [-] along x and y in W, at the point (x, y) [m]."""
-        dx, dy, height, scale = self._bumps[0] - x, self._bumps[1] - y, self._bumps[2], self._bumps[3]
-        rest = np.maximum(1.0 - (dx * dx + dy * dy) * scale, 0.0)
-        slope = 6.0 * height * rest * rest * scale
-        return np.array([slope @ dx, slope @ dy])
+        return _slopes(self._bumps, np.array([[x, y]]))[1][0]
 
     @late
     def normal(self, x: float, y: float) -> np.ndarray:
-        upwards = np.array([*-self.gradient(x, y), 1.0])
-        return upwards / np.linalg.norm(upwards)
+        return _normals(self.gradient(x, y)[None, :])[0]
+
+    def ground_at(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
+        """Heights (n,) [m] and unit normals (n, 3) [-] of the floor at points (n, 2) [m], x and y in W."""
+        elevations, slopes = _slopes(self._bumps, points)
+        return self.z + elevations, _normals(slopes)
 
     @late
     def range_along(self, origin: Vector3, direction: Vector3) -> float:
@@ -204,6 +205,21 @@ def _elevation(bumps: np.ndarray, x: float | np.ndarray, y: float | np.ndarray) 
     dx, dy = bumps[0] - x, bumps[1] - y
     rest = np.maximum(1.0 - (dx * dx + dy * dy) * bumps[3], 0.0)
     return (rest * rest * rest) @ bumps[2]
+
+
+def _slopes(bumps: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sum (m,) [m] of the bumps (4, n) at points (m, 2) [m], and its gradient (m, 2) [-]."""
+    dx, dy = bumps[0] - points[:, :1], bumps[1] - points[:, 1:]
+    rest = np.maximum(1.0 - (dx * dx + dy * dy) * bumps[3], 0.0)
+    square, weights = rest * rest, 6.0 * bumps[2] * bumps[3]
+    return (square * rest) @ bumps[2], np.stack([(square * dx) @ weights, (square * dy) @ weights], axis=1)
+
+
+def _normals(slopes: np.ndarray) -> np.ndarray:
+    """Unit normals (m, 3) [-], upwards, of a surface with slopes (m, 2) [-]."""
+    upwards = np.ones((len(slopes), 3))
+    upwards[:, :2] = -slopes
+    return upwards / np.sqrt((upwards * upwards).sum(axis=1))[:, None]
 
 
 def _near_ray(bumps: np.ndarray, origin: np.ndarray, direction: np.ndarray, start: float, end: float) -> np.ndarray:

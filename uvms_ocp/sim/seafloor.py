@@ -23,6 +23,9 @@ _SLAB = 2.0  # [m] thickness of a flat floor as an obstacle
 Corner = Annotated[np.ndarray, Shape(2), Range(open=True)]
 """(2,) [m] x, y in W."""
 
+Points = Annotated[np.ndarray, Shape("n", 2)]
+"""(n, 2) [m] x, y in W."""
+
 
 class Seafloor(Protocol):
     """A floor that can be seen by an altimeter and stood upon."""
@@ -63,10 +66,29 @@ class FlatSeafloor(Seafloor):
     def normal(self, x: float, y: float) -> np.ndarray:
         return np.array([0.0, 0.0, 1.0])
 
+    def ground_at(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
+        """Heights (n,) [m] and unit normals (n, 3) [-] of the floor at points (n, 2) [m], x and y in W."""
+        normals = np.zeros((len(points), 3))
+        normals[:, 2] = 1.0
+        return np.full(len(points), self.z), normals
+
     @late
     def range_along(self, origin: Vector3, direction: Vector3) -> float:
         descent = -float(direction[2])
         return (float(origin[2]) - self.z) / descent if descent > _LEVEL else math.nan
+
+
+@late
+def ground_at(seafloor: Seafloor, points: Points) -> tuple[np.ndarray, np.ndarray]:
+    """Heights (n,) [m] and unit normals (n, 3) [-] of the floor at points (n, 2) [m], x and y in W.
+
+    In one pass where its own class has a method ``ground_at`` for that, else point by point.
+    """
+    if "ground_at" in vars(type(seafloor)):  # an inherited one would not know of another `height`
+        return seafloor.ground_at(points)  # type: ignore[attr-defined]
+    places = points.tolist()
+    normals = np.array([seafloor.normal(x, y) for x, y in places])
+    return np.array([seafloor.height(x, y) for x, y in places]), normals.reshape(-1, 3)
 
 
 @checked

@@ -11,7 +11,7 @@ import numpy as np
 from uvms_ocp.sim.currents import Current
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.faults.fault import Fault
-from uvms_ocp.sim.seafloor import Seafloor
+from uvms_ocp.sim.seafloor import Seafloor, ground_at
 
 RISE = 2.0
 """[s] from nothing to the whole step, and back at its end."""
@@ -46,7 +46,7 @@ class SteppedCurrent(Current):
         if not vertical:
             return base
         added = np.zeros((len(p_W), 3, 3))
-        added[:, 2] = vertical * np.array([self._slope_of_share(*point) for point in p_W.tolist()]).reshape(-1, 3)
+        added[:, 2] = vertical * self._slope_of_share(p_W)
         return base + added
 
     def _step(self, t: float) -> np.ndarray:
@@ -63,16 +63,15 @@ class SteppedCurrent(Current):
         """(n, 3): a step at points p_W (n, 3), less its vertical part near the floor."""
         field = np.tile(step, (len(p_W), 1))
         if step[2]:
-            field[:, 2] *= [_smooth(self._height(*point) / LAYER) for point in p_W.tolist()]
+            heights = p_W[:, 2] - ground_at(self.seafloor, p_W[:, :2])[0]
+            field[:, 2] *= [_smooth(height / LAYER) for height in heights.tolist()]
         return field
 
-    def _height(self, x: float, y: float, z: float) -> float:
-        return z - self.seafloor.height(x, y)
-
-    def _slope_of_share(self, x: float, y: float, z: float) -> np.ndarray:
-        """(3,) [1/m] gradient of the share of the vertical part that is left at a point."""
-        normal = np.asarray(self.seafloor.normal(x, y))
-        return _smooth_slope(self._height(x, y, z) / LAYER) / LAYER * normal / normal[2]
+    def _slope_of_share(self, p_W: np.ndarray) -> np.ndarray:
+        """(n, 3) [1/m] gradient of the share of the vertical part that is left at points p_W (n, 3)."""
+        floor, normals = ground_at(self.seafloor, p_W[:, :2])
+        slopes = [_smooth_slope(height / LAYER) / LAYER for height in (p_W[:, 2] - floor).tolist()]
+        return np.array(slopes)[:, None] * normals / normals[:, 2:]
 
 
 def with_steps(environment: Environment, faults: Sequence[Fault]) -> Environment:

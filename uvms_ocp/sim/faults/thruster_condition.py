@@ -9,36 +9,29 @@ import numpy as np
 
 from uvms_ocp.sim.faults.fault import Fault
 
+_SHARES = {"dead": 0.0, "stuck": 0.0, "reversed": -1.0}
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ThrusterCondition:
-    """Of all thrusters of a robot."""
+    """Of all thrusters of a robot. Their steady thrust is ``share sound + offset``, for that of sound ones."""
 
     share: np.ndarray
-    """(n,) [-] of the thrust that is asked for: 1 sound, less weak, negative reversed."""
-    held: np.ndarray
-    """(n,) [N] thrust at which they are stuck; NaN where they are not."""
+    """(n,) [-] 1 sound, less weak, negative reversed, 0 dead or stuck."""
+    offset: np.ndarray
+    """(n,) [N] thrust at which they are stuck."""
     dead: np.ndarray
     """(n,) [-] whether they give nothing."""
 
-    def thrust(self, asked: np.ndarray) -> np.ndarray:
-        """Steady thrust (n,) [N] for that of sound thrusters, asked (n,) [N]."""
-        given = np.where(np.isnan(self.held), self.share * asked, self.held)
-        return np.where(self.dead, 0.0, given)
 
-
-def condition_of(faults: Sequence[Fault], thrust: np.ndarray) -> ThrusterCondition | None:
-    """What these faults make of the thrusters, thrust (n,) [N] now; `None` where all are sound."""
-    own = [fault for fault in faults if fault.strikes.family == "thruster"]
-    if not own:
-        return None
-    share, held, dead = np.ones(len(thrust)), np.full(len(thrust), np.nan), np.zeros(len(thrust), dtype=bool)
-    for fault in own:
-        k = fault.strikes.number - 1
-        if fault.kind == "dead":
-            dead[k] = True
-        elif fault.kind == "stuck":
-            held[k] = fault.values[0] if fault.values else thrust[k]
-        else:
-            share[k] *= fault.values[0] if fault.kind == "weak" else -1.0
-    return ThrusterCondition(share=share, held=held, dead=dead)
+def condition_of(faults: Sequence[Fault], thrust: np.ndarray) -> ThrusterCondition:
+    """What these faults make of the thrusters, thrust (n,) [N] now."""
+    share, offset, dead = np.ones(len(thrust)), np.zeros(len(thrust)), np.zeros(len(thrust), dtype=bool)
+    for fault in faults:
+        if fault.strikes.family == "thruster":
+            k = fault.strikes.number - 1
+            if fault.kind == "stuck":
+                offset[k] = fault.values[0] if fault.values else thrust[k]
+            dead[k] |= fault.kind == "dead"
+            share[k] *= fault.values[0] if fault.kind == "weak" else _SHARES[fault.kind]
+    return ThrusterCondition(share=share, offset=np.where(dead, 0.0, offset), dead=dead)

@@ -1,0 +1,76 @@
+"""What the plant feels of its environment at one configuration: water at its links, the floor below its contact points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.functions.buffered import BufferedFunction
+from uvms_ocp.functions.compile import compile_function
+from uvms_ocp.model.spatial import quaternion_to_matrix
+from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
+from uvms_ocp.sim.currents import is_steady, is_uniform, water_at
+from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.seafloor import FlatSeafloor, ground_at
+
+_ANYWHERE = np.zeros((1, 3))
+
+
+class Surroundings:
+    """Writes the environment where a `StepSequence` reads it. What never changes is written once, by `bind`."""
+
+    def __init__(
+        self, environment: Environment, dynamics: SymbolicDynamics, points: np.ndarray, *, compiled: bool = True
+    ) -> None:
+        """points (n_points, 3) [m]: contact points in B. compiled: unless there is no time for that."""
+        self._environment = environment
+        self._n_links = len(dynamics.links)
+        self._uniform = is_uniform(environment.current)
+        self._steady = self._uniform and is_steady(environment.current)
+        self._flat = type(environment.seafloor) is FlatSeafloor or not len(points)
+        self._given: Mapping[str, np.ndarray] = {}
+        self._sites: BufferedFunction | None = None
+        if not (self._uniform and self._flat):
+            function = sites_function(dynamics, points)
+            self._sites = BufferedFunction(compile_function(function) if compiled else function)
+
+    def bind(self, given: Mapping[str, np.ndarray]) -> None:
+        """From now on write into u, Du_Dt (n_links, 3), floor_z (n_points,) and floor_normal (n_points, 3) of `given`."""
+        self._given = given
+        if self._steady:
+            self._feel_water(_ANYWHERE, 0.0)
+        if self._flat:
+            self._feel_floor(np.zeros((len(given["floor_z"]), 3)))
+
+    def sample(self, q: np.ndarray, t: float) -> None:
+        """Write what there is at configuration q (n_q,) [m, rad] and time t [s]."""
+        if self._sites is None:
+            if not self._steady:
+                self._feel_water(_ANYWHERE, t)
+            return
+        sites = self._sites(q)[0].T
+        if not self._steady:
+            self._feel_water(_ANYWHERE if self._uniform else sites[: self._n_links], t)
+        if not self._flat:
+            self._feel_floor(sites[self._n_links :])
+
+    def _feel_water(self, p_W: np.ndarray, t: float) -> None:
+        water = water_at(self._environment.current, p_W, t)
+        self._given["u"][:], self._given["Du_Dt"][:] = water.velocity, water.acceleration
+
+    def _feel_floor(self, p_W: np.ndarray) -> None:
+        self._given["floor_z"][:], self._given["floor_normal"][:] = ground_at(self._environment.seafloor, p_W[:, :2])
+
+
+def sites_function(dynamics: SymbolicDynamics, points: np.ndarray) -> ca.Function:
+    """Function ``q -> p_W (3, n_links + n_points)`` [m]: the links as `SymbolicDynamics.link_positions`, then the points.
+
+    points (n_points, 3) [m]: contact points in B.
+    """
+    q = ca.SX.sym("q", dynamics.model.nq)
+    columns = [dynamics.link_positions(q)]
+    if len(points):
+        columns += [q[:3] + quaternion_to_matrix(q[3:7]) @ ca.DM(point) for point in points]
+    return ca.Function("sites", [q], [ca.densify(ca.horzcat(*columns))], ["q"], ["p_W"], {"cse": True})
