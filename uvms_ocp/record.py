@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -98,51 +99,106 @@ def quantity(record: Record, name: str) -> np.ndarray | None:
 
 
 class Recorder:
-    """Collects rows of equal structure into arrays that double when full."""
+    """Collects rows of equal structure in blocks of memory, series of one type side by side."""
 
     def __init__(self, capacity: int = 1024) -> None:
+        """capacity [-]: rows of a block."""
         self._capacity = capacity
         self._n = 0
-        self._arrays: dict[str, np.ndarray] = {}
+        self._width = 0
+        self._groups: list[_Group] = []
+        self._of: dict[str, _Group] = {}
 
     def append(self, row: Mapping[str, Any]) -> None:
-        """Add one row; every row has the keys and shapes of the first."""
-        if not self._arrays:
-            self._arrays = {name: self._allocate(value) for name, value in row.items()}
-        if self._n == self._capacity:
-            self._grow()
-        for name, value in row.items():
-            self._arrays[name][self._n] = value
+        """Add one row. Raises `InvalidInput` for one with other series than the first; a shape must fit that of the first."""
+        if not self._groups:
+            self._begin(row)
+        if len(row) != self._width:
+            raise self._other(row)
+        block, place = divmod(self._n, self._capacity)
+        try:
+            for group in self._groups:
+                group.put(row, block, place)
+        except KeyError:
+            raise self._other(row) from None
         self._n += 1
 
     def __contains__(self, name: str) -> bool:
         """Whether there is a series of that name."""
-        return name in self._arrays
+        return name in self._of
 
     def last(self, name: str) -> Any:
         """The newest value of the series `name`."""
-        return self._arrays[name][self._n - 1]
+        return self.at(name, -1)
 
     def at(self, name: str, row: int) -> Any:
         """The value of the series `name` in a row."""
-        return self._arrays[name][: self._n][row]
+        index = range(self._n)[row]
+        return self._of[name].part(name, index // self._capacity)[index % self._capacity]
 
     def freeze(self, meta: RunMeta | PlanMeta) -> Record:
         """The rows so far as a `Record`."""
-        return Record(series=self._rows(), meta=meta)  # which copies them
+        return Record(series=self.series(), meta=meta)
 
     def series(self) -> dict[str, np.ndarray]:
         """The rows so far by name, (n, ...) each: copies."""
-        return {name: array.copy() for name, array in self._rows().items()}
+        return {name: group.rows(name, self._n) for name, group in self._of.items()}
 
-    def _rows(self) -> dict[str, np.ndarray]:
-        return {name: array[: self._n] for name, array in self._arrays.items()}
+    def _other(self, row: Mapping[str, Any]) -> InvalidInput:
+        return InvalidInput(f"row of {', '.join(row)}; give {', '.join(self._of)}, as in the first one")
 
-    def _allocate(self, value: Any) -> np.ndarray:
-        sample = np.asarray(value)
-        return np.empty((self._capacity, *sample.shape), dtype=sample.dtype)
+    def _begin(self, row: Mapping[str, Any]) -> None:
+        kinds: dict[Any, dict[str, np.ndarray]] = {}
+        for name, value in row.items():
+            sample = np.asarray(value)
+            own = name if sample.ndim > 1 else ""
+            kinds.setdefault((sample.dtype, min(sample.ndim, 2), own), {})[name] = sample
+        self._groups = [_Group(samples, self._capacity) for samples in kinds.values()]
+        found = {name: group for group in self._groups for name in group.names}
+        self._of, self._width = {name: found[name] for name in row}, len(row)
 
-    def _grow(self) -> None:
-        self._capacity *= 2
-        for name, array in self._arrays.items():
-            self._arrays[name] = np.resize(array, (self._capacity, *array.shape[1:]))
+
+class _Group:
+    """Numbers, or columns, of one type: one row of memory takes all of them at once. A table is a group by itself."""
+
+    def __init__(self, samples: Mapping[str, np.ndarray], capacity: int) -> None:
+        ndim = next(iter(samples.values())).ndim
+        self.names = tuple(samples)
+        self._pick = itemgetter(*samples)
+        self._sizes = [sample.size for sample in samples.values()]
+        ends = np.cumsum(self._sizes).tolist()
+        places = [slice(end - size, end) if ndim else end - 1 for end, size in zip(ends, self._sizes, strict=True)]
+        self._places: dict[str, Any] = dict(zip(samples, places, strict=True))
+        self._joined = ndim == 1 and len(samples) > 1
+        self._shape: tuple[int, ...] = (capacity, ends[-1])
+        if ndim > 1:
+            ((name, table),) = samples.items()
+            self._shape, self._places = (capacity, *table.shape), {name: ...}
+        self._dtype = next(iter(samples.values())).dtype
+        self._blocks: list[np.ndarray] = []
+
+    def put(self, row: Mapping[str, Any], block: int, place: int) -> None:
+        """Into a place of a block, the newest or a new one."""
+        if block == len(self._blocks):
+            self._blocks.append(np.empty(self._shape, dtype=self._dtype))
+        values, memory = self._pick(row), self._blocks[block]
+        if self._joined:
+            np.concatenate(self._fitted(values), out=memory[place], casting="unsafe")
+        else:
+            memory[place] = values
+
+    def part(self, name: str, block: int) -> np.ndarray:
+        """Of a block, the rows of one series."""
+        return self._blocks[block][:, self._places[name]]
+
+    def _fitted(self, values: Sequence[Any]) -> Sequence[Any]:
+        try:
+            if [*map(len, values)] == self._sizes:
+                return values
+        except TypeError:  # a number, which stands for all
+            pass
+        return [np.broadcast_to(value, size) for value, size in zip(values, self._sizes, strict=True)]
+
+    def rows(self, name: str, n: int) -> np.ndarray:
+        """The first n rows of one series: a copy."""
+        return np.concatenate([self.part(name, k) for k in range(len(self._blocks))])[:n]

@@ -9,11 +9,8 @@ by their class alone, without shapes and entries, and "1.5" and True for numbers
 `kinds` knows would have to be written again, as its validators.
 """
 
-from uvms_ocp.arguments.checked import changed as changed
 from uvms_ocp.arguments.checked import checked as checked
 from uvms_ocp.arguments.checked import late as late
-from uvms_ocp.arguments.checked import trusted as trusted
-from uvms_ocp.arguments.checked import unchecked as unchecked
 from uvms_ocp.arguments.extents import Range as Range
 from uvms_ocp.arguments.extents import Shape as Shape
 from uvms_ocp.arguments.names import DAY as DAY
@@ -26,3 +23,6 @@ from uvms_ocp.arguments.names import Period as Period
 from uvms_ocp.arguments.names import Point as Point
 from uvms_ocp.arguments.names import Positive as Positive
 from uvms_ocp.arguments.names import Vector3 as Vector3
+from uvms_ocp.arguments.trusted import changed as changed
+from uvms_ocp.arguments.trusted import trusted as trusted
+from uvms_ocp.arguments.trusted import unchecked as unchecked

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable
-from dataclasses import fields
 from functools import wraps
-from types import MethodType
-from typing import Annotated, Any, ParamSpec, TypeVar, get_args, get_origin
+from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 import numpy as np
 
@@ -17,8 +15,6 @@ from uvms_ocp.arguments.kinds import Kind, Wrong
 from uvms_ocp.exceptions import InvalidInput, UvmsError
 
 _T = TypeVar("_T", bound=Callable[..., Any])
-_P = ParamSpec("_P")
-_V = TypeVar("_V")
 _LATE = "_arguments_late"
 
 
@@ -42,37 +38,6 @@ def late(thing: _T) -> _T:
         return _class(thing, late_all=True)
     setattr(thing, _LATE, True)
     return thing if _is_method(thing) else _after(thing, None)
-
-
-def trusted(cls: Callable[_P, _V]) -> Callable[_P, _V]:
-    """The constructor of a `checked` class without the check, for who makes a value at every tick of what is known to fit.
-
-    Nothing is copied: the arrays belong to the value from then on.
-    """
-    unchecked = _unchecked(cls)
-    declared, passed, defaults = _parameters(unchecked)
-    space = {"_new": object.__new__, "_cls": cls, "_unchecked": unchecked, **defaults}
-    fields_declared, fields_passed = declared.removeprefix("self, "), passed.removeprefix("self, ")
-    exec(_MADE.format(declared=fields_declared, passed=fields_passed), space)
-    return space["_made"]
-
-
-def changed(value: _V, /, **changes: Any) -> _V:
-    """A frozen value with other values of some fields, as `dataclasses.replace`, but made as by `trusted`."""
-    made = object.__new__(type(value))
-    kept = {f.name: getattr(value, f.name) for f in fields(value) if f.init}  # type: ignore[arg-type]
-    _unchecked(type(value))(made, **{**kept, **changes})
-    return made
-
-
-def unchecked(method: Callable[_P, _V]) -> Callable[_P, _V]:
-    """A method of a value without the look at its arguments, for a loop whose caller has been looked at."""
-    bare = getattr(method, "__wrapped__", None)
-    return method if bare is None else MethodType(bare, method.__self__)  # type: ignore[attr-defined]
-
-
-def _unchecked(cls: Any) -> Callable[..., None]:
-    return getattr(cls.__init__, "__wrapped__", cls.__init__)
 
 
 def _is_method(function: Callable[..., Any]) -> bool:
@@ -190,7 +155,7 @@ def _after(function: Any, owner: type | None) -> Any:
     # Written out with the parameters of the function, it costs a tenth of what *args and **kwargs do.
     # A constructor says best itself what is wrong; what a method passes on names the arguments of another call.
     passed_on = UvmsError if function.__name__ == "__init__" else ()
-    declared, passed, defaults = _parameters(function)
+    declared, passed, defaults = parameters_of(function)
     space = {"_function": function, "_explain": explain, "_passed_on": passed_on, **defaults, **_CLASSES}
     exec(_AFTER.format(declared=declared, passed=passed, doubt=_doubt(function)), space)
     return wraps(function)(space["_call"])
@@ -234,12 +199,6 @@ _CLASSES: dict[str, Any] = {
     "_array": np.ndarray,
     "_arrays": (np.ndarray,),
 }
-_MADE = """
-def _made({declared}):
-    _self = _new(_cls)
-    _unchecked(_self, {passed})
-    return _self
-"""
 _AFTER = """
 def _call({declared}):
     if {doubt}:
@@ -254,7 +213,7 @@ def _call({declared}):
 """
 
 
-def _parameters(function: Callable[..., Any]) -> tuple[str, str, dict[str, Any]]:
+def parameters_of(function: Callable[..., Any]) -> tuple[str, str, dict[str, Any]]:
     """The parameters of a function as they are declared and as they are passed on, and their defaults."""
     declared, passed, defaults, starred = [], [], {}, False
     for name, parameter in inspect.signature(function).parameters.items():

@@ -99,7 +99,9 @@ class DynamicPlant(Plant):
         self._after = after = advance()
         advance.carried[:] = after[: len(advance.carried)]
         self._t += dt
-        self.state = self._left = _state(q=after[self._parts["q"]], v=after[self._parts["v"]], a=after[self._parts["a"]])
+        self.state = self._left = _state(
+            q=after[self._parts["q"]], v=after[self._parts["v"]], a=after[self._parts["a"]]
+        )
 
     def telemetry(self) -> dict[str, Any]:
         after, parts = self._after, self._parts
@@ -148,9 +150,7 @@ class DynamicPlant(Plant):
             # Not compiled: a run does not wait for that in its middle.
             self._model = replace(self._model, dynamics=self._dynamics.symbolic, locked=locked)
             self._step = step_function(self._model)
-            self._surroundings = Surroundings(
-                self._environment, self._dynamics.symbolic, self._points, compiled=False
-            )
+            self._surroundings = Surroundings(self._environment, self._dynamics.symbolic, self._points, compiled=False)
         self._begin(self._dt)
 
     def _carry(self, had: tuple[Fault, ...], have: tuple[Fault, ...]) -> None:

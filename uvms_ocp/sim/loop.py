@@ -70,30 +70,20 @@ def require_few_ticks(duration: float, dt: float) -> None:
         )
 
 
-def _health(measurement: Measurement) -> dict[str, Any]:
-    """Where somebody judges."""
-    judged = measurement.health
-    return {"health": np.array([channel.trust for channel in judged], dtype=np.int8)} if judged else {}
-
-
 def _row(t: float, plant: Plant, measurement: Measurement, command: Command) -> Mapping[str, Any]:
-    return {
-        "t": np.float64(t),
+    row = {
+        "t": t,
         "q": plant.state.q,
         "v": plant.state.v,
         "q_measured": measurement.q,
         "v_measured": measurement.v,
-        "altimeter_range": np.float64(measurement.altimeter_range),
-        **_spreads(measurement),
-        "command": command.v,
-        **_health(measurement),
-        **command.telemetry,
-        **plant.telemetry(),
+        "altimeter_range": float(measurement.altimeter_range),
     }
-
-
-def _spreads(measurement: Measurement) -> Mapping[str, Any]:
-    """How well the estimate is known, where the estimator tells."""
-    if measurement.spread is None:
-        return {}
-    return {"q_spread": measurement.spread, "altimeter_spread": np.float64(measurement.altimeter_spread)}
+    if measurement.spread is not None:  # how well the estimate is known, where the estimator tells
+        row["q_spread"], row["altimeter_spread"] = measurement.spread, float(measurement.altimeter_spread)
+    row["command"] = command.v
+    if measurement.health:  # where somebody judges
+        row["health"] = np.frombuffer(bytes([channel.trust for channel in measurement.health]), dtype=np.int8)
+    row.update(command.telemetry)
+    row.update(plant.telemetry())
+    return row

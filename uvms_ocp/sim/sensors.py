@@ -2,27 +2,34 @@
 
 from __future__ import annotations
 
+import math
 from bisect import insort
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from operator import itemgetter
 from typing import Annotated, Any
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.arguments import Count, Shape, checked, late, trusted
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.kinematics import AltimeterBeam
+from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import CHANNELS, SensorSpec, SensorSpecs
-from uvms_ocp.model.spatial import quaternion_to_matrix
+from uvms_ocp.model.spatial import quaternion_exp, quaternion_multiply, quaternion_to_matrix
 from uvms_ocp.model.state import Reading, Readings, State
+from uvms_ocp.model.symbolic.tree import SymbolicModel
 from uvms_ocp.sim.faults.channel import Channel, ChannelFaults
 from uvms_ocp.sim.faults.fault import Fault
 from uvms_ocp.sim.seafloor import Seafloor
 
 _reading = trusted(Reading)
 _readings = trusted(Readings)
+_state = trusted(State)
+
+_IDEAL = SensorSpec()
 
 _EARLY = 1e-9  # of a period or a second: a tick that rounding puts just before a sampling time counts
 
@@ -32,17 +39,33 @@ Disturb = Callable[[Any, np.ndarray], Any]
 
 @checked
 class Altimeter:
-    """Range along -z of a frame of the robot to the seafloor, without noise. Raises `FrameNotFound` for an unknown frame."""
+    """Range along -z of a frame of the robot to the seafloor, without noise. Holds working memory: not for two threads."""
 
     def __init__(self, robot: Robot, seafloor: Seafloor, frame: str = "altimeter") -> None:
+        """frame: that of the sensor. Raises `FrameNotFound` for an unknown one."""
         self.robot = robot
-        self._beam, self._seafloor = AltimeterBeam(robot, frame), seafloor
+        self._seafloor, self._beam = seafloor, _beam_function(robot, frame)
+        self._q, self._origin, self._direction = np.zeros(robot.n_q), np.zeros(3), np.zeros(3)
+        buffer, self._look = self._beam.buffer()
+        buffer.set_arg(0, self._q.data)
+        buffer.set_res(0, self._origin.data)
+        buffer.set_res(1, self._direction.data)
+        self._buffer = buffer  # which the call does not keep alive
 
     @late
     def measure(self, q: Annotated[np.ndarray, Shape("self.robot.n_q")]) -> float:
         """Range [m] at configuration q (n_q,) [m, rad]; nan without an echo."""
-        beam = self._beam.at(q)
-        return self._seafloor.range_along(beam.origin, beam.direction)
+        self._q[:] = q
+        self._look()
+        return self._seafloor.range_along(self._origin, self._direction)
+
+
+@lru_cache(maxsize=16)
+def _beam_function(robot: Robot, frame: str) -> ca.Function:
+    """Function ``q -> origin (3,) [m], direction (3,) [-]`` of a range sensor, in W. Too short to be worth compiling."""
+    q = ca.SX.sym("q", robot.n_q)
+    R_WS, p_WS = SymbolicModel(robot.model).forward_kinematics(q).pose(frame)
+    return ca.Function("beam", [q], [ca.densify(p_WS), ca.densify(-R_WS[:, 2])], ["q"], ["origin", "direction"])
 
 
 @checked
@@ -68,20 +91,38 @@ class SensorSuite:
         """
         specs = specs or SensorSpecs()
         sources = _sources(robot, seafloor, specs, altimeter_frame)
-        streams = np.random.SeedSequence(seed).spawn(len(CHANNELS))
-        self._channels = [
-            (name, _Channel(name, spec, *sources[name], stream))
-            for name, stream in zip(CHANNELS, streams, strict=True)
-            if (spec := getattr(specs, name)) is not None and name in sources
+        present = {name: spec for name in CHANNELS if (spec := getattr(specs, name)) is not None and name in sources}
+        streams = dict(zip(CHANNELS, np.random.SeedSequence(seed).spawn(len(CHANNELS)), strict=True))
+        struck = _by_channel(faults, list(present))
+        self._ideal = [
+            (name, sources[name][0]) for name, spec in present.items() if spec == _IDEAL and name not in struck
         ]
-        for name, own in _by_channel(faults, [name for name, _ in self._channels]).items():
+        ideal = dict(self._ideal)
+        self._channels = [
+            (name, _Channel(name, spec, *sources[name], streams[name]))
+            for name, spec in present.items()
+            if name not in ideal
+        ]
+        for name, own in struck.items():
             stream = np.random.SeedSequence([seed, int.from_bytes(name.encode(), "big")])
             dict(self._channels)[name].suffer(ChannelFaults(_struck(robot, name, *sources[name][1:]), own, stream))
+        self._seen = -math.inf
+        """[s] time of the last readings of the ideal ones."""
+        self._readings: dict[str, Reading[Any] | None] = {}
 
     @late
     def read(self, state: State, t: float) -> Readings:
         """The last reading of every channel at time t [s], the time of the true `state`."""
-        return _readings(**{name: channel.read(state, t) for name, channel in self._channels})
+        readings = self._readings
+        # Copied once for all: a reading is a part of it, and nobody who writes to one reaches the true state.
+        state = _state(q=state.q.copy(), v=state.v.copy(), a=state.a)
+        if t > self._seen:
+            self._seen = t
+            for name, truth in self._ideal:
+                readings[name] = _reading(value=truth(state), t=t)
+        for name, channel in self._channels:
+            readings[name] = channel.read(state, t)
+        return _readings(**readings)
 
 
 def _sources(
@@ -90,16 +131,16 @@ def _sources(
     """Per channel: the true value, how an error acts on it and the number of its components."""
     joint_q, joint_v, n = robot.joint_q, robot.joint_v, robot.n_joints
     sources: dict[str, tuple[Truth, Disturb, int]] = {
-        "joint_positions": (lambda state: state.q[joint_q].copy(), _joint_disturbance(robot), n),
-        "joint_velocities": (lambda state: state.v[joint_v].copy(), _add, n),
+        "joint_positions": (lambda state: state.q[joint_q], _joint_disturbance(robot), n),
+        "joint_velocities": (lambda state: state.v[joint_v], _add, n),
     }
     if robot.n_vehicle:
         sources |= {
-            "position": (lambda state: state.q[:3].copy(), _add, 3),
-            "depth": (lambda state: float(state.q[2]), _add_scalar, 1),
-            "attitude": (lambda state: state.q[3:7].copy(), _turn, 3),
-            "angular_velocity": (lambda state: state.v[3:6].copy(), _add, 3),
-            "linear_velocity": (lambda state: state.v[:3].copy(), _add, 3),
+            "position": (lambda state: state.q[:3], _add, 3),
+            "depth": (lambda state: state.q.item(2), _add_scalar, 1),
+            "attitude": (lambda state: state.q[3:7], _turn(), 3),
+            "angular_velocity": (lambda state: state.v[3:6], _add, 3),
+            "linear_velocity": (lambda state: state.v[:3], _add, 3),
             "specific_force": (_specific_force(robot.model.gravity.linear), _add, 3),
         }
     frame = altimeter_frame or robot.description.altimeter
@@ -151,8 +192,16 @@ def _add_scalar(value: float, error: np.ndarray) -> float:
     return value + float(error[0])
 
 
-def _turn(quaternion: np.ndarray, error: np.ndarray) -> np.ndarray:
-    return (pin.Quaternion(quaternion) * pin.Quaternion(pin.exp3(error))).coeffs()
+def _turn() -> Disturb:
+    """A rotation vector in B turns a quaternion."""
+    turned = BufferedFunction(_turn_function())
+    return lambda quaternion, error: turned(quaternion, error)[0]
+
+
+@lru_cache(maxsize=1)
+def _turn_function() -> ca.Function:
+    quaternion, error = ca.SX.sym("quaternion", 4), ca.SX.sym("error", 3)
+    return ca.Function("turn", [quaternion, error], [quaternion_multiply(quaternion, quaternion_exp(error))])
 
 
 def _joint_disturbance(robot: Robot) -> Disturb:
@@ -176,14 +225,15 @@ class _Channel:
     ) -> None:
         if len(spec.biases) not in (1, n):
             raise InvalidInput(f"bias of {name} has {len(spec.biases)} entries; give a number or {n} numbers")
-        self._spec, self._truth, self._disturb = spec, truth, disturb
+        self._rate, self._delay, self._sigma, self._dropout = spec.rate, spec.delay, spec.sigma, spec.dropout
+        self._exact, self._truth, self._disturb, self._n = spec.exact, truth, disturb, n
         # Two streams, so that drop-outs leave the noise of the other readings as it was.
         self._noise, self._losses = (np.random.default_rng(child) for child in stream.spawn(2))
-        self._bias = np.broadcast_to(np.array(spec.biases), (n,))
-        self._due = -np.inf
+        self._bias, self._biased = np.broadcast_to(np.array(spec.biases), (n,)), any(spec.biases)
+        self._due = -math.inf
         """[s] time of the next reading."""
         self._last: Reading[Any] | None = None
-        self._taken = -np.inf
+        self._taken = -math.inf
         """[s] when the last reading was taken, whatever its stamp says."""
         self._under_way: list[tuple[float, float, Reading[Any]]] = []
         """When each arrives and was taken [s], in order of arrival."""
@@ -203,17 +253,21 @@ class _Channel:
         return self._last
 
     def _sample(self, state: State, t: float) -> None:
-        spec = self._spec
-        self._due = t if spec.rate == np.inf else (np.floor(t * spec.rate + _EARLY) + 1 - _EARLY) / spec.rate
+        rate = self._rate
+        self._due = t if rate == math.inf else (math.floor(t * rate + _EARLY) + 1 - _EARLY) / rate
         value = self._truth(state)
-        if not spec.exact:
-            value = self._disturb(value, self._bias + spec.sigma * self._noise.standard_normal(len(self._bias)))
-        if not (spec.dropout and self._losses.random() < spec.dropout):
+        if not self._exact:
+            error = self._noise.standard_normal(self._n)
+            error *= self._sigma
+            if self._biased:
+                error += self._bias
+            value = self._disturb(value, error)
+        if not (self._dropout and self._losses.random() < self._dropout):
             self._send(value, t)
 
     def _send(self, value: Any, t: float) -> None:
         if self._faults is None:
-            self._under_way.append((t + self._spec.delay, t, _reading(value=value, t=t)))
+            self._under_way.append((t + self._delay, t, _reading(value=value, t=t)))
         elif (sample := self._faults(value, t)) is not None:
-            arrival = t + self._spec.delay + sample.extra_delay
+            arrival = t + self._delay + sample.extra_delay
             insort(self._under_way, (arrival, t, _reading(value=sample.value, t=sample.stamp)), key=itemgetter(0))
