@@ -15,7 +15,7 @@ from uvms_ocp.model.water.hydrodynamics import Water
 
 _FASTEST = 10.0  # [m/s] no sea is faster, Saltstraumen included: more is a slip of units
 _BLOCK = 256  # nodes of a gust that are drawn at a time
-_CUBICS = np.array([[0, -1, 2, -1], [2, 0, -5, 3], [0, 1, 4, -3], [0, 0, -1, 1]]) / 2  # (4, 4) [-] of nodes by powers
+_CATMULL_ROM = np.array([[0, 2, 0, 0], [-1, 0, 1, 0], [2, -5, 4, -1], [-1, 3, -3, 1]]) / 2  # of powers, by nodes
 
 Points = Annotated[np.ndarray, Shape("n", 3)]
 
@@ -52,23 +52,9 @@ def water_at(current: Current, p_W: Points, t: float) -> Water:
     flows steadily in parallel layers. `uvms_ocp.model.water.hydrodynamics` says what else slopes do, which is neglected.
     Raises `InvalidInput` where the current does.
     """
-    u, rate = current.velocity(p_W, t), current.rate(p_W, t)
-    if is_uniform(current):
-        return Water(velocity=u, acceleration=rate)
+    u = current.velocity(p_W, t)
     carried = (current.gradient(p_W, t) @ u[:, :, None])[:, :, 0]
-    return Water(velocity=u, acceleration=rate + carried)
-
-
-def is_uniform(current: Current) -> bool:
-    """Whether it is known to be the same everywhere: one point then stands for all."""
-    if type(current) is GustyCurrent:
-        return is_uniform(current.base)
-    return type(current) in (StillWater, UniformCurrent, OnsetCurrent)
-
-
-def is_steady(current: Current) -> bool:
-    """Whether it is known to be the same everywhere and always."""
-    return type(current) in (StillWater, UniformCurrent)
+    return Water(velocity=u, acceleration=current.rate(p_W, t) + carried)
 
 
 @late
@@ -183,17 +169,18 @@ class OnsetCurrent(Current):
         object.__setattr__(self, "rise", float(rise))
 
     def velocity(self, p_W: Points, t: float) -> np.ndarray:
-        return _rows(self.value * (0.5 - 0.5 * math.cos(math.pi * self._share(t))), len(p_W))
+        return _rows(self.value * self.growth(t)[0], len(p_W))
 
     def rate(self, p_W: Points, t: float) -> np.ndarray:
-        slope = 0.5 * math.pi / self.rise * math.sin(math.pi * self._share(t))
-        return _rows(self.value * slope, len(p_W))
+        return _rows(self.value * self.growth(t)[1], len(p_W))
 
     def gradient(self, p_W: Points, t: float) -> np.ndarray:
         return np.zeros((len(p_W), 3, 3))
 
-    def _share(self, t: float) -> float:
-        return min(max((t - self.start) / self.rise, 0.0), 1.0)
+    def growth(self, t: float) -> tuple[float, float]:
+        """Share [-] of the whole velocity that there is at time t [s], and its rate [1/s]."""
+        angle = math.pi * min(max((t - self.start) / self.rise, 0.0), 1.0)
+        return 0.5 - 0.5 * math.cos(angle), 0.5 * math.pi / self.rise * math.sin(angle)
 
 
 @checked
@@ -234,26 +221,28 @@ class GustyCurrent(Current):
 
     @late
     def velocity(self, p_W: Points, t: float) -> np.ndarray:
-        s, nodes = self._around(t)
-        weights = _CUBICS.dot((1.0, s, s * s, s * s * s))
-        return self.base.velocity(p_W, t) + weights.dot(nodes)
+        return self.base.velocity(p_W, t) + self.gust(t)[0]
 
     @late
     def rate(self, p_W: Points, t: float) -> np.ndarray:
-        s, nodes = self._around(t)
-        weights = _CUBICS.dot((0.0, 1.0 / self.step, 2.0 * s / self.step, 3.0 * s * s / self.step))
-        return self.base.rate(p_W, t) + weights.dot(nodes)
+        return self.base.rate(p_W, t) + self.gust(t)[1]
 
     @late
     def gradient(self, p_W: Points, t: float) -> np.ndarray:
         return self.base.gradient(p_W, t)
 
-    def _around(self, t: float) -> tuple[float, np.ndarray]:
-        """Where t is between two nodes, from 0 to 1, and the two nodes (4, 3) [m/s] on either side (Catmull-Rom)."""
+    @late
+    def gust(self, t: float) -> np.ndarray:
+        """Velocity [m/s] of the gust alone and its rate [m/s2] (2, 3) at time t [s], from the two nodes on either side.
+
+        Raises `InvalidInput` for a time before 0 or after a day.
+        """
         if not 0 <= t <= DAY:
             raise InvalidInput(f"gust at t = {t} s; give a time from 0 to {DAY:g} s, a day: all before it is drawn")
-        k = int(t / self.step)
-        return t / self.step - k, self._path.nodes(k, k + 4)
+        k, h = int(t / self.step), self.step
+        s = t / h - k
+        powers = np.array(((1.0, s, s * s, s * s * s), (0.0, 1.0 / h, 2.0 * s / h, 3.0 * s * s / h)))
+        return powers.dot(_CATMULL_ROM).dot(self._path.nodes(k, k + 4))
 
 
 class _Path:

@@ -11,11 +11,11 @@ from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.functions.compile import compile_function
 from uvms_ocp.model.spatial import quaternion_to_matrix
 from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
-from uvms_ocp.sim.currents import is_steady, is_uniform, water_at
+from uvms_ocp.sim.currents import Current, GustyCurrent, OnsetCurrent, StillWater, UniformCurrent, water_at
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor, ground_at
 
-_ANYWHERE = np.zeros((1, 3))
+_NOWHERE = np.zeros((0, 3))
 
 
 class Surroundings:
@@ -27,8 +27,8 @@ class Surroundings:
         """points (n_points, 3) [m]: contact points in B. compiled: unless there is no time for that."""
         self._environment = environment
         self._n_links = len(dynamics.links)
-        self._uniform = is_uniform(environment.current)
-        self._steady = self._uniform and is_steady(environment.current)
+        self._steady = is_steady(environment.current)
+        self._uniform = everywhere(environment.current, 0.0) is not None
         self._flat = type(environment.seafloor) is FlatSeafloor or not len(points)
         self._given: Mapping[str, np.ndarray] = {}
         self._sites: BufferedFunction | None = None
@@ -40,25 +40,26 @@ class Surroundings:
         """From now on write into u, Du_Dt (n_links, 3), floor_z (n_points,) and floor_normal (n_points, 3) of `given`."""
         self._given = given
         if self._steady:
-            self._feel_water(_ANYWHERE, 0.0)
+            self._feel_water(_NOWHERE, 0.0)
         if self._flat:
             self._feel_floor(np.zeros((len(given["floor_z"]), 3)))
 
     def sample(self, q: np.ndarray, t: float) -> None:
         """Write what there is at configuration q (n_q,) [m, rad] and time t [s]."""
-        if self._sites is None:
-            if not self._steady:
-                self._feel_water(_ANYWHERE, t)
-            return
-        sites = self._sites(q)[0].T
+        sites = _NOWHERE if self._sites is None else self._sites(q)[0].T
         if not self._steady:
-            self._feel_water(_ANYWHERE if self._uniform else sites[: self._n_links], t)
+            self._feel_water(sites[: self._n_links], t)
         if not self._flat:
             self._feel_floor(sites[self._n_links :])
 
     def _feel_water(self, p_W: np.ndarray, t: float) -> None:
-        water = water_at(self._environment.current, p_W, t)
-        self._given["u"][:], self._given["Du_Dt"][:] = water.velocity, water.acceleration
+        current, given = self._environment.current, self._given
+        flow = everywhere(current, t) if self._uniform else None
+        if flow is None:
+            water = water_at(current, p_W, t)
+            given["u"][:], given["Du_Dt"][:] = water.velocity, water.acceleration
+        else:
+            given["u"][:], given["Du_Dt"][:] = flow
 
     def _feel_floor(self, p_W: np.ndarray) -> None:
         self._given["floor_z"][:], self._given["floor_normal"][:] = ground_at(self._environment.seafloor, p_W[:, :2])
@@ -74,3 +75,24 @@ def sites_function(dynamics: SymbolicDynamics, points: np.ndarray) -> ca.Functio
     if len(points):
         columns += [q[:3] + quaternion_to_matrix(q[3:7]) @ ca.DM(point) for point in points]
     return ca.Function("sites", [q], [ca.densify(ca.horzcat(*columns))], ["q"], ["p_W"], {"cse": True})
+
+
+def is_steady(current: Current) -> bool:
+    """Whether it is known to be the same everywhere and always."""
+    return type(current) in (StillWater, UniformCurrent)
+
+
+def everywhere(current: Current, t: float) -> np.ndarray | None:
+    """Velocity [m/s] and its rate [m/s2] (2, 3) at time t [s], where they are known to be the same at all points.
+
+    Raises `InvalidInput` where the current does.
+    """
+    # Of these very classes: another one that is made of them may differ from place to place.
+    if type(current) is GustyCurrent:
+        base = everywhere(current.base, t)
+        return None if base is None else base + current.gust(t)
+    if type(current) is OnsetCurrent:
+        return np.multiply.outer(current.growth(t), current.value)
+    if type(current) is UniformCurrent:
+        return np.array([current.value, np.zeros(3)])
+    return np.zeros((2, 3)) if type(current) is StillWater else None
