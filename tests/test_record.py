@@ -39,6 +39,74 @@ def test_a_recorder_grows_and_keeps_every_row() -> None:
     assert len(record()) == 5
 
 
+ROWS = [
+    {
+        "t": 0.1 * k,
+        "phase": k,
+        "q": np.arange(3.0) + k,
+        "health": np.full(2, k, dtype=np.int8),
+        "table": np.full((2, 2), float(k)),
+        "v": np.full(2, -float(k)),
+        "late": k > 2,
+        "energy": np.float64(k),
+    }
+    for k in range(7)
+]
+
+
+@pytest.mark.parametrize("capacity", [1, 3, 7, 1024])
+def test_every_series_keeps_its_type_its_shape_and_its_place(capacity: int) -> None:
+    recorder = Recorder(capacity)
+    for row in ROWS:
+        recorder.append(row)
+    series = recorder.series()
+    assert list(series) == list(ROWS[0])
+    for name in ROWS[0]:
+        wanted = np.array([row[name] for row in ROWS])
+        np.testing.assert_array_equal(series[name], wanted)
+        assert series[name].dtype == wanted.dtype
+        assert name in recorder
+        np.testing.assert_array_equal(recorder.last(name), wanted[-1])
+        np.testing.assert_array_equal([recorder.at(name, k) for k in range(7)], wanted)
+    assert "other" not in recorder
+
+
+def test_a_recorder_keeps_what_it_was_given_when_that_is_written_to() -> None:
+    recorder, q = Recorder(), np.zeros(3)
+    for k in range(3):
+        q[:] = k
+        recorder.append({"t": 0.1 * k, "q": q, "v": q})
+    series = recorder.series()
+    np.testing.assert_array_equal(series["q"][:, 0], [0.0, 1.0, 2.0])
+    series["q"][:] = 7.0
+    np.testing.assert_array_equal(recorder.last("q"), [2.0, 2.0, 2.0])
+
+
+def test_one_number_stands_for_a_whole_column() -> None:
+    recorder = Recorder()
+    recorder.append({"q": np.zeros(3), "v": np.zeros(2)})
+    recorder.append({"q": np.nan, "v": np.ones(1)})
+    assert np.isnan(recorder.last("q")).all()
+    np.testing.assert_array_equal(recorder.last("v"), [1.0, 1.0])
+
+
+@pytest.mark.parametrize("other", [{"q": np.zeros(2), "v": np.zeros(3)}, {"q": np.zeros(3), "v": np.zeros(3)}])
+def test_columns_that_only_fit_together_are_refused(other: dict[str, np.ndarray]) -> None:
+    recorder = Recorder()
+    recorder.append({"q": np.zeros(3), "v": np.zeros(2)})
+    with pytest.raises(ValueError, match="broadcast"):
+        recorder.append(other)
+
+
+@pytest.mark.parametrize("other", [{"t": 0.1}, {"t": 0.1, "v": 0.0}, {"t": 0.1, "q": 0.0, "v": 0.0}])
+def test_a_row_of_other_series_is_refused(other: dict[str, float]) -> None:
+    recorder = Recorder()
+    recorder.append({"t": 0.0, "q": 0.0})
+    with pytest.raises(InvalidInput, match=r"row of t.*; give t, q, as in the first one"):
+        recorder.append(other)
+    assert list(recorder.series()["t"]) == [0.0]
+
+
 def test_a_record_of_a_robot_that_stands_still_is_dense_and_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

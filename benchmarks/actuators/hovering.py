@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.arguments import changed
 from uvms_ocp.control.actuator_health.monitor import ActuatorMonitor
 from uvms_ocp.control.actuator_health.thresholds import ActuatorHealthTuning
 from uvms_ocp.control.force.dynamic import DynamicController
@@ -22,13 +23,13 @@ from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import sensors_of
 from uvms_ocp.model.state import Command, Measurement, State
+from uvms_ocp.model.thrusters import thrust_limits
 from uvms_ocp.model.water.coefficients import links_in_water
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import SensorSuite
-from uvms_ocp.sim.thrusters import ThrusterBank
 
 DT = 1 / 200  # [s]
 STATION = np.array([0.0, 0.0, -20.0])  # [m]
@@ -80,20 +81,14 @@ class Outcome:
     given_up: str = ""
 
 
-class Failing(ThrusterBank):
-    """Thrusters of which some fail."""
-
-    def __init__(self, robot: Robot, faults: Sequence[ThrusterFault]) -> None:
-        super().__init__(robot)
-        self._faults, self.t = faults, 0.0
-
-    def step(self, command: Any, dt: float) -> np.ndarray:
-        asked = np.clip(np.array(command, dtype=float), self._lower, self._upper)
-        for fault in self._faults:
-            if self.t >= fault.onset:
-                asked[fault.thruster] = fault.share * asked[fault.thruster] + fault.constant
-        self.t += dt
-        return super().step(asked, dt)
+def failed(command: Command, robot: Robot, faults: Sequence[ThrusterFault], t: float) -> Command:
+    """What the thrusters make of a command at time t [s]."""
+    assert command.thrust is not None
+    asked = np.clip(command.thrust, *thrust_limits(robot))
+    for fault in faults:
+        if t >= fault.onset:
+            asked[fault.thruster] = fault.share * asked[fault.thruster] + fault.constant
+    return changed(command, thrust=asked)
 
 
 class WayPoints(KinematicController):
@@ -152,7 +147,7 @@ def run(hover: Hover) -> Outcome:
         t = k * DT
         command = controller(estimator(suite.read(plant.state, t), t, command), t)
         before = plant.state
-        plant.step(command, DT)
+        plant.step(failed(command, robot, hover.faults, t), DT)
         if hover.jam is not None and t >= hover.jam[1]:
             plant.state = _jammed(plant.state, before, hover.jam[0])
         errors.append(float(np.linalg.norm(plant.state.q[:3] - points.goal)))
@@ -167,9 +162,7 @@ def _plant(robot: Robot, hover: Hover, heading: float) -> tuple[DynamicPlant, Fl
     real, floor = with_wrong_water(robot, *hover.wrong), FlatSeafloor(z=-60.0)
     start = np.array(robot.configuration(position=STATION))
     environment = Environment(seafloor=floor, current=current)
-    plant = DynamicPlant(real, start, dynamics=robot_dynamics(real), environment=environment, max_step=DT)
-    plant._bank = Failing(robot, hover.faults)
-    return plant, floor
+    return DynamicPlant(real, start, dynamics=robot_dynamics(real), environment=environment, max_step=DT), floor
 
 
 def _jammed(state: State, before: State, joint: int) -> State:

@@ -7,6 +7,7 @@ import errno
 import pickle
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import FrozenInstanceError
 from typing import Any
 
 import numpy as np
@@ -122,9 +123,17 @@ def test_values_of_a_tick_are_copies_to_users_and_as_they_are_to_the_loop() -> N
     assert copied.q[0] == 0.0
     assert taken.q is q
     assert type(taken) is State
+    with pytest.raises(FrozenInstanceError):
+        taken.q = q  # type: ignore[misc]
+    with pytest.raises(FrozenInstanceError):
+        del taken.q
     assert trusted(Reading)(value=q, t=0.0).value is q
     assert trusted(Measurement)(q=q, v=v, altimeter_range=1.0).age == 0.0
     assert trusted(Command)(v=v).telemetry is not trusted(Command)(v=v).telemetry
+    with pytest.raises(TypeError, match="missing"):
+        trusted(State)(q=q)
+    with pytest.raises(InvalidInput, match="give finite numbers"):  # what a constructor does beyond storing is done
+        trusted(Water)(velocity=np.full(3, np.nan))
 
 
 def test_what_is_changed_keeps_its_other_fields() -> None:

@@ -10,11 +10,12 @@ import pytest
 
 from uvms_ocp.exceptions import FrameNotFound, InvalidInput
 from uvms_ocp.model.files.library import list_robots
+from uvms_ocp.model.kinematics import AltimeterBeam
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.sensing import CHANNELS, IDEAL_SENSORS, SensorSpec, SensorSpecs
 from uvms_ocp.model.state import State
 from uvms_ocp.sim.seafloor import FlatSeafloor
-from uvms_ocp.sim.sensors import SensorSuite
+from uvms_ocp.sim.sensors import Altimeter, SensorSuite
 
 DT = 1 / 200
 FLOOR = FlatSeafloor(z=-40.0)
@@ -94,6 +95,46 @@ def test_the_same_seed_gives_the_same_readings(robot, seed):
 def test_another_seed_gives_other_readings(robot):
     a, b = (SensorSuite(robot, FLOOR, seed=seed).read(state_of(robot), 0.0) for seed in (0, 1))
     assert (a.position.value != b.position.value).all()
+
+
+@pytest.mark.parametrize("spec", [SensorSpec(), SensorSpec(rate=5.0), SensorSpec(delay=0.01)])
+def test_who_writes_to_a_reading_leaves_the_truth_and_the_other_readings_alone(spec, robot):
+    state = state_of(robot)
+    names = [name for name in CHANNELS if name not in ("depth", "altimeter_range")]
+    suite = SensorSuite(robot, FLOOR, replace(IDEAL_SENSORS, **dict.fromkeys(CHANNELS, spec)))
+    q, v = state.q.copy(), state.v.copy()
+    suite.read(state, 0.0)
+    readings = suite.read(state, 1.0)
+    for name in names:
+        others = {o: getattr(readings, o).value.copy() for o in names if o != name}
+        getattr(readings, name).value[:] = 7.0
+        for other, value in others.items():
+            np.testing.assert_array_equal(getattr(readings, other).value, value)
+    np.testing.assert_array_equal(state.q, q)
+    np.testing.assert_array_equal(state.v, v)
+
+
+def test_the_same_time_has_the_same_readings(robot):
+    suite = SensorSuite(robot, FLOOR, IDEAL_SENSORS)
+    first = suite.read(state_of(robot), 0.5)
+    again = suite.read(State(q=robot.configuration(), v=np.ones(robot.n_v)), 0.5)
+    assert all(getattr(first, name) is getattr(again, name) for name in CHANNELS)
+
+
+def test_the_altimeter_looks_along_its_frame_from_where_it_is(robot):
+    rng, altimeter = np.random.default_rng(4), Altimeter(robot, FLOOR)
+    for _ in range(20):
+        q = robot.configuration(position=rng.normal(size=3), rpy=0.4 * rng.normal(size=3), joints=rng.normal(size=7))
+        beam = AltimeterBeam(robot, "altimeter").at(q)
+        assert altimeter.measure(q) == pytest.approx(FLOOR.range_along(beam.origin, beam.direction), rel=1e-13)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 0.3, 2.0, 3.1])
+def test_an_error_turns_the_attitude_about_the_axes_of_the_vehicle(angle, robot):
+    state, bias = state_of(robot), tuple(angle * np.array([0.6, 0.0, -0.8]))
+    value = one("attitude", SensorSpec(bias=bias), robot).read(state, 0.0).attitude.value
+    turned = pin.Quaternion(state.q[3:7]).matrix() @ pin.exp3(np.array(bias))
+    np.testing.assert_allclose(pin.Quaternion(value).matrix(), turned, atol=1e-14)
 
 
 def test_the_noise_of_a_channel_does_not_depend_on_the_other_channels(robot):

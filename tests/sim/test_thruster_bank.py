@@ -2,8 +2,10 @@
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 from scipy.integrate import quad
 
 from uvms_ocp.exceptions import InvalidInput
@@ -16,7 +18,7 @@ from uvms_ocp.model.thrusters import (
     unactuated_axes,
     unreachable_axes,
 )
-from uvms_ocp.sim.thrusters import ThrusterBank, joint_power
+from uvms_ocp.sim.thrusters import N_DECAYS, Thrusters, joint_power
 
 
 def robot_with(**changes: object) -> Robot:
@@ -26,6 +28,28 @@ def robot_with(**changes: object) -> Robot:
         Thruster.model_validate({**dict(thruster), **changes}) for thruster in robot.description.thrusters
     )
     return replace(robot, description=robot.description.model_copy(update={"thrusters": thrusters}))
+
+
+class ThrusterBank:
+    """The expressions of `Thrusters`, called step by step."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.model, n = Thrusters.of(robot), len(robot.description.thrusters)
+        thrust, asked, decay, dt = ca.SX.sym("f", n), ca.SX.sym("c", n), ca.SX.sym("d", n, N_DECAYS), ca.SX.sym("h")
+        share, offset = ca.SX.sym("s", n), ca.SX.sym("o", n)
+        after = self.model.step(thrust, self.model.target(asked, share, offset), decay, dt)
+        self._step = ca.Function("bank", [thrust, asked, share, offset, decay, dt], after)
+        self.thrust, self.energy, self.share, self.offset = np.zeros(n), np.zeros(n), np.ones(n), np.zeros(n)
+
+    def step(self, command: ArrayLike, dt: float) -> np.ndarray:
+        decay = self.model.decay(dt)
+        after, taken = self._step(self.thrust, np.array(command), self.share, self.offset, decay, dt)
+        self.thrust, self.energy = np.array(after)[:, 0], self.energy + np.array(taken)[:, 0]
+        return self.thrust
+
+    @property
+    def power(self) -> np.ndarray:
+        return np.array(ca.evalf(self.model.power(ca.SX(self.thrust))))[:, 0]
 
 
 @pytest.mark.parametrize("dt", [1e-3, 0.02, 0.5])
@@ -49,13 +73,6 @@ def test_thrust_never_leaves_the_limits() -> None:
         thrust = bank.step(rng.normal(scale=100.0, size=5), 0.05)
         assert (thrust >= -20.0).all()
         assert (thrust <= 30.0).all()
-
-
-def test_saturation_is_counted_per_thruster() -> None:
-    bank = ThrusterBank(robot_with(minimum=0.0, maximum=30.0))
-    for _ in range(10):
-        bank.step([30.0, 29.0, 0.0, -5.0, 100.0], 0.1)
-    np.testing.assert_allclose(bank.saturation_time, [1.0, 0.0, 0.0, 1.0, 1.0])
 
 
 def test_a_command_inside_the_dead_zone_gives_no_thrust() -> None:
@@ -85,9 +102,30 @@ def test_full_thrust_takes_the_reference_power() -> None:
 
 
 def test_signals_go_through_the_curve() -> None:
-    robot = robot_with(curve=((-1.0, -40.0), (0.0, 0.0), (0.5, 20.0), (1.0, 90.0)), time_constant=0.0)
-    bank = ThrusterBank(robot)
-    np.testing.assert_allclose(bank.step_signals([-1.0, -0.5, 0.25, 0.75, 2.0], 1e-3), [-40.0, -20.0, 10.0, 55.0, 90.0])
+    robot = robot_with(curve=((-1.0, -40.0), (0.0, 0.0), (0.5, 20.0), (1.0, 90.0)))
+    thrust = thrust_of_signals(robot, np.array([-1.0, -0.5, 0.25, 0.75, 2.0]))
+    np.testing.assert_allclose(thrust, [-40.0, -20.0, 10.0, 55.0, 90.0])
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5, 1.7, 2.0])
+def test_power_follows_the_exponent_of_the_file(exponent: float) -> None:
+    model = Thrusters.of(robot_with(power={"thrust": 100.0, "watts": 500.0, "exponent": exponent}))
+    thrust = np.array([-100.0, -30.0, 0.0, 50.0, 100.0])
+    power = np.array(ca.evalf(model.power(ca.SX(thrust))))[:, 0]
+    np.testing.assert_allclose(power, 500.0 * (np.abs(thrust) / 100.0) ** exponent, rtol=1e-13)
+
+
+def test_what_takes_unknown_power_takes_unknown_energy() -> None:
+    bank = ThrusterBank(robot_with(power=None))
+    bank.step(np.full(5, 50.0), 0.1)
+    assert np.isnan(bank.energy).all()
+    assert (bank.thrust > 0).all()
+
+
+def test_a_condition_acts_behind_the_dead_zone_and_within_the_limits() -> None:
+    bank = ThrusterBank(robot_with(dead_zone=5.0, minimum=-20.0, maximum=30.0, time_constant=0.0))
+    bank.share, bank.offset = np.array([1.0, 0.5, -1.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 12.0, 90.0])
+    np.testing.assert_array_equal(bank.step([4.0, 6.0, 28.0, -9.0, 0.0], 1e-3), [0.0, 3.0, -20.0, 12.0, 30.0])
 
 
 @pytest.mark.parametrize("minimum", [-40.0, 0.0])
@@ -97,11 +135,10 @@ def test_signals_and_thrust_are_inverse(minimum: float) -> None:
     np.testing.assert_allclose(thrust_of_signals(robot, signals_of_thrust(robot, thrust)), thrust, atol=1e-12)
 
 
-def test_bad_commands_are_refused() -> None:
-    bank = ThrusterBank(load_robot("girona_maris7"))
-    for command, dt in (([1.0], 0.1), ([np.nan] * 5, 0.1), (np.zeros(5), 0.0), (np.zeros(5), np.nan)):
-        with pytest.raises(InvalidInput):
-            bank.step(command, dt)
+@pytest.mark.parametrize("dt", [0.0, -1.0, np.nan, np.inf])
+def test_a_step_of_no_length_is_refused(dt: float) -> None:
+    with pytest.raises(InvalidInput, match="allowed: more than 0"):
+        Thrusters.of(load_robot("girona_maris7")).decay(dt)
 
 
 def test_five_thrusters_of_the_girona_leave_roll() -> None:

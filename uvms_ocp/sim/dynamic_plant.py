@@ -37,6 +37,13 @@ BRAKE_FRICTION = 1e6  # [N m s/rad] of a locked joint, which creeps by less than
 class DynamicPlant(Plant):
     """Robot, thrusters, water and floor at `max_step` or finer; see `uvms_ocp.sim.dynamic_step` for the equations."""
 
+    _dt: float
+    """[s] of a control period."""
+    _advance: StepSequence
+    """The steps of one."""
+    _given: Mapping[str, np.ndarray]
+    """What they read."""
+
     def __init__(
         self,
         robot: Robot,
@@ -72,8 +79,7 @@ class DynamicPlant(Plant):
         self._active: tuple[Fault, ...] = ()
         self._t = 0.0
         self._shapes = (len(robot.description.thrusters),), (robot.n_joints,)
-        self._zeros = np.zeros(self._shapes[0]), np.zeros(self._shapes[1])
-        self._condition = condition_of((), self._zeros[0])
+        self._condition = condition_of((), np.zeros(self._shapes[0]))
         self.state = State(q=robot.check_configuration(q0), v=np.zeros(robot.n_v), a=np.zeros(robot.n_v))
         self._left: State | None = None
         self._parts = parts_of(self._step)
@@ -113,18 +119,19 @@ class DynamicPlant(Plant):
             "joint_energy": after.item(parts["joint_energy"].start),
         }
 
-    def _ask(self, command: Command, given: Mapping[str, np.ndarray]) -> None:
+    def _ask(self, command: Command, memory: Mapping[str, np.ndarray]) -> None:
         """Write down what the command asks for."""
-        thrust, torque, zeros = command.thrust, command.torque, self._zeros
+        thrust, torque = command.thrust, command.torque
         if thrust is None or torque is None:
             raise InvalidInput("the dynamic plant needs thrust and torque; wrap the controller in a DynamicController")
-        shapes = thrust.shape, torque.shape
-        # Infinite and NaN alike: times 0 neither is 0, and limits would hide both.
-        if shapes != self._shapes or thrust.dot(zeros[0]) != 0.0 or torque.dot(zeros[1]) != 0.0:
-            n, m = len(zeros[0]), len(zeros[1])
-            raise InvalidInput(f"thrust {thrust}, torque {torque} given; allowed: {n} and {m} finite numbers")
-        given["asked_thrust"][:], given["asked_torque"][:] = thrust, torque
-        given["brake"][0] = BRAKE_FRICTION if command.brakes else 0.0
+        # Limits would hide what is NaN or infinite; its square is no finite number.
+        finite = math.isfinite(thrust.dot(thrust) + torque.dot(torque))
+        if (thrust.shape, torque.shape) != self._shapes or not finite:
+            (n,), (m,) = self._shapes
+            given = f"thrust {thrust.tolist()} N, torque {torque.tolist()} N m given"
+            raise InvalidInput(f"{given}; allowed: {n} and {m} finite numbers")
+        memory["asked_thrust"][:], memory["asked_torque"][:] = thrust, torque
+        memory["brake"][0] = BRAKE_FRICTION if command.brakes else 0.0
 
     def _begin(self, dt: float) -> None:
         """From now on, with the function there is, take periods of dt [s]."""

@@ -121,6 +121,11 @@ class HeightField(Seafloor):
             radii=rng.uniform(*relief.radius, n),
         )
 
+    @property
+    def top(self) -> float:
+        """[m] z that no part of it is above."""
+        return float(self._high[2])
+
     @late
     def height(self, x: float, y: float) -> float:
         return self.z + float(_elevation(self._bumps, x, y))
@@ -190,10 +195,14 @@ class HeightField(Seafloor):
     ) -> float:
         from scipy.optimize import brentq  # half a second, which few need
 
-        (x, y, z), (dx, dy, dz) = origin.tolist(), direction.tolist()
+        (x, y, z), (dx, dy, dz), near = origin.tolist(), direction.tolist(), bumps.T.tolist()
 
         def clearance(s: float) -> float:
-            return z + s * dz - self.z - float(_elevation(bumps, x + s * dx, y + s * dy))
+            rise = 0.0
+            for bx, by, height, scale in near:  # few: quicker than arrays
+                rest = 1.0 - ((bx - x - s * dx) ** 2 + (by - y - s * dy) ** 2) * scale
+                rise += height * rest**3 if rest > 0.0 else 0.0
+            return z + s * dz - self.z - rise
 
         if clearance(above) <= 0 or clearance(below) >= 0:  # the floor is at the end, to rounding
             return above if clearance(above) <= 0 else below

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import casadi as ca
@@ -13,9 +14,12 @@ from uvms_ocp.model.spatial import quaternion_to_matrix
 from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
 from uvms_ocp.sim.currents import Current, GustyCurrent, OnsetCurrent, StillWater, UniformCurrent, water_at
 from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.height_field import HeightField
 from uvms_ocp.sim.seafloor import FlatSeafloor, ground_at
 
 _NOWHERE = np.zeros((0, 3))
+_NEAR = 1.0  # [m] above its highest part the floor is looked at anyhow
+_FASTEST = 10.0  # [m/s] no vehicle sinks faster
 
 
 class Surroundings:
@@ -29,7 +33,9 @@ class Surroundings:
         self._n_links = len(dynamics.links)
         self._steady = is_steady(environment.current)
         self._uniform = everywhere(environment.current, 0.0) is not None
-        self._flat = type(environment.seafloor) is FlatSeafloor or not len(points)
+        floor = environment.seafloor
+        self._flat = type(floor) is FlatSeafloor or not len(points)
+        self._top = floor.top if type(floor) is HeightField else math.inf
         self._given: Mapping[str, np.ndarray] = {}
         self._sites: BufferedFunction | None = None
         if not (self._uniform and self._flat):
@@ -37,7 +43,11 @@ class Surroundings:
             self._sites = BufferedFunction(compile_function(function) if compiled else function)
 
     def bind(self, given: Mapping[str, np.ndarray]) -> None:
-        """From now on write into u, Du_Dt (n_links, 3), floor_z (n_points,) and floor_normal (n_points, 3) of `given`."""
+        """From now on write into the arrays of `given` (...) [units below]: what `StepSequence` reads.
+
+        Those are u (n_links, 3) [m/s], Du_Dt (n_links, 3) [m/s2], floor_z (n_points,) [m] and floor_normal (n_points, 3) [-];
+        the period dt (1,) [s] is read.
+        """
         self._given = given
         if self._steady:
             self._feel_water(_NOWHERE, 0.0)
@@ -50,7 +60,11 @@ class Surroundings:
         if not self._steady:
             self._feel_water(sites[: self._n_links], t)
         if not self._flat:
-            self._feel_floor(sites[self._n_links :])
+            points = sites[self._n_links :]
+            if points[:, 2].min() > self._top + _NEAR + _FASTEST * self._given["dt"][0]:
+                self._given["floor_z"][:] = self._top  # as much out of reach as all that is below it
+            else:
+                self._feel_floor(points)
 
     def _feel_water(self, p_W: np.ndarray, t: float) -> None:
         current, given = self._environment.current, self._given
@@ -62,7 +76,8 @@ class Surroundings:
             given["u"][:], given["Du_Dt"][:] = flow
 
     def _feel_floor(self, p_W: np.ndarray) -> None:
-        self._given["floor_z"][:], self._given["floor_normal"][:] = ground_at(self._environment.seafloor, p_W[:, :2])
+        given = self._given
+        given["floor_z"][:], given["floor_normal"][:] = ground_at(self._environment.seafloor, p_W[:, :2])
 
 
 def sites_function(dynamics: SymbolicDynamics, points: np.ndarray) -> ca.Function:
