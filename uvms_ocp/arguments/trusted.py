@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
+from functools import cache
 from types import MethodType
 from typing import Any, ParamSpec, TypeVar
 
@@ -16,6 +17,12 @@ def _made({declared}):
     _self = _new(_cls)
     _unchecked(_self, {passed})
     return _self
+"""
+_CHANGED = """
+def _changed(_value, _changes):
+    if not _changes.keys() <= _names:
+        raise TypeError(f"{{type(_value).__name__}} has no field {{', '.join(_changes.keys() - _names)}}")
+    return _made({kept})
 """
 _FILLED = """
 def _made({declared}):
@@ -64,10 +71,17 @@ def _field(f: Field[Any]) -> str:
 
 def changed(value: _V, /, **changes: Any) -> _V:
     """A frozen value with other values of some fields, as `dataclasses.replace`, but made as by `trusted`."""
-    made = object.__new__(type(value))
-    kept = {f.name: getattr(value, f.name) for f in fields(value) if f.init}  # type: ignore[arg-type]
-    _unchecked(type(value))(made, **{**kept, **changes})
-    return made
+    return _changing(type(value))(value, changes)  # type: ignore[arg-type]
+
+
+@cache
+def _changing(cls: Any) -> Callable[[Any, Mapping[str, Any]], Any]:
+    """`changed` of one class."""
+    names, made = [f.name for f in fields(cls) if f.init], trusted(cls)
+    kept = ", ".join(f"{name}=_changes.get({name!r}, _value.{name})" for name in names)
+    space = {"_made": made, "_names": frozenset(names)}
+    exec(_CHANGED.format(kept=kept), space)
+    return space["_changed"]  # type: ignore[return-value]
 
 
 def unchecked(method: Callable[_P, _V]) -> Callable[_P, _V]:
