@@ -629,6 +629,8 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "KinematicPlant.step": lambda: {"dt": 0.001},
     "HeightField": lambda: {"centres": np.zeros((1, 2)), "heights": np.ones(1), "radii": np.ones(1)},
     "HeightField.random": lambda: {"extent": 5.0},
+    "FlatSeafloor.ground_at": lambda: {"points": np.zeros((2, 2))},
+    "HeightField.ground_at": lambda: {"points": np.zeros((2, 2))},
     "HeightField.heights_at": lambda: {"points": np.zeros((2, 2))},
     "Icat.velocity": lambda: {"J": np.eye(2), "rate": np.ones(2), "activation": np.ones(2), "sizes": (2,)},
     "Level": lambda: {"jacobian": np.eye(2)},

@@ -142,6 +142,7 @@ class HeightField(Seafloor):
     def normal(self, x: float, y: float) -> np.ndarray:
         return _normals(self.gradient(x, y)[None, :])[0]
 
+    @late
     def ground_at(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
         """Heights (n,) [m] and unit normals (n, 3) [-] of the floor at points (n, 2) [m], x and y in W."""
         elevations, slopes = _slopes(self._bumps, points)

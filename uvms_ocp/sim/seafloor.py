@@ -66,6 +66,7 @@ class FlatSeafloor(Seafloor):
     def normal(self, x: float, y: float) -> np.ndarray:
         return np.array([0.0, 0.0, 1.0])
 
+    @late
     def ground_at(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
         """Heights (n,) [m] and unit normals (n, 3) [-] of the floor at points (n, 2) [m], x and y in W."""
         normals = np.zeros((len(points), 3))
