@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
@@ -99,33 +99,39 @@ def quantity(record: Record, name: str) -> np.ndarray | None:
 
 
 class Recorder:
-    """Collects rows of equal structure in blocks of memory, series of one type side by side."""
+    """Collects rows of equal structure in blocks of memory, which stay where they are."""
 
     def __init__(self, capacity: int = 1024) -> None:
         """capacity [-]: rows of a block."""
         self._capacity = capacity
         self._n = 0
-        self._width = 0
-        self._groups: list[_Group] = []
-        self._of: dict[str, _Group] = {}
+        self._names: tuple[str, ...] = ()
+        self._row = np.dtype([])
+        self._pick: Callable[[Mapping[str, Any]], tuple[Any, ...]] = lambda row: ()
+        self._blocks: list[list[np.ndarray]] = []
+        """Of each, one view (capacity, ...) for every series: a row lies in one place, on one page or two."""
 
     def append(self, row: Mapping[str, Any]) -> None:
-        """Add one row. Raises `InvalidInput` for one with other series than the first; a shape must fit that of the first."""
-        if not self._groups:
+        """Add one row. Raises `InvalidInput` for one with other series than the first; shapes must fit those of the first."""
+        if not self._names:
             self._begin(row)
-        if len(row) != self._width:
+        if len(row) != len(self._names):
             raise self._other(row)
-        block, place = divmod(self._n, self._capacity)
         try:
-            for group in self._groups:
-                group.put(row, block, place)
+            values = self._pick(row)
         except KeyError:
             raise self._other(row) from None
+        place = self._n % self._capacity
+        if place == 0:
+            block = np.empty(self._capacity, self._row)
+            self._blocks.append([block[name] for name in self._row.names or ()])
+        for memory, value in zip(self._blocks[-1], values, strict=True):
+            memory[place] = value
         self._n += 1
 
     def __contains__(self, name: str) -> bool:
         """Whether there is a series of that name."""
-        return name in self._of
+        return name in self._names
 
     def last(self, name: str) -> Any:
         """The newest value of the series `name`."""
@@ -133,8 +139,8 @@ class Recorder:
 
     def at(self, name: str, row: int) -> Any:
         """The value of the series `name` in a row."""
-        index = range(self._n)[row]
-        return self._of[name].part(name, index // self._capacity)[index % self._capacity]
+        block, place = divmod(range(self._n)[row], self._capacity)
+        return self._blocks[block][self._names.index(name)][place]
 
     def freeze(self, meta: RunMeta | PlanMeta) -> Record:
         """The rows so far as a `Record`."""
@@ -142,63 +148,17 @@ class Recorder:
 
     def series(self) -> dict[str, np.ndarray]:
         """The rows so far by name, (n, ...) each: copies."""
-        return {name: group.rows(name, self._n) for name, group in self._of.items()}
-
-    def _other(self, row: Mapping[str, Any]) -> InvalidInput:
-        return InvalidInput(f"row of {', '.join(row)}; give {', '.join(self._of)}, as in the first one")
+        return {
+            name: np.concatenate([block[k] for block in self._blocks])[: self._n] for k, name in enumerate(self._names)
+        }
 
     def _begin(self, row: Mapping[str, Any]) -> None:
-        kinds: dict[Any, dict[str, np.ndarray]] = {}
-        for name, value in row.items():
-            sample = np.asarray(value)
-            own = name if sample.ndim > 1 else ""
-            kinds.setdefault((sample.dtype, min(sample.ndim, 2), own), {})[name] = sample
-        self._groups = [_Group(samples, self._capacity) for samples in kinds.values()]
-        found = {name: group for group in self._groups for name in group.names}
-        self._of, self._width = {name: found[name] for name in row}, len(row)
+        names = tuple(row)
+        samples = enumerate(map(np.asarray, row.values()))
+        self._row = np.dtype([(f"series{k}", sample.dtype, sample.shape) for k, sample in samples], align=True)
+        # A getter of one name would give its value in place of a tuple.
+        self._pick = itemgetter(*names) if len(names) > 1 else lambda row: (row[names[0]],)
+        self._names = names
 
-
-class _Group:
-    """Numbers, or columns, of one type: one row of memory takes all of them at once. A table is a group by itself."""
-
-    def __init__(self, samples: Mapping[str, np.ndarray], capacity: int) -> None:
-        ndim = next(iter(samples.values())).ndim
-        self.names = tuple(samples)
-        self._pick = itemgetter(*samples)
-        self._sizes = [sample.size for sample in samples.values()]
-        ends = np.cumsum(self._sizes).tolist()
-        places = [slice(end - size, end) if ndim else end - 1 for end, size in zip(ends, self._sizes, strict=True)]
-        self._places: dict[str, Any] = dict(zip(samples, places, strict=True))
-        self._joined = ndim == 1 and len(samples) > 1
-        self._shape: tuple[int, ...] = (capacity, ends[-1])
-        if ndim > 1:
-            ((name, table),) = samples.items()
-            self._shape, self._places = (capacity, *table.shape), {name: ...}
-        self._dtype = next(iter(samples.values())).dtype
-        self._blocks: list[np.ndarray] = []
-
-    def put(self, row: Mapping[str, Any], block: int, place: int) -> None:
-        """Into a place of a block, the newest or a new one."""
-        if block == len(self._blocks):
-            self._blocks.append(np.empty(self._shape, dtype=self._dtype))
-        values, memory = self._pick(row), self._blocks[block]
-        if self._joined:
-            np.concatenate(self._fitted(values), out=memory[place], casting="unsafe")
-        else:
-            memory[place] = values
-
-    def part(self, name: str, block: int) -> np.ndarray:
-        """Of a block, the rows of one series."""
-        return self._blocks[block][:, self._places[name]]
-
-    def _fitted(self, values: Sequence[Any]) -> Sequence[Any]:
-        try:
-            if [*map(len, values)] == self._sizes:
-                return values
-        except TypeError:  # a number, which stands for all
-            pass
-        return [np.broadcast_to(value, size) for value, size in zip(values, self._sizes, strict=True)]
-
-    def rows(self, name: str, n: int) -> np.ndarray:
-        """The first n rows of one series: a copy."""
-        return np.concatenate([self.part(name, k) for k in range(len(self._blocks))])[:n]
+    def _other(self, row: Mapping[str, Any]) -> InvalidInput:
+        return InvalidInput(f"row of {', '.join(row)}; give {', '.join(self._names)}, as in the first one")
