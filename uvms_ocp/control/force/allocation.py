@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.control.force.least_power import PowerLaw, least_power_function, null_space
+from uvms_ocp.control.force.least_power import PowerLaw, least_power, null_space
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.buffered import BufferedFunction
+from uvms_ocp.functions.elementwise import both, either, everywhere
 from uvms_ocp.model.files.description import Power, Thruster
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.symbolic.joint_types import sparse
 from uvms_ocp.model.thrusters import thrust_limits, thruster_matrix
 from uvms_ocp.solvers.bounded_least_squares import bounded_least_squares
 
-_all = np.logical_and.reduce  # half the time of ndarray.all
 _REWEIGHTINGS = 3  # of the power at the limits; each divides what is left to save by four
 _SETTLED = 1e-4  # share of the largest thrust
 _EXACT = 1e-9  # relative loss of wrench that counts as none
@@ -58,10 +60,13 @@ class Allocation:
     """(n,) [N]: smaller thrust cannot be commanded; it becomes 0 or the edge, whichever is nearer."""
     wrench_weight: np.ndarray = field(default_factory=lambda: np.ones(6))
     """(6,) [1/N, 1/(N m)]: what to give up first when not everything can be reached."""
+    function: ca.Function = field(init=False, repr=False)
+    """``wrench -> thrust, reached, unreachable, settled`` as `AllocationResult`, limits aside; settled [-]: 1 where neither
+    limits nor dead zones are in the way of that, else `beyond` has the answer."""
     _power: PowerLaw = field(init=False, repr=False)
     """That of all thrusters."""
-    _unbounded: BufferedFunction = field(init=False, repr=False)
-    """Wrench (6,) [N, N m] to the thrust (n,) [N] of least power, limits aside."""
+    _quick: BufferedFunction = field(init=False, repr=False)
+    """The function, to be called."""
     _is_redundant: bool = field(init=False, repr=False)
     """Whether several thrusts give one wrench."""
     _has_dead_zone: bool = field(init=False, repr=False)
@@ -71,29 +76,42 @@ class Allocation:
         self._check()
         largest = np.maximum(np.maximum(self.upper, -self.lower), np.finfo(float).tiny)
         power = PowerLaw(factor=self.power_factor, exponent=self.power_exponent, largest=largest)
-        function = least_power_function(self.matrix, self._inverse(power.quadratic()), power)
         object.__setattr__(self, "_power", power)
-        object.__setattr__(self, "_unbounded", BufferedFunction(function))
+        object.__setattr__(self, "function", self._function(power))
+        object.__setattr__(self, "_quick", BufferedFunction(self.function))
         object.__setattr__(self, "_is_redundant", null_space(self.matrix).size > 0)
         object.__setattr__(self, "_has_dead_zone", bool((self.dead_zone > 0.0).any()))
 
     def allocate(self, wrench: ArrayLike) -> AllocationResult:
         """Thrust for a wrench (6,) [N, N m] about the origin of B, in B. Raises `InvalidInput` unless it is finite."""
         w = _six(wrench)
-        thrust = self._unbounded(w)[0]
-        inside = _all(thrust >= self.lower) and _all(thrust <= self.upper)  # not so for NaN
-        if inside and not self._has_dead_zone:
-            reached = self.matrix @ thrust
-            return AllocationResult(thrust, reached, w - reached, False)
-        return self._slowly(w, thrust, inside)
+        thrust, reached, unreachable, settled = self._quick(w)
+        return AllocationResult(thrust, reached, unreachable, False) if settled[0] else self.beyond(w)
 
-    def _slowly(self, w: np.ndarray, unbounded: np.ndarray, inside: bool) -> AllocationResult:
-        _require_finite(w)
-        thrust = unbounded if inside else self._bounded(w)
+    def beyond(self, wrench: np.ndarray) -> AllocationResult:
+        """As `allocate`, slower, for a wrench (6,) [N, N m] that limits or dead zones are in the way of."""
+        _require_finite(wrench)
+        unbounded = self._quick(wrench)[0]
+        inside = bool(((unbounded >= self.lower) & (unbounded <= self.upper)).all())
+        thrust = unbounded if inside else self._bounded(wrench)
         saturated = not inside and self._loses(thrust, unbounded)
-        thrust = self._outside_dead_zone(w, thrust) if self._has_dead_zone else thrust
+        thrust = self._outside_dead_zone(wrench, thrust) if self._has_dead_zone else thrust
         reached = self.matrix @ thrust
-        return AllocationResult(thrust, reached, w - reached, saturated)
+        return AllocationResult(thrust, reached, wrench - reached, saturated)
+
+    def _function(self, power: PowerLaw) -> ca.Function:
+        wrench = ca.SX.sym("wrench", 6)
+        thrust = ca.densify(least_power(wrench, self.matrix, self._inverse(power.quadratic()), power))
+        reached = ca.densify(sparse(self.matrix) @ thrust)
+        results = {"thrust": thrust, "reached": reached, "unreachable": wrench - reached}
+        results["settled"] = self._settled(thrust)
+        return ca.Function("allocate", [wrench], list(results.values()), ["wrench"], list(results))
+
+    def _settled(self, thrust: ca.SX) -> ca.SX:
+        """Whether thrust can be commanded as it is; not so for NaN."""
+        lower, upper, edge = ca.DM(self.lower), ca.DM(self.upper), ca.DM(self.dead_zone)
+        outside = either(thrust == 0.0, ca.fabs(thrust) >= edge)
+        return everywhere(both(both(thrust >= lower, thrust <= upper), outside))
 
     def _bounded(self, w: np.ndarray) -> np.ndarray:
         thrust = self._least_squares(w, self.lower, self.upper, self._power.quadratic(), None)

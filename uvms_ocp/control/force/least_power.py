@@ -40,18 +40,17 @@ class PowerLaw:
         return 0.5 * self.factor * self.exponent * size ** (0.5 * self.exponent - 1.0)
 
 
-def least_power_function(matrix: np.ndarray, inverse: np.ndarray, power: PowerLaw) -> ca.Function:
-    """Function ``wrench (6,) -> thrust (n,)``, [N, N m] to [N].
+def least_power(wrench: ca.SX, matrix: np.ndarray, inverse: np.ndarray, power: PowerLaw) -> ca.SX:
+    """Thrust (n,) [N] for a wrench (6,) [N, N m].
 
     It is that of `inverse` (n, 6) [N/N, N/(N m)], moved in the null space of `matrix` (6, n) [N/N, N m/N].
     """
-    wrench = ca.SX.sym("wrench", 6)
     thrust = ca.mtimes(sparse(inverse), wrench)
     N = null_space(matrix)
     stretch = min(1.8, 0.9 / max(float(power.exponent.max(initial=1.0)) - 1.0, 1e-9))
     for _ in range(_STEPS if N.size else 0):
         thrust -= stretch * _newton_like(sparse(N), _touching(power, thrust), thrust)
-    return ca.Function("least_power", [wrench], [thrust], ["wrench"], ["thrust"])
+    return thrust
 
 
 def _newton_like(N: ca.DM, weight: ca.SX, thrust: ca.SX) -> ca.SX:
