@@ -109,6 +109,7 @@ class ActuatorMonitor:
             self.joints.pause()
         gone = self._gone_by(seen.q)
         jammed = self.joints.look(way, gone, seen.residual[n:], t) if seen.joints_known else ()
+        suspect = self.thrusters.suspect
         faulty = self.thrusters.look(seen.residual[:n], seen.asked, t)
         for j in jammed:
             self.alarms.append((t, joint_alarm(j + 1, self._robot.joint_names[j])))
@@ -116,8 +117,10 @@ class ActuatorMonitor:
             name = self._robot.description.thrusters[i].name
             self.alarms.append((t, thruster_alarm(i + 1, name, self.thrusters.verdicts[i])))
         self._judge(seen, faulty, t)
-        self._told = self._telemetry()
-        return bool(faulty or jammed)
+        found = bool(faulty or jammed)
+        if found or self.thrusters.suspect != suspect:
+            self._told = self._telemetry()
+        return found
 
     def _gone_by(self, q: np.ndarray) -> np.ndarray:
         """(n_joints,) [rad or m] that the joints went until q (n_q,) [m, rad]; some turn without end, and are no numbers."""
@@ -143,9 +146,9 @@ class ActuatorMonitor:
         if faulty:
             self._balance.begin(t)
             return
-        rest = np.zeros(self._robot.n_v)
         if not self._balance.runs:
             return
+        rest = np.zeros(self._robot.n_v)
         weight = self._dynamics.inverse_dynamics(seen.q, rest, rest)[:6]
         mean = self._balance.take_in(weight - seen.disturbance[:6], t)
         if mean is None:

@@ -43,6 +43,8 @@ class ThrusterMonitor:
         self._window = BlameWindow(matrix, np.maximum(scale, 1e-6 * reach.max(initial=1.0)), tuning, period=period)
         self._quiet_until, self._started = -math.inf, False
         self._last, self._evidence = NOBODY, 0.0
+        self.suspect = -1
+        """Counted from 0 [-]; -1 for none."""
         self.effect = Effect.sound(n)
         """What thrusters make of their commands, by the verdicts."""
         self.verdicts = [ThrusterVerdict() for _ in range(n)]
@@ -64,7 +66,8 @@ class ThrusterMonitor:
         again = blame.thruster >= 0 and blame.thruster == self._last.thruster
         self._evidence = self._evidence + min(blame.lead / self._tuning.clear_lead, 1.0) ** 2 if again else 0.0
         self._last = blame
-        self._mark(blame.thruster)
+        if blame.thruster != self.suspect:
+            self._mark(blame.thruster)
         return self._name(blame, t) if self._evidence > self._tuning.looks else ()
 
     def _restart(self, t: float) -> None:
@@ -101,6 +104,7 @@ class ThrusterMonitor:
         return min(max(manner.constant, lower), upper) if possible and clear else 0.0
 
     def _mark(self, suspect: int) -> None:
+        self.suspect = suspect
         for i, verdict in enumerate(self.verdicts):
             health = Health.SUSPECT if i == suspect else Health.GOOD
             if verdict.health not in (Health.FAULTY, health):

@@ -135,10 +135,10 @@ class DynamicController:
 
     def _watch(self, monitor: ActuatorMonitor, tick: TickState) -> None:
         """Look for faults of thrusters and joints, and do without what is faulty from now on."""
-        now = self._tick.now
-        if now.watch[0] == Watch.PAUSED:
+        now, watch = self._tick.now, self._tick.now.watch.item()
+        if watch == Watch.PAUSED:
             monitor.pause()
-        elif now.watch[0] == Watch.DUE:
+        elif watch == Watch.DUE:
             look = Look(
                 q=tick.measurement.q,
                 residual=now.estimate + now.lead,

@@ -95,7 +95,10 @@ class DisturbanceObserver:
         self.estimate, self._v_hat, self._follows = np.zeros(n), np.zeros(n), np.zeros(1)
 
     def update(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """d (n_v,) [N, N m] after a tick, as `ObserverLaw.after`: q (n_q,) [m, rad], v (n_v,) [m/s, rad/s], tau (n_v,) [N, N m]."""
+        """d (n_v,) [N, N m] after a tick, as `ObserverLaw.after` has it.
+
+        q (n_q,) [m, rad], v (n_v,) [m/s, rad/s], tau (n_v,) [N, N m].
+        """
         self.estimate, self._v_hat = self._function(q, v, tau, self.estimate, self._v_hat, self._follows)
         self._follows[0] = 1.0
         return self.estimate
