@@ -89,7 +89,10 @@ class Allocation:
         return AllocationResult(thrust, reached, unreachable, False) if settled[0] else self.beyond(w)
 
     def beyond(self, wrench: np.ndarray) -> AllocationResult:
-        """As `allocate`, slower, for a wrench (6,) [N, N m] that limits or dead zones are in the way of."""
+        """As `allocate`, slower, for a wrench (6,) [N, N m] that limits or dead zones are in the way of.
+
+        Raises `InvalidInput` unless it is finite.
+        """
         _require_finite(wrench)
         unbounded = self._quick(wrench)[0]
         inside = bool(((unbounded >= self.lower) & (unbounded <= self.upper)).all())

@@ -31,7 +31,7 @@ class DegradedAllocation:
         return self._of_all(self._allocation.allocate(np.asarray(wrench, dtype=float) - self._known))
 
     def beyond(self, wrench: np.ndarray) -> AllocationResult:
-        """As `Allocation.beyond`."""
+        """As `Allocation.beyond`, for a wrench (6,) [N, N m]."""
         return self._of_all(self._allocation.beyond(wrench - self._known))
 
     def _of_all(self, result: AllocationResult) -> AllocationResult:

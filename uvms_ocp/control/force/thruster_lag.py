@@ -30,7 +30,7 @@ class ThrusterLag:
         return clipped(thrust + lead * (wanted - thrust), self.lower, self.upper)
 
     def after(self, thrust: Array, command: Array) -> Array:
-        """Thrust (n,) [N] a tick later under a command (n,) [N]."""
+        """What becomes of a thrust (n,) [N] within a tick, (n,) [N], under a command (n,) [N]."""
         return command + (thrust - command) * self.decay
 
 

@@ -154,7 +154,7 @@ def size_of(parts: type[Any], sizes: Mapping[str, int]) -> int:
 
 
 def parts_of(parts: type[Parts], sizes: Mapping[str, int], column: Array) -> Parts:
-    """Views of a column of numbers, or slices of one of expressions."""
+    """Views of a column (n,) [any] of numbers, or slices of one of expressions."""
     return parts(**{name: column[place] for name, place in places_of(parts, sizes).items()})
 
 
