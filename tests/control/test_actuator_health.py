@@ -11,6 +11,7 @@ from actuators.hovering import Hover, run
 
 from uvms_ocp.control.actuator_health.authority import authority_of
 from uvms_ocp.control.actuator_health.effect import Effect
+from uvms_ocp.control.actuator_health.intake import Asked, intake_of
 from uvms_ocp.control.actuator_health.joint_monitor import JointMonitor
 from uvms_ocp.control.actuator_health.monitor import ActuatorMonitor, Look
 from uvms_ocp.control.actuator_health.thresholds import ActuatorHealthTuning
@@ -33,6 +34,10 @@ def without(*thrusters: int) -> Effect:
     return Effect(share=share, constant=np.zeros(8))
 
 
+def nothing_asked(n_thrusters: int, n_v: int) -> Asked:
+    return Asked(thrust=np.zeros(n_thrusters), way=np.zeros(n_v), ticks=0.0)
+
+
 def watched(
     robot: str, thruster: int, share: float, constant: float, push: np.ndarray, busy: float = 0.02
 ) -> list[ThrusterVerdict]:
@@ -43,7 +48,9 @@ def watched(
     """
     machine = load_robot(robot)
     matrix, (lower, upper) = thruster_matrix(machine), thrust_limits(machine)
-    monitor = ThrusterMonitor(matrix, lower, upper, tuning=ActuatorHealthTuning(), bandwidth=3.0, dt=0.02)
+    tuning = ActuatorHealthTuning()
+    intake, known = intake_of(tuning, bandwidth=3.0, dt=0.02), nothing_asked(8, 6)
+    monitor = ThrusterMonitor(matrix, lower, upper, tuning=tuning, bandwidth=3.0, period=0.02 * intake.every)
     rng, noise, seen = np.random.default_rng(thruster), np.zeros(8), np.zeros(6)
     reach, back = np.abs(matrix) @ upper, np.linalg.pinv(matrix)
     for k in range(600):
@@ -53,7 +60,8 @@ def watched(
         if k >= 200:
             lost[thruster] = (share - 1.0) * asked[thruster] + constant * upper[thruster]
         seen += (1.0 - np.exp(-3.0 * 0.02)) * (matrix @ lost + reach * push[k] - seen)
-        if monitor.due(asked) and monitor.look(seen, 0.02 * k):
+        known = intake.after(known, asked, np.zeros(6))
+        if known.ticks == 0.0 and monitor.look(seen, known.thrust, 0.02 * k):
             break
     return monitor.verdicts
 
@@ -152,14 +160,33 @@ def test_the_way_of_a_joint_that_turns_without_end_is_known(tmp_path: Path) -> N
     assert len(machine.home) == machine.n_joints + 1
     monitor, v, nothing = monitor_of(machine), np.zeros(machine.n_v), np.zeros(machine.n_v)
     v[machine.joint_v] = 0.3
-    q = machine.configuration()
+    q, still = machine.configuration(), np.zeros(len(machine.description.thrusters))
     for k in range(1, 100):
         q = pin.integrate(machine.model, q, 0.1 * v)
-        for _ in range(5):
-            due = monitor.due(np.zeros(len(machine.description.thrusters)), v)
-        assert due
-        assert not monitor.look(Look(q=q, residual=-10.0 * v, disturbance=nothing), 0.1 * k)
+        look = Look(q=q, residual=-10.0 * v, disturbance=nothing, asked=still, way=monitor.intake.every * v)
+        assert not monitor.look(look, 0.1 * k)
     assert not monitor.joints.jammed.any()
+
+
+def test_thrust_is_taken_in_as_late_as_the_residual_tells_of_it() -> None:
+    intake, known = intake_of(ActuatorHealthTuning(), bandwidth=3.0, dt=0.02), nothing_asked(2, 0)
+    for k in range(1, 101):
+        known = intake.after(known, np.array([5.0, -40.0]), np.zeros(0))
+        np.testing.assert_allclose(known.thrust, (1.0 - np.exp(-3.0 * 0.02 * k)) * np.array([5.0, -40.0]))
+
+
+@pytest.mark.parametrize("dt", [1 / 200, 1 / 50, 1.0])
+def test_a_look_is_due_at_its_period_and_hears_of_every_velocity_once(dt: float) -> None:
+    tuning = ActuatorHealthTuning()
+    intake, known = intake_of(tuning, bandwidth=0.5, dt=dt), nothing_asked(0, 1)
+    looks = []
+    for k in range(1, 201):
+        known = intake.after(known, np.zeros(0), np.array([float(k)]))
+        if known.ticks == 0.0:
+            looks.append((k, known.way[0]))
+    ticks = np.array([k for k, _ in looks])
+    assert (np.diff(ticks, prepend=0) == max(1, round(tuning.sample_time / dt))).all()
+    assert sum(way for _, way in looks) == pytest.approx(ticks[-1] * (ticks[-1] + 1) / 2)
 
 
 def monitor_of(machine: Robot) -> ActuatorMonitor:

@@ -7,8 +7,9 @@ import pytest
 from scipy.linalg import null_space
 from scipy.optimize import LinearConstraint, lsq_linear, minimize
 
-from uvms_ocp.control.force.allocation import Allocation, allocation_of
+from uvms_ocp.control.force.allocation import Allocation, allocation_of, limited_thrust
 from uvms_ocp.control.force.least_power import PowerLaw
+from uvms_ocp.control.force.limited_thrust import limit_thrust, touching
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.files.library import list_robots
 from uvms_ocp.model.loading import load_robot
@@ -210,7 +211,8 @@ def test_parabolas_meet_the_power_at_the_largest_thrust_and_touch_it_elsewhere()
     for share in (0.1, 0.5, 1.0):
         thrust = share * law.largest
         slope = law.factor * law.exponent * thrust ** (law.exponent - 1.0)
-        np.testing.assert_allclose(2.0 * law.touching(thrust) * thrust, slope, rtol=1e-3)
+        weights = list(map(touching, law.factor, law.exponent, law.largest, thrust))
+        np.testing.assert_allclose(2.0 * np.array(weights) * thrust, slope, rtol=1e-3)
 
 
 def test_without_data_every_thruster_takes_the_same_power_at_its_larger_limit() -> None:
@@ -224,3 +226,16 @@ def test_without_data_every_thruster_takes_the_same_power_at_its_larger_limit() 
     allocation = allocation_of(bare)
     largest = np.maximum(-allocation.lower, allocation.upper)
     np.testing.assert_allclose(allocation.power_factor * largest**allocation.power_exponent, 1.0, rtol=1e-12)
+
+
+def test_limits_are_kept_by_the_same_bits_in_c_and_in_python(powered: Allocation, wrenches: np.ndarray) -> None:
+    dead = with_dead_zone(powered, 0.05)
+    largest = np.maximum(-dead.lower, dead.upper)
+    law = PowerLaw(factor=dead.power_factor, exponent=dead.power_exponent, largest=largest)
+    mine, in_c = limited_thrust(dead, law)
+    other, n = type(mine).from_buffer_copy(mine), len(dead.lower)
+    for wrench in wrenches[::50]:
+        for p in (mine, other):
+            p.wrench[:], p.unbounded[:n] = wrench.tolist(), (np.linalg.pinv(dead.matrix) @ wrench).tolist()
+        assert bool(in_c(mine)) == limit_thrust(other)
+        assert mine.thrust[:] == other.thrust[:]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, cast
-
+import casadi as ca
 import numpy as np
 import pytest
 
-from uvms_ocp.control.force.observer import DisturbanceObserver
+from uvms_ocp.control.force.observer import DisturbanceObserver, ObserverLaw
+from uvms_ocp.exceptions import InvalidInput
 
 DT = 1e-4
 
@@ -15,21 +15,26 @@ DT = 1e-4
 class Mass:
     """In free space, one axis per mass [kg]."""
 
+    links = ()
+
     def __init__(self, masses: np.ndarray) -> None:
         self.masses = masses
 
-    def mass_matrix(self, q: np.ndarray) -> np.ndarray:
-        return np.diag(self.masses)
+    def mass_matrix(self, q: ca.SX) -> ca.SX:
+        return ca.SX(np.diag(self.masses))
 
-    def forward_dynamics(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
+    def forward_dynamics(self, q: ca.SX, v: ca.SX, tau: ca.SX, u: ca.SX, Du_Dt: ca.SX) -> ca.SX:
         return tau / self.masses
+
+
+def observer_of(masses: np.ndarray, w: np.ndarray, limit: float = 1e3) -> DisturbanceObserver:
+    return DisturbanceObserver(ObserverLaw(bandwidth=w, limit=np.full(2, limit), dt=DT), Mass(masses), 0)
 
 
 @pytest.mark.parametrize("bandwidth", [(0.5, 1.0), (3.0, 4.0), (10.0, 20.0)])
 def test_a_step_of_the_disturbance_is_found_as_fast_as_the_bandwidth_says(bandwidth: tuple[float, float]) -> None:
     w, masses, push = np.array(bandwidth), np.array([2.0, 180.0]), np.array([7.0, -40.0])
-    dynamics = cast(Any, Mass(masses))
-    observer = DisturbanceObserver(dynamics, bandwidth=w, limit=np.full(2, 1e3), dt=DT)
+    observer = observer_of(masses, w)
     v, n = np.zeros(2), round(6.0 / w.min() / DT)
     for k in range(n):
         estimate = observer.update(np.zeros(0), v, np.zeros(2))
@@ -37,3 +42,24 @@ def test_a_step_of_the_disturbance_is_found_as_fast_as_the_bandwidth_says(bandwi
             elapsed = w * k * DT
             np.testing.assert_allclose(estimate / push, 1 - (1 + elapsed) * np.exp(-elapsed), atol=2e-3)
         v = v + DT * push / masses
+
+
+def test_a_disturbance_is_never_more_than_its_limit() -> None:
+    observer, v = observer_of(np.ones(2), np.full(2, 10.0), limit=2.0), np.zeros(2)
+    for _ in range(10_000):
+        estimate = observer.update(np.zeros(0), v, np.zeros(2))
+        v = v + DT * np.array([3.0, -5.0])
+        assert (np.abs(estimate) <= 2.0).all()
+    np.testing.assert_allclose(estimate, [2.0, -2.0])
+
+
+def test_what_is_no_number_is_not_taken_for_a_disturbance_at_its_limit() -> None:
+    observer = observer_of(np.ones(2), np.full(2, 10.0))
+    observer.update(np.zeros(0), np.zeros(2), np.zeros(2))
+    assert np.isnan(observer.update(np.zeros(0), np.array([np.nan, 0.0]), np.zeros(2))[0])
+
+
+@pytest.mark.parametrize("bandwidth", [0.0, -1.0, np.nan, 1 / DT])
+def test_a_bandwidth_that_the_period_does_not_bear_is_refused(bandwidth: float) -> None:
+    with pytest.raises(InvalidInput, match="bandwidth"):
+        observer_of(np.ones(2), np.array([1.0, bandwidth]))

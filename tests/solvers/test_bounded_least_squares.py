@@ -42,3 +42,26 @@ def test_among_equal_residuals_the_weighted_norm_is_the_smallest(seed: int) -> N
 def test_equal_bounds_fix_a_variable() -> None:
     x = bounded_least_squares(np.eye(2), np.array([3.0, 3.0]), np.array([1.0, -9.0]), np.array([1.0, 9.0]), np.ones(2))
     np.testing.assert_allclose(x, [1.0, 3.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_python_and_c_give_the_same_bits(seed: int) -> None:
+    problem = random_problem(seed)
+    np.testing.assert_array_equal(bounded_least_squares(*problem), bounded_least_squares(*problem, compiled=False))
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_without_bounds_it_is_the_weighted_least_squares_of_least_norm(seed: int) -> None:
+    A, b, _, _, weight = random_problem(seed)
+    far = np.full(len(weight), 1e6)
+    x = bounded_least_squares(A, b, -far, far, weight)
+    scale = np.sqrt(weight)
+    oracle = np.linalg.pinv(A / scale, rcond=1e-9) @ b / scale
+    np.testing.assert_allclose(x, oracle, rtol=1e-9, atol=1e-9 * np.abs(oracle).max())
+
+
+def test_rows_that_are_all_zero_leave_the_smallest_norm() -> None:
+    x = bounded_least_squares(
+        np.zeros((6, 3)), np.ones(6), np.array([-1.0, 0.5, -3.0]), np.array([1.0, 2.0, -1.0]), np.ones(3)
+    )
+    np.testing.assert_allclose(x, [0.0, 0.5, -1.0], atol=1e-12)

@@ -9,12 +9,14 @@ what is left is that of likelihoods of an additive fault of unknown size ([Wills
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from uvms_ocp.control.actuator_health.thresholds import ActuatorHealthTuning
 
 _TINY = 1e-12
+_sum, _largest = partial(np.add.reduce, axis=0), np.maximum.reduce  # the methods take twice the time
 _PLAUSIBLE = (0.25, 3.5)  # theta; a thruster that sticks far from what is asked looks like more than 2 at first
 _LATE = (0, 1, 2)  # looks by which what is measured of the motion may lag what is asked
 _EARLY = (2, 4)  # looks by which what is asked lags what pushes, where it only answers it
@@ -67,13 +69,13 @@ class BlameWindow:
         if n < self._length // 2:
             return NOBODY
         seen = self._last(self._seen, n, now)
-        seen = seen - seen.mean(axis=0)
+        seen = seen - _sum(seen) / n
         total = float(np.vdot(seen, seen))
         if total < n * self._tuning.least_change**2:
             return NOBODY
         along = seen @ self._directions
         causes = [self._explained(along, now + late) for late in _LATE]
-        blame = _leader(total, max(causes, key=np.max))
+        blame = _leader(total, max(causes, key=_largest))
         if blame.explained < self._tuning.explained or blame.lead < self._tuning.lead:
             return NOBODY
         answers = [self._explained(along, now - early)[blame.thruster] for early in _EARLY]
@@ -93,7 +95,7 @@ class BlameWindow:
     def _explained(self, along: np.ndarray, before: int) -> np.ndarray:
         """Of the sum of squares, by each thruster (n,), by what it was asked so many looks before now."""
         asked = self._last(self._asked, len(along), before)
-        asked = asked - asked.mean(axis=0)
+        asked = asked - _sum(asked) / len(along)
         size = np.maximum(self._square * np.einsum("ti,ti->i", asked, asked), _TINY)
         theta = -np.einsum("ti,ti->i", asked, along) / size
         return np.where((theta > _PLAUSIBLE[0]) & (theta < _PLAUSIBLE[1]), theta**2 * size, 0.0)
@@ -102,5 +104,7 @@ class BlameWindow:
 def _leader(total: float, explained: np.ndarray) -> Blame:
     best = int(explained.argmax())
     left = max(total - float(explained[best]), _TINY * total)
-    lead = (total - float(np.delete(explained, best).max(initial=0.0))) / left
+    others = explained.copy()
+    others[best] = 0.0
+    lead = (total - float(_largest(others))) / left
     return Blame(thruster=best, explained=1.0 - left / total, lead=lead)

@@ -6,14 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from uvms_ocp.functions.elementwise import Array, where
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Effect:
-    """Thrust in the water is ``share * asked + constant``."""
+    """Thrust in the water is ``share * asked + constant``, of numbers and of CasADi expressions alike."""
 
-    share: np.ndarray
+    share: Array
     """(n_thrusters,) [-]: 1 is sound, 0 dead or stuck, below 0 reversed."""
-    constant: np.ndarray
+    constant: Array
     """(n_thrusters,) [N] of a stuck thruster."""
 
     @staticmethod
@@ -22,22 +24,22 @@ class Effect:
         return Effect(share=np.ones(n), constant=np.zeros(n))
 
     @property
-    def works(self) -> np.ndarray:
+    def works(self) -> Array:
         """(n_thrusters,) whether anything follows the command at all."""
         return self.share != 0.0
 
     @property
-    def share_or_one(self) -> np.ndarray:
+    def share_or_one(self) -> Array:
         """(n_thrusters,) [-] to divide by."""
-        return np.where(self.works, self.share, 1.0)
+        return where(self.works, self.share, 1.0)
 
-    def given(self, asked: np.ndarray) -> np.ndarray:
+    def given(self, asked: Array) -> Array:
         """Thrust in the water (n_thrusters,) [N] for the asked one (n_thrusters,) [N]."""
         return self.share * asked + self.constant
 
-    def asked(self, given: np.ndarray) -> np.ndarray:
+    def asked(self, given: Array) -> Array:
         """What to ask (n_thrusters,) [N] for the thrust given (n_thrusters,) [N] in the water; 0 of what does not follow."""
-        return np.where(self.works, (given - self.constant) / self.share_or_one, 0.0)
+        return where(self.works, (given - self.constant) / self.share_or_one, 0.0)
 
     def limits(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest thrust in the water (n_thrusters,) [N]; lower, upper (n_thrusters,) [N] of what may be asked."""

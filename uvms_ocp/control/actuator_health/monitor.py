@@ -11,6 +11,7 @@ import pinocchio as pin
 from uvms_ocp.control.actuator_health.authority import Authority, authority_of
 from uvms_ocp.control.actuator_health.balance import Balance
 from uvms_ocp.control.actuator_health.effect import Effect
+from uvms_ocp.control.actuator_health.intake import Intake, intake_of
 from uvms_ocp.control.actuator_health.joint_monitor import JointMonitor
 from uvms_ocp.control.actuator_health.thresholds import ActuatorHealthTuning
 from uvms_ocp.control.actuator_health.thruster_monitor import ThrusterMonitor
@@ -37,6 +38,10 @@ class Look:
     """(n_v,) [N, N m] that the observer finds beside model and commands, one lag behind."""
     disturbance: np.ndarray
     """(n_v,) [N, N m] the same, as it is made up for."""
+    asked: np.ndarray
+    """(n_thrusters,) [N] as `Asked.thrust`."""
+    way: np.ndarray
+    """(n_v,) [m/s, rad/s] as `Asked.way`."""
     joints_known: bool = True
     """Whether the encoders are to be trusted."""
 
@@ -57,15 +62,17 @@ class ActuatorMonitor:
         """bandwidth [rad/s] of the observer; dt [s] of a tick; alarms: time [s] and text of each, appended to."""
         tuning = tuning or ActuatorHealthTuning()
         self._robot, self._dynamics, self.alarms = robot, dynamics, alarms
+        self.intake: Intake = intake_of(tuning, bandwidth=bandwidth, dt=dt)
+        """Of every tick that is not paused; it says when a look is due."""
         self._matrix, (self._lower, self._upper) = thruster_matrix(robot), thrust_limits(robot)
         self.thrusters = ThrusterMonitor(
-            self._matrix, self._lower, self._upper, tuning=tuning, bandwidth=bandwidth, dt=dt
+            self._matrix, self._lower, self._upper, tuning=tuning, bandwidth=bandwidth, period=self.intake.every * dt
         )
         self._before: np.ndarray | None = None
         self._gone = np.zeros(robot.n_joints)
         self.joints = JointMonitor(robot.limits.effort, tuning=tuning)
         self._dt, self._joints = dt, robot.joint_v
-        self._way = np.zeros(robot.n_v)
+        self._paused = False
         self._balance = Balance(tuning.judged_after)
         self.authority: Authority | None = None
         """What thrusters can still reach; `None` while all are sound, and until that is judged."""
@@ -88,33 +95,32 @@ class ActuatorMonitor:
 
     def pause(self) -> None:
         """What is measured is not to be trusted."""
-        self.thrusters.pause()
-        self.joints.pause()
-        self._balance.clear()
-
-    def due(self, asked: np.ndarray, reference: np.ndarray) -> bool:
-        """Take in the thrust asked (n_thrusters,) [N], of thrusters that all follow, and the reference (n_v,) [m/s, rad/s]
-        of the velocity, at every tick; whether it is time for a look."""
-        self._way += reference
-        return self.thrusters.due(asked)
+        if not self._paused:
+            self._paused = True
+            self.thrusters.pause()
+            self.joints.pause()
+            self._balance.clear()
 
     def look(self, seen: Look, t: float) -> bool:
         """At time t [s]; whether anything was found faulty."""
-        n, way = self._robot.n_vehicle, self._way[self._joints] * self._dt
-        self._way = np.zeros(self._robot.n_v)
+        self._paused = False
+        n, way = self._robot.n_vehicle, seen.way[self._joints] * self._dt
         if not seen.joints_known:
             self.joints.pause()
         gone = self._gone_by(seen.q)
         jammed = self.joints.look(way, gone, seen.residual[n:], t) if seen.joints_known else ()
-        faulty = self.thrusters.look(seen.residual[:n], t)
+        suspect = self.thrusters.suspect
+        faulty = self.thrusters.look(seen.residual[:n], seen.asked, t)
         for j in jammed:
             self.alarms.append((t, joint_alarm(j + 1, self._robot.joint_names[j])))
         for i in faulty:
             name = self._robot.description.thrusters[i].name
             self.alarms.append((t, thruster_alarm(i + 1, name, self.thrusters.verdicts[i])))
         self._judge(seen, faulty, t)
-        self._told = self._telemetry()
-        return bool(faulty or jammed)
+        found = bool(faulty or jammed)
+        if found or self.thrusters.suspect != suspect:
+            self._told = self._telemetry()
+        return found
 
     def _gone_by(self, q: np.ndarray) -> np.ndarray:
         """(n_joints,) [rad or m] that the joints went until q (n_q,) [m, rad]; some turn without end, and are no numbers."""
@@ -140,9 +146,9 @@ class ActuatorMonitor:
         if faulty:
             self._balance.begin(t)
             return
-        rest = np.zeros(self._robot.n_v)
         if not self._balance.runs:
             return
+        rest = np.zeros(self._robot.n_v)
         weight = self._dynamics.inverse_dynamics(seen.q, rest, rest)[:6]
         mean = self._balance.take_in(weight - seen.disturbance[:6], t)
         if mean is None:

@@ -33,21 +33,18 @@ class ThrusterMonitor:
         *,
         tuning: ActuatorHealthTuning,
         bandwidth: float,
-        dt: float,
+        period: float,
     ) -> None:
-        """matrix (6, n) [N/N, N m/N]; lower, upper (n,) [N] limits; bandwidth [rad/s] of the residual; dt [s] of a tick."""
+        """matrix (6, n) [N/N, N m/N]; lower, upper (n,) [N] limits; bandwidth [rad/s] of the residual; period [s] of looks."""
         n = matrix.shape[1]
         self._lower, self._upper, self._tuning, self._bandwidth = lower, upper, tuning, bandwidth
-        self._every = max(1, round(tuning.sample_time / dt))
-        self._share = 1.0 - math.exp(-bandwidth * dt)
         reach = np.abs(matrix) @ np.maximum(upper, -lower)
         scale = np.repeat([tuning.force_scale, tuning.moment_scale], 3) * reach
-        self._window = BlameWindow(
-            matrix, np.maximum(scale, 1e-6 * reach.max(initial=1.0)), tuning, period=self._every * dt
-        )
-        self._filtered, self._ticks = np.zeros(n), 0
+        self._window = BlameWindow(matrix, np.maximum(scale, 1e-6 * reach.max(initial=1.0)), tuning, period=period)
         self._quiet_until, self._started = -math.inf, False
         self._last, self._evidence = NOBODY, 0.0
+        self.suspect = -1
+        """Counted from 0 [-]; -1 for none."""
         self.effect = Effect.sound(n)
         """What thrusters make of their commands, by the verdicts."""
         self.verdicts = [ThrusterVerdict() for _ in range(n)]
@@ -57,24 +54,20 @@ class ThrusterMonitor:
         """The residual is not to be trusted: forget, and begin anew once it is back."""
         self._started = False
 
-    def due(self, asked: np.ndarray) -> bool:
-        """Take in the thrust asked (n,) [N], as modelled, at every tick; whether this one is for a look."""
-        self._filtered += self._share * (asked - self._filtered)
-        self._ticks += 1
-        return self._ticks % self._every == 0
-
-    def look(self, residual: np.ndarray, t: float) -> tuple[int, ...]:
-        """Take in the residual (6,) [N, N m] at time t [s]; the thrusters that were found faulty now."""
+    def look(self, residual: np.ndarray, asked: np.ndarray, t: float) -> tuple[int, ...]:
+        """Take in the residual (6,) [N, N m] at time t [s], and the thrust asked (n,) [N] that it tells of, of thrusters that
+        all follow; the thrusters that were found faulty now."""
         if not self._started:
             self._restart(t)
         if t < self._quiet_until:
             return ()
-        self._window.look(residual, self.effect.share * self._filtered, t)
+        self._window.look(residual, self.effect.share * asked, t)
         blame = self._window.blame()
         again = blame.thruster >= 0 and blame.thruster == self._last.thruster
         self._evidence = self._evidence + min(blame.lead / self._tuning.clear_lead, 1.0) ** 2 if again else 0.0
         self._last = blame
-        self._mark(blame.thruster)
+        if blame.thruster != self.suspect:
+            self._mark(blame.thruster)
         return self._name(blame, t) if self._evidence > self._tuning.looks else ()
 
     def _restart(self, t: float) -> None:
@@ -111,6 +104,7 @@ class ThrusterMonitor:
         return min(max(manner.constant, lower), upper) if possible and clear else 0.0
 
     def _mark(self, suspect: int) -> None:
+        self.suspect = suspect
         for i, verdict in enumerate(self.verdicts):
             health = Health.SUSPECT if i == suspect else Health.GOOD
             if verdict.health not in (Health.FAULTY, health):

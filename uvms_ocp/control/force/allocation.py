@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.control.force.least_power import PowerLaw, least_power_function, null_space
+from uvms_ocp.control.force.least_power import PowerLaw, least_power, null_space
+from uvms_ocp.control.force.limited_thrust import LimitedThrust, limit_thrust
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.buffered import BufferedFunction
+from uvms_ocp.functions.elementwise import both, either, everywhere
+from uvms_ocp.functions.kernels.binding import bind_kernels
+from uvms_ocp.functions.kernels.layout import structure_of
 from uvms_ocp.model.files.description import Power, Thruster
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.symbolic.joint_types import sparse
 from uvms_ocp.model.thrusters import thrust_limits, thruster_matrix
-from uvms_ocp.solvers.bounded_least_squares import bounded_least_squares
-
-_all = np.logical_and.reduce  # half the time of ndarray.all
-_REWEIGHTINGS = 3  # of the power at the limits; each divides what is left to save by four
-_SETTLED = 1e-4  # share of the largest thrust
-_EXACT = 1e-9  # relative loss of wrench that counts as none
+from uvms_ocp.solvers.bounded_least_squares import BoundedProblem, room_for
+from uvms_ocp.solvers.least_norm import Rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,88 +62,65 @@ class Allocation:
     """(n,) [N]: smaller thrust cannot be commanded; it becomes 0 or the edge, whichever is nearer."""
     wrench_weight: np.ndarray = field(default_factory=lambda: np.ones(6))
     """(6,) [1/N, 1/(N m)]: what to give up first when not everything can be reached."""
-    _power: PowerLaw = field(init=False, repr=False)
-    """That of all thrusters."""
-    _unbounded: BufferedFunction = field(init=False, repr=False)
-    """Wrench (6,) [N, N m] to the thrust (n,) [N] of least power, limits aside."""
-    _is_redundant: bool = field(init=False, repr=False)
-    """Whether several thrusts give one wrench."""
-    _has_dead_zone: bool = field(init=False, repr=False)
-    """Whether any thruster has one."""
+    function: ca.Function = field(init=False, repr=False)
+    """``wrench -> thrust, reached, unreachable, settled`` as `AllocationResult`, limits aside; settled [-]: 1 where neither
+    limits nor dead zones are in the way of that, else `beyond` has the answer."""
+    _quick: BufferedFunction = field(init=False, repr=False)
+    """The function, to be called."""
+    _limited: Any = field(init=False, repr=False)
+    """A `LimitedThrust`"""
+    _limit: Callable[[Any], int] = field(init=False, repr=False)
+    """What `limit_thrust` makes of it."""
 
     def __post_init__(self) -> None:
         self._check()
         largest = np.maximum(np.maximum(self.upper, -self.lower), np.finfo(float).tiny)
         power = PowerLaw(factor=self.power_factor, exponent=self.power_exponent, largest=largest)
-        function = least_power_function(self.matrix, self._inverse(power.quadratic()), power)
-        object.__setattr__(self, "_power", power)
-        object.__setattr__(self, "_unbounded", BufferedFunction(function))
-        object.__setattr__(self, "_is_redundant", null_space(self.matrix).size > 0)
-        object.__setattr__(self, "_has_dead_zone", bool((self.dead_zone > 0.0).any()))
+        object.__setattr__(self, "function", self._function(power))
+        object.__setattr__(self, "_quick", BufferedFunction(self.function))
+        limited, limit = limited_thrust(self, power)
+        object.__setattr__(self, "_limited", limited)
+        object.__setattr__(self, "_limit", limit)
 
     def allocate(self, wrench: ArrayLike) -> AllocationResult:
         """Thrust for a wrench (6,) [N, N m] about the origin of B, in B. Raises `InvalidInput` unless it is finite."""
         w = _six(wrench)
-        thrust = self._unbounded(w)[0]
-        inside = _all(thrust >= self.lower) and _all(thrust <= self.upper)  # not so for NaN
-        if inside and not self._has_dead_zone:
-            reached = self.matrix @ thrust
-            return AllocationResult(thrust, reached, w - reached, False)
-        return self._slowly(w, thrust, inside)
+        thrust, reached, unreachable, settled = self._quick(w)
+        return AllocationResult(thrust, reached, unreachable, False) if settled[0] else self.beyond(w)
 
-    def _slowly(self, w: np.ndarray, unbounded: np.ndarray, inside: bool) -> AllocationResult:
-        _require_finite(w)
-        thrust = unbounded if inside else self._bounded(w)
-        saturated = not inside and self._loses(thrust, unbounded)
-        thrust = self._outside_dead_zone(w, thrust) if self._has_dead_zone else thrust
+    def beyond(self, wrench: np.ndarray) -> AllocationResult:
+        """As `allocate`, slower, for a wrench (6,) [N, N m] that limits or dead zones are in the way of.
+
+        Raises `InvalidInput` unless it is finite.
+        """
+        _require_finite(wrench)
+        n, limited = len(self.lower), self._limited
+        limited.wrench[:] = wrench.tolist()
+        limited.unbounded[:n] = self._quick(wrench)[0].tolist()
+        saturated = bool(self._limit(limited))
+        thrust = np.array(limited.thrust[:n])
         reached = self.matrix @ thrust
-        return AllocationResult(thrust, reached, w - reached, saturated)
+        return AllocationResult(thrust, reached, wrench - reached, saturated)
 
-    def _bounded(self, w: np.ndarray) -> np.ndarray:
-        thrust = self._least_squares(w, self.lower, self.upper, self._power.quadratic(), None)
-        for _ in range(_REWEIGHTINGS if self._is_redundant else 0):
-            before, weight = thrust, self._power.touching(thrust)
-            thrust = self._least_squares(w, self.lower, self.upper, weight, before)
-            if np.abs(thrust - before).max() < _SETTLED * self._power.largest.max():
-                break
-        return thrust
+    def _function(self, power: PowerLaw) -> ca.Function:
+        wrench = ca.SX.sym("wrench", 6)
+        thrust = ca.densify(least_power(wrench, self.matrix, self._inverse(power.quadratic()), power))
+        reached = ca.densify(sparse(self.matrix) @ thrust)
+        results = {"thrust": thrust, "reached": reached, "unreachable": wrench - reached}
+        results["settled"] = self._settled(thrust)
+        return ca.Function("allocate", [wrench], list(results.values()), ["wrench"], list(results))
 
-    def _least_squares(
-        self, w: np.ndarray, lower: np.ndarray, upper: np.ndarray, weight: np.ndarray, start: np.ndarray | None
-    ) -> np.ndarray:
-        A = self.wrench_weight[:, None] * self.matrix
-        return bounded_least_squares(A, self.wrench_weight * w, lower, upper, weight, start)
+    def _settled(self, thrust: ca.SX) -> ca.SX:
+        """Whether thrust can be commanded as it is; not so for NaN."""
+        lower, upper, edge = ca.DM(self.lower), ca.DM(self.upper), ca.DM(self.dead_zone)
+        outside = either(thrust == 0.0, ca.fabs(thrust) >= edge)
+        return everywhere(both(both(thrust >= lower, thrust <= upper), outside))
 
     def _inverse(self, weight: np.ndarray) -> np.ndarray:
         """Wrench to the thrust (n, 6) [N/N, N/(N m)] of least weighted squares without limits."""
         scale = np.sqrt(weight)
         weighted = self.wrench_weight[:, None] * self.matrix / scale
         return np.linalg.pinv(weighted, rcond=1e-9) * self.wrench_weight / scale[:, None]
-
-    def _loses(self, thrust: np.ndarray, unbounded: np.ndarray) -> bool:
-        lost = self.wrench_weight * (self.matrix @ (thrust - unbounded))
-        wanted = self.wrench_weight * (self.matrix @ unbounded)
-        return bool(np.linalg.norm(lost) > _EXACT * np.linalg.norm(wanted))
-
-    def _outside_dead_zone(self, w: np.ndarray, thrust: np.ndarray) -> np.ndarray:
-        """Round what lies inside the dead zone, and let the other thrusters make up for it."""
-        lower, upper = self.lower.copy(), self.upper.copy()
-        inside = self._inside_dead_zone(thrust)
-        while inside.any():
-            lower[inside] = upper[inside] = self._rounded(thrust)[inside]
-            weight = self._power.touching(thrust)
-            thrust = self._least_squares(w, lower, upper, weight, None)
-            inside = self._inside_dead_zone(thrust) & (lower < upper)
-        return thrust
-
-    def _inside_dead_zone(self, thrust: np.ndarray) -> np.ndarray:
-        size = np.abs(thrust)
-        return (size > 0.0) & (size < self.dead_zone)
-
-    def _rounded(self, thrust: np.ndarray) -> np.ndarray:
-        edge = np.clip(np.copysign(self.dead_zone, thrust), self.lower, self.upper)
-        far = np.abs(thrust) > 0.5 * self.dead_zone
-        return np.where(far & (np.abs(edge) >= self.dead_zone), edge, 0.0)
 
     def _check(self) -> None:
         n = np.shape(self.matrix)[-1] if np.ndim(self.matrix) == 2 else 0
@@ -151,6 +132,25 @@ class Allocation:
         _require(((self.power_exponent >= 1.0) & (self.power_exponent <= 3.0)).all(), "power_exponent", "1 to 3")
         _require((self.wrench_weight > 0.0).all(), "wrench_weight", "more than 0")
         _require((self.dead_zone >= 0.0).all(), "dead_zone", "0 or more")
+
+
+def limited_thrust(allocation: Allocation, power: PowerLaw) -> tuple[Any, Callable[[Any], int]]:
+    """What an allocation is to `limit_thrust`, and that kernel; power: of all thrusters."""
+    n = len(allocation.lower)
+    sizes = {"m": 6, "n": room_for(n)}
+    parts = [structure_of(layout, **sizes) for layout in (Rows, BoundedProblem, LimitedThrust)]
+    p: Any = parts[-1]()
+    p.problem.rows, p.problem.columns = 6, n
+    p.redundant = null_space(allocation.matrix).size > 0
+    p.wrench_weight[:] = allocation.wrench_weight.tolist()
+    for k in range(6):
+        p.matrix[k][:n] = allocation.matrix[k].tolist()
+    for name in ("lower", "upper", "dead_zone"):
+        getattr(p, name)[:n] = getattr(allocation, name).tolist()
+    for name, values in (("factor", power.factor), ("exponent", power.exponent), ("largest", power.largest)):
+        getattr(p, name)[:n] = values.tolist()
+    p.quadratic[:n] = power.quadratic().tolist()
+    return p, bind_kernels((limit_thrust,), parts)[0]
 
 
 _SHAPES = {

@@ -13,10 +13,10 @@ import casadi as ca
 import numpy as np
 import scipy.linalg
 
+from uvms_ocp.control.force.limited_thrust import SMALL
 from uvms_ocp.model.symbolic.joint_types import sparse
 
 _STEPS = 6
-_SMALL = 1e-3  # share of the largest thrust below which |T|^p is rounded off, so that its curvature stays finite
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -34,24 +34,18 @@ class PowerLaw:
         """Weights (n,) [W/N^2] of the parabolas that meet the power at the largest thrust."""
         return self.factor * self.largest ** (self.exponent - 2.0)
 
-    def touching(self, thrust: np.ndarray) -> np.ndarray:
-        """Weights (n,) [W/N^2] of the parabolas that have the slope of the power at a thrust (n,) [N]."""
-        size = thrust**2 + (_SMALL * self.largest) ** 2
-        return 0.5 * self.factor * self.exponent * size ** (0.5 * self.exponent - 1.0)
 
-
-def least_power_function(matrix: np.ndarray, inverse: np.ndarray, power: PowerLaw) -> ca.Function:
-    """Function ``wrench (6,) -> thrust (n,)``, [N, N m] to [N].
+def least_power(wrench: ca.SX, matrix: np.ndarray, inverse: np.ndarray, power: PowerLaw) -> ca.SX:
+    """Thrust (n,) [N] for a wrench (6,) [N, N m].
 
     It is that of `inverse` (n, 6) [N/N, N/(N m)], moved in the null space of `matrix` (6, n) [N/N, N m/N].
     """
-    wrench = ca.SX.sym("wrench", 6)
     thrust = ca.mtimes(sparse(inverse), wrench)
     N = null_space(matrix)
     stretch = min(1.8, 0.9 / max(float(power.exponent.max(initial=1.0)) - 1.0, 1e-9))
     for _ in range(_STEPS if N.size else 0):
         thrust -= stretch * _newton_like(sparse(N), _touching(power, thrust), thrust)
-    return ca.Function("least_power", [wrench], [thrust], ["wrench"], ["thrust"])
+    return thrust
 
 
 def _newton_like(N: ca.DM, weight: ca.SX, thrust: ca.SX) -> ca.SX:
@@ -60,7 +54,7 @@ def _newton_like(N: ca.DM, weight: ca.SX, thrust: ca.SX) -> ca.SX:
 
 
 def _touching(power: PowerLaw, thrust: ca.SX) -> ca.SX:
-    size = thrust**2 + (_SMALL * power.largest) ** 2
+    size = thrust**2 + (SMALL * power.largest) ** 2
     factor = ca.DM(0.5 * power.factor * power.exponent)
     if np.all(power.exponent == 1.5):  # two roots cost less than a power
         return factor / ca.sqrt(ca.sqrt(size))

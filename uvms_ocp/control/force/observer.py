@@ -2,56 +2,103 @@
 
 from __future__ import annotations
 
+from collections.abc import Sized
+from dataclasses import dataclass
+from typing import Protocol
+
+import casadi as ca
 import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.dynamics import Dynamics
+from uvms_ocp.functions.buffered import BufferedFunction
+from uvms_ocp.functions.elementwise import Array
 
 
-class DisturbanceObserver:
-    """Luenberger observer of ``M a + h = tau + d`` with d constant, driven by the measured velocity.
-
-    v_hat follows the model, the innovation ``v - v_hat`` corrects it with 2 w and d with w^2 M: both poles at -w.
-    """
-
-    def __init__(self, dynamics: Dynamics, *, bandwidth: np.ndarray, limit: np.ndarray, dt: float) -> None:
-        """bandwidth w (n_v,) [rad/s]; limit (n_v,) [N, N m] of d, both ways; dt [s].
-
-        Raises `InvalidInput` for a bandwidth that is not between 0 and 1 / dt.
-        """
-        if not (np.isfinite(bandwidth).all() and (bandwidth > 0).all() and (bandwidth * dt < 1).all()):
-            raise InvalidInput(f"observer bandwidth {bandwidth} rad/s; give values between 0 and 1 / dt = {1 / dt:g}")
-        self._dynamics, self._bandwidth, self._limit, self._dt = dynamics, bandwidth, limit, dt
-        self._v_hat: np.ndarray | None = None
-        self.estimate = np.zeros(len(bandwidth))
-        """d (n_v,) [N, N m]"""
-        self._lead = np.zeros(len(bandwidth))
+class Body(Protocol):
+    """What an observer asks of `SymbolicDynamics`."""
 
     @property
-    def prompt(self) -> np.ndarray:
-        """d (n_v,) [N, N m] with one lag 1 / w less, and so more noise."""
-        return self.estimate + self._lead
+    def links(self) -> Sized: ...
+    def mass_matrix(self, q: ca.SX) -> ca.SX: ...
+    def forward_dynamics(self, q: ca.SX, v: ca.SX, tau: ca.SX, u: ca.SX, Du_Dt: ca.SX) -> ca.SX: ...
 
-    def pause(self, *, forget: bool) -> None:
-        """Keep the estimate, or set it to zero, until measurements can be trusted again."""
-        self._v_hat = None
-        if forget:
-            self.estimate[:] = 0.0
 
-    def update(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray, share: np.ndarray | float = 1.0) -> np.ndarray:
-        """The estimate (n_v,) [N, N m] after a tick with measured q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Observed:
+    """What an observer knows."""
+
+    estimate: Array
+    """d (n_v,) [N, N m]"""
+    lead: Array
+    """(n_v,) [N, N m] from d to itself with one lag 1 / w less, and so more noise."""
+    v_hat: Array
+    """(n_v,) [m/s, rad/s] velocity that the model expects now."""
+    follows: Array
+    """() [-] 1 where v_hat is known."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ObserverLaw:
+    """Luenberger observer of ``M a + h = tau + d`` with d constant, driven by the measured velocity.
+
+    v_hat follows the model, the innovation ``v - v_hat`` corrects it with 2 w and d with w^2 M: both poles at -w. Raises
+    `InvalidInput` for a bandwidth that is not between 0 and 1 / dt.
+    """
+
+    bandwidth: np.ndarray
+    """w (n_v,) [rad/s]"""
+    limit: np.ndarray
+    """(n_v,) [N, N m] of d, both ways."""
+    dt: float
+    """[s]"""
+
+    def __post_init__(self) -> None:
+        w, dt = self.bandwidth, self.dt
+        if not (np.isfinite(w).all() and (w > 0).all() and (w * dt < 1).all()):
+            raise InvalidInput(f"observer bandwidth {w} rad/s; give values between 0 and 1 / dt = {1 / dt:g}")
+
+    def after(self, before: Observed, body: Body, q: ca.SX, v: ca.SX, tau: ca.SX, share: ca.SX) -> Observed:
+        """After a tick with measured q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
 
         tau (n_v,) [N, N m] has acted since the last one. share (n_v,) [-]: of the bandwidth, as much as v bears now.
         Drag is that of the measured velocity: what it damps is no disturbance, and must not be compensated.
         """
-        if self._v_hat is None:
-            self._v_hat = v.copy()
-        w = self._bandwidth * share
-        innovation = v - self._v_hat
-        self._lead = self._dynamics.mass_matrix(q) @ (w**2 * innovation)
-        self.estimate += self._dt * self._lead
-        self._lead /= w
-        np.clip(self.estimate, -self._limit, self._limit, out=self.estimate)
-        acceleration = self._dynamics.forward_dynamics(q, v, tau + self.estimate)
-        self._v_hat = self._v_hat + self._dt * (acceleration + 2 * w * innovation)
+        w = self.bandwidth * share
+        v_hat = ca.if_else(before.follows, before.v_hat, v)
+        innovation = v - v_hat
+        push = ca.mtimes(body.mass_matrix(q), w**2 * innovation)
+        estimate = limited(before.estimate + self.dt * push, self.limit)
+        still = ca.SX(3, len(body.links))
+        acceleration = body.forward_dynamics(q, v, tau + estimate, still, still)
+        v_hat = v_hat + self.dt * (acceleration + 2 * w * innovation)
+        return Observed(estimate=estimate, lead=push / w, v_hat=v_hat, follows=ca.SX(1.0))
+
+
+def limited(y: ca.SX, limit: np.ndarray) -> ca.SX:
+    """y (n,) [any] within limit (n,) [any] both ways; what is no number stays none."""
+    most = ca.DM(limit)
+    return ca.if_else(y > most, most, ca.if_else(y < -most, -most, y))
+
+
+class DisturbanceObserver:
+    """An observer that is called at every tick. Holds what it knows: build one per run."""
+
+    def __init__(self, law: ObserverLaw, body: Body, n_q: int) -> None:
+        """n_q: entries of q."""
+        n = len(law.bandwidth)
+        q, (v, tau, d, v_hat) = ca.SX.sym("q", n_q), (ca.SX.sym(name, n) for name in ("v", "tau", "d", "v_hat"))
+        follows = ca.SX.sym("follows")
+        before = Observed(estimate=d, lead=ca.SX(n, 1), v_hat=v_hat, follows=follows)
+        after = law.after(before, body, q, v, tau, ca.SX.ones(n))
+        inputs, outputs = [q, v, tau, d, v_hat, follows], [after.estimate, after.v_hat]
+        self._function = BufferedFunction(ca.Function("observer", inputs, ca.cse(outputs)))
+        self.estimate, self._v_hat, self._follows = np.zeros(n), np.zeros(n), np.zeros(1)
+
+    def update(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
+        """d (n_v,) [N, N m] after a tick, as `ObserverLaw.after` has it.
+
+        q (n_q,) [m, rad], v (n_v,) [m/s, rad/s], tau (n_v,) [N, N m].
+        """
+        self.estimate, self._v_hat = self._function(q, v, tau, self.estimate, self._v_hat, self._follows)
+        self._follows[0] = 1.0
         return self.estimate

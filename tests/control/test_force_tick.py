@@ -1,0 +1,212 @@
+"""Laws of a tick of the force layer: what it wants, what it remembers, and what it does where little can be trusted."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from uvms_ocp.arguments import changed
+from uvms_ocp.control.actuator_health.effect import Effect
+from uvms_ocp.control.actuator_health.intake import Intake
+from uvms_ocp.control.force.force_tick import ForceTick
+from uvms_ocp.control.force.observer import ObserverLaw
+from uvms_ocp.control.force.thruster_lag import thruster_lag
+from uvms_ocp.control.force.tick_columns import Known, Told, Watch
+from uvms_ocp.control.force.tick_functions import TickLaws, observe_function, want_function
+from uvms_ocp.control.force.velocity_law import VelocityLaw
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions import compile_function
+from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.state import Command
+from uvms_ocp.model.thrusters import thruster_matrix
+
+DT = 1 / 100
+FULL = "girona_maris7_full"
+ROBOTS = (FULL, "bluerov2_alpha5", "planar5")
+
+
+@lru_cache
+def laws(name: str = FULL) -> TickLaws:
+    robot = load_robot(name)
+    ones = np.ones(robot.n_v)
+    return TickLaws(
+        robot=robot,
+        velocity=VelocityLaw(dynamics=dynamics(name).symbolic, K_p=3.0 * ones, reset=ones, dt=DT),
+        lag=thruster_lag(robot, lead=4.0, dt=DT),
+        lift=500.0,
+        observer=ObserverLaw(bandwidth=3.0 * ones, limit=500.0 * ones, dt=DT),
+        intake=Intake(share=0.03, every=5),
+    )
+
+
+@lru_cache
+def dynamics(name: str) -> Dynamics:
+    return robot_dynamics(load_robot(name))
+
+
+def scene(name: str, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """A configuration and a slow velocity."""
+    robot, rng = load_robot(name), np.random.default_rng(seed)
+    q = pin.integrate(robot.model, np.array(robot.configuration()), 0.3 * rng.normal(size=robot.n_v))
+    return q, 0.02 * rng.normal(size=robot.n_v)
+
+
+def ticked(tick: ForceTick, q: np.ndarray, v: np.ndarray, command: Command, *, joints: bool = True) -> Told:
+    tick.observe(q, v, command, 1.0, joints)
+    tick.want()
+    tick.allocate()
+    return Told(**dict(zip(Told.__dataclass_fields__, tick.follow(), strict=True)))
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_without_errors_the_force_is_that_of_the_model(name: str) -> None:
+    tick, (q, v) = ForceTick(laws(name)), scene(name)
+    n, limit = laws(name).robot.n_vehicle, laws(name).robot.limits.effort
+    first = ticked(tick, q, v, Command(v=v))
+    wanted = dynamics(name).inverse_dynamics(q, v, v / DT)
+    np.testing.assert_allclose(first.vehicle_force, wanted[:n], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(first.torque, np.clip(wanted[n:], -limit, limit), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", [FULL, "planar5"])
+def test_a_push_that_the_model_does_not_know_is_found_and_worked_against(name: str) -> None:
+    tick, (q, _) = ForceTick(laws(name)), scene(name)
+    model, rng = dynamics(name), np.random.default_rng(1)
+    still = Command(v=np.zeros(laws(name).robot.n_v))
+    push = np.minimum(0.1 * np.diag(model.mass_matrix(q)), 5.0) * rng.normal(size=len(still.v))
+    v = np.zeros(len(push))
+    for _ in range(1000):  # of a place where q stays as it is
+        told = ticked(tick, q, v, still)
+        given = np.concatenate(
+            [(thruster_matrix(laws(name).robot) @ tick.now.thrust)[: len(told.vehicle_force)], told.torque]
+        )
+        acceleration = model.forward_dynamics(q, v, given + push)
+        v = v + DT * acceleration
+    np.testing.assert_allclose(told.disturbance, push, atol=1e-3 * np.abs(push).max())
+    np.testing.assert_allclose(v, 0.0, atol=1e-4)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_compiled_and_not_a_tick_gives_the_same_bits(name: str) -> None:
+    rng = np.random.default_rng(2)
+    for function in (observe_function(laws(name)), want_function(laws(name))):
+        compiled = compile_function(function)
+        for _ in range(5):
+            given = [rng.normal(size=function.size1_in(i)) for i in range(function.n_in())]
+            np.testing.assert_array_equal(np.array(compiled(*given)), np.array(function(*given)))
+
+
+def test_a_tick_tells_arrays_of_its_own() -> None:
+    tick, (q, v) = ForceTick(laws()), scene(FULL)
+    first = ticked(tick, q, v, Command(v=v))
+    kept = {name: getattr(first, name).copy() for name in Told.__dataclass_fields__}
+    ticked(tick, q, -v, Command(v=-3.0 * v))
+    for name, value in kept.items():
+        np.testing.assert_array_equal(getattr(first, name), value)
+
+
+def busy(ticks: int = 30) -> tuple[ForceTick, np.ndarray, np.ndarray]:
+    """After so many ticks that lag behind what is asked."""
+    tick, (q, v) = ForceTick(laws()), scene(FULL)
+    for _ in range(ticks):
+        ticked(tick, q, v, Command(v=2.0 * v))
+    return tick, q, v
+
+
+def known(tick: ForceTick) -> Known:
+    """Now, in arrays of its own."""
+    return Known(**{name: getattr(tick.now, name).copy() for name in Known.__dataclass_fields__})
+
+
+def test_a_velocity_that_is_not_to_be_trusted_is_not_fed_back_and_changes_no_disturbance() -> None:
+    commands, kept = [], []
+    for wrong in (1.0, -100.0):
+        tick, q, v = busy()
+        before = known(tick)
+        command = Command(v=2.0 * v, hold=True)
+        commands.append(ticked(tick, q, wrong * v, command, joints=False))
+        np.testing.assert_array_equal(tick.now.estimate, before.estimate)
+        assert not tick.now.follows[0]
+        kept.append(known(tick).integral)
+    np.testing.assert_array_equal(commands[0].command, commands[1].command)
+    np.testing.assert_array_equal(commands[0].torque, commands[1].torque)
+    np.testing.assert_array_equal(kept[0], kept[1])
+
+
+def test_joints_that_are_not_to_be_trusted_leave_the_vehicle_as_it_is() -> None:
+    (tick, q, v), n = busy(), laws().robot.n_vehicle
+    tick.observe(q, v, Command(v=2.0 * v), 1.0, False)
+    tick.want()
+    error = tick._wanted.parts.error
+    np.testing.assert_array_equal(error[:n], v[:n])
+    np.testing.assert_array_equal(error[n:], 0.0)
+
+
+def test_a_stop_cuts_the_thrust_and_forgets() -> None:
+    tick, q, v = busy()
+    stop = Command(v=np.zeros(len(v)), hold=True, stop=True)
+    told, n = ticked(tick, q, v, stop), laws().robot.n_vehicle
+    for array in (told.command, told.vehicle_force, told.disturbance, tick.now.integral[:n]):
+        np.testing.assert_array_equal(array, 0.0)
+    assert np.abs(told.torque).max() > 0.0
+
+
+def test_the_monitor_hears_only_what_can_be_trusted() -> None:
+    tick, q, v = busy(4)
+    seen = [known(tick)]
+    for command, joints in ((Command(v=v), True), (Command(v=v, hold=True), True), (Command(v=v), False)):
+        ticked(tick, q, v, command, joints=joints)
+        seen.append(known(tick))
+    assert [Watch(int(now.watch[0])) for now in seen] == [Watch.TAKES_IN, Watch.DUE, Watch.PAUSED, Watch.PAUSED]
+    for paused in seen[2:]:
+        np.testing.assert_array_equal(paused.asked, seen[1].asked)
+        np.testing.assert_array_equal(paused.way, seen[1].way)
+
+
+def test_the_bandwidth_of_the_vehicle_comes_to_what_it_bears_and_that_of_joints_stays() -> None:
+    tick, (q, v) = ForceTick(laws()), scene(FULL)
+    n = laws().robot.n_vehicle
+    for k in range(1, 200):
+        tick.observe(q, v, Command(v=v), 0.2, True)
+        tick.want()
+        tick.allocate()
+        tick.follow()
+        np.testing.assert_allclose(tick.now.share[:n], 0.2 + 0.8 * (1.0 - DT) ** k)
+    np.testing.assert_array_equal(tick.now.share[n:], 1.0)
+    assert tick.now.watch[0] == Watch.PAUSED
+
+
+def test_a_verdict_moves_what_a_thruster_fails_to_give_from_the_disturbance_to_the_model() -> None:
+    tick, q, v = busy()
+    tick.observe(q, v, Command(v=2.0 * v), 1.0, True)
+    matrix, before = thruster_matrix(laws().robot), known(tick)
+    effect = Effect(share=np.r_[0.0, 0.5, np.ones(6)], constant=np.r_[3.0, np.zeros(7)])
+    tick.adapt(effect)
+    acting = matrix @ effect.given(before.thrust) + tick.now.estimate[:6]
+    np.testing.assert_allclose(acting, matrix @ before.thrust + before.estimate[:6], rtol=1e-12, atol=1e-9)
+    for _ in range(200):
+        told = ticked(tick, q, v, Command(v=2.0 * v))
+    np.testing.assert_allclose(told.command[0], 0.0, atol=1e-6, err_msg="nothing is asked of what does not follow")
+
+
+def test_a_thrust_that_limits_keep_from_being_reached_is_told() -> None:
+    tick, (q, v) = ForceTick(laws()), scene(FULL)
+    tick.observe(q, v, Command(v=np.full(len(v), 50.0)), 1.0, True)
+    tick.want()
+    assert tick.allocate()
+    limits = laws().lag
+    command = tick.follow()[0]
+    assert (command >= limits.lower).all()
+    assert (command <= limits.upper).all()
+
+
+def test_a_force_that_is_no_number_is_refused() -> None:
+    tick, (q, v) = ForceTick(laws()), scene(FULL)
+    tick.observe(q, np.full(len(v), np.nan), changed(Command(v=v), hold=False), 1.0, True)
+    tick.want()
+    with pytest.raises(InvalidInput, match="finite"):
+        tick.allocate()

@@ -1,0 +1,47 @@
+"""From a velocity to the generalized force that makes it: model-based feed-forward and PI with anti-windup."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class VelocityLaw:
+    """``tau = M (a_ref + K_p (e + i)) + D i + h(q, v_ref)`` with ``i = reset * int e``.
+
+    D in the integral part: without it, axes with much drag are left with a slow tail. Drag in h is that of the
+    reference: fed back from the measured velocity it destabilises the loop wherever the model has too much of it.
+    """
+
+    dynamics: SymbolicDynamics
+    K_p: np.ndarray
+    """(n_v,) [1/s]"""
+    reset: np.ndarray
+    """(n_v,) [1/s] inverse integral time."""
+    dt: float
+    """[s]"""
+
+    def force(self, q: ca.SX, v: ca.SX, before: ca.SX, error: ca.SX, integral: ca.SX, share: ca.SX) -> ca.SX:
+        """Generalized force (n_v,) [N, N m] at q (n_q,) [m, rad] for the reference v (n_v,) [m/s, rad/s], which was `before`.
+
+        error (n_v,) [m/s, rad/s] of the velocity, integral (n_v,) [m, rad] of it; share (n_v,) [-] of the bandwidth.
+        """
+        still = ca.SX(3, len(self.dynamics.links))
+        lasting = share * self.reset * integral
+        a = (v - before) / self.dt + share * self.K_p * (error + lasting)
+        damping = self.dynamics.damping_matrix(q, v, still)
+        return self.dynamics.inverse_dynamics(q, v, a, still, still) + ca.mtimes(damping, lasting)
+
+    def integrated(self, integral: ca.SX, error: ca.SX, wanted: ca.SX, reached: ca.SX) -> ca.SX:
+        """The integral (n_v,) [m, rad] a tick later; error (n_v,) [m/s, rad/s], forces (n_v,) [N, N m].
+
+        Conditional integration: an axis whose force falls short does not wind up further in that direction.
+        """
+        short = wanted - reached
+        winding = ca.logic_and(ca.fabs(short) > 1e-6 * (1 + ca.fabs(wanted)), short * error > 0)
+        return integral + ca.if_else(winding, 0.0, error * self.dt)
