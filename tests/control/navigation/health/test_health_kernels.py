@@ -13,6 +13,17 @@ from corruptors import DEFECTS, STEPS, with_defect
 from uvms_ocp.control.navigation.estimator import Estimator
 from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.control.navigation.health.laws.history import History, remember, slot_at
+from uvms_ocp.control.navigation.health.laws.spots import (
+    MOST_SPOTS,
+    Spot,
+    Spots,
+    append_spot,
+    forget_older,
+    keep_alone,
+    room,
+    slot_of,
+    step_to,
+)
 from uvms_ocp.control.navigation.health.laws.trail import Trail, append_value, mean_time, median_of, value_at
 from uvms_ocp.control.navigation.health.laws.turns import angle_between, product, small_turn, turn
 from uvms_ocp.control.navigation.health.monitor import HealthMonitor
@@ -111,3 +122,35 @@ def test_turns_are_those_of_rotation_matrices() -> None:
     quarter = _array(np.array([0.0, 0.0, 0.0, 0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)]))
     rotate(quarter, _array(np.array([1.0, 2.0, 3.0])), vector)
     np.testing.assert_allclose(vector, [-2.0, 1.0, 3.0], atol=1e-15)
+
+
+def test_spots_beyond_those_that_fit_push_the_oldest_out_and_one_is_never_forgotten() -> None:
+    structure, spot = structure_of(Spots), structure_of(Spot)
+    add, older, place, keep = bind_kernels((append_spot, forget_older, slot_of, keep_alone), (structure, spot))
+    spots = structure()
+    for t in range(200):
+        add(spots, spot(t=float(t)))
+    assert [spots.kept[place(spots, k)].t for k in range(spots.count)] == list(range(200 - MOST_SPOTS, 200))
+    older(spots, 190.0)
+    assert [spots.kept[place(spots, k)].t for k in range(spots.count)] == list(range(190, 200))
+    older(spots, 1000.0)
+    assert (spots.count, spots.kept[spots.first].t) == (1, 199.0)
+    keep(spots, spot(t=300.0))
+    assert (spots.count, spots.kept[spots.first].t) == (1, 300.0)
+
+
+def test_a_floor_may_rise_with_the_way_and_more_along_a_beam_that_tilts() -> None:
+    structure, spot = structure_of(Spots), structure_of(Spot)
+    add, step, may = bind_kernels((append_spot, step_to, room), (structure, spot))
+    spots, old = structure(), spot(x=0.0, z=-40.0, sensor_z=-36.0)
+    add(spots, old)
+    for x, z, sensor_x, rise in [
+        (1.0, -39.1, 1.0, 0.0),
+        (1.0, -37.9, 1.0, 2.1),
+        (0.0, -40.05, 0.0, 0.0),
+        (0.0, -41.0, 0.0, -1.0),
+    ]:
+        assert step(spots, spot(x=x, z=z, sensor_x=sensor_x, sensor_z=-36.0), 0.1, 1.0) == pytest.approx(rise)
+    straight, tilted = (spot(x=2.0, z=-42.0, sensor_x=x, sensor_z=-36.0) for x in (2.0, 1.0))
+    assert may(straight, old, 1.0) == pytest.approx(2.0)
+    assert may(tilted, old, 1.0) > 2.0 * (1.0 + 4.0 / 6.0) / 2.0

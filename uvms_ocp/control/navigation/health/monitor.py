@@ -142,6 +142,7 @@ class HealthMonitor:
             self._tell(t)
         return self._health
 
+    @late
     def conclude(
         self, measurement: Measurement, support: ctypes.Structure, outcomes: ctypes.Array[ctypes.c_double], t: float
     ) -> tuple[ChannelHealth, ...]:
