@@ -19,6 +19,7 @@ from uvms_ocp.control.navigation.health.reasons import Why
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector
 
 N_ESTIMATES = 1024
+"""[-] that are remembered: five seconds of ticks of 5 ms; shorter ticks are not all kept."""
 
 
 class ChannelMemory(Layout):
