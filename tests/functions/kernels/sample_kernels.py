@@ -103,6 +103,6 @@ def tick(m: Memory, x: float, quiet: bool) -> float:
         s -= math.atan2(row[2], medians[i]) + math.sqrt(abs(x))
     for i in range(1, len(m.out)):
         m.out[i] = medians[i - 1] if math.isfinite(medians[i - 1]) else math.inf
-    m.out[0] = s
+    m.out[0] = s + math.erf(x) + math.remainder(x, LIMIT)
     m.now += 0.1
     return total + halvings(x) + int(x) + float(m.windows[0].mood)

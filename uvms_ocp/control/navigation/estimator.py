@@ -8,6 +8,7 @@ from operator import attrgetter
 import numpy as np
 
 from uvms_ocp.arguments import checked, late, trusted
+from uvms_ocp.arrays import Array
 from uvms_ocp.control.navigation.beam import BeamMount
 from uvms_ocp.control.navigation.channels import needed_channels
 from uvms_ocp.control.navigation.filter.core import bound_tick
@@ -102,6 +103,14 @@ class Estimator:
         if math.isnan(t):
             return None
         return _outcome(t=t, squared=squared, degrees=int(degrees), accepted=bool(accepted))
+
+    @property
+    def outcomes(self) -> Array:
+        """(9, 4) [s, -, -, -] of all channels, in the order of `filter.memory.Channel`; changed in place by every call.
+
+        When the reading was taken, squared innovation, degrees of freedom, 1 if it was used; nan before the first.
+        """
+        return self.memory.outcome
 
     def used(self, channel: str) -> float:
         """Time [s] of the newest reading of a channel that was used, -inf before the first; an echo that is missing counts.

@@ -42,10 +42,8 @@ class PassThrough:
         age, oldest = oldest_of(readings, self._needed, t)
         if age == math.inf:
             raise InvalidInput(f"no reading of every channel yet at t = {t} s; use an Estimator for such sensors")
-        q, v = (
-            np.concatenate([getattr(readings, name).value for name in channels])
-            for channels in (self._q_channels, self._v_channels)
-        )
+        q = np.concatenate([getattr(readings, name).value for name in self._q_channels])
+        v = np.concatenate([getattr(readings, name).value for name in self._v_channels])
         echo = readings.altimeter_range
         return _measurement(
             q=q,

@@ -26,6 +26,8 @@ _OF_NUMBERS = {
     math.acos: "acos",
     math.copysign: "copysign",
     math.fabs: "fabs",
+    math.erf: "erf",
+    math.remainder: "remainder",
 }
 _TESTS = {math.isfinite: "isfinite", math.isnan: "isnan", math.isinf: "isinf"}
 PREFIX = "k_"

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from health_run import FLOOR
 
 from uvms_ocp.control.navigation.estimator import Estimator
+from uvms_ocp.control.navigation.filter.memory import NUMBER
 from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.control.navigation.health.tuning import HealthTuning
 from uvms_ocp.control.navigation.pass_through import PassThrough
@@ -29,28 +30,15 @@ def robot() -> Robot:
     return load_robot("girona_maris7")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Told:
-    """Of one reading."""
-
-    t: float
-    squared: float
-    degrees: int
-    accepted: bool
-
-
 class Gated(Estimator):
     """Refuses, it says, position fixes of some time."""
 
     def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
-        self._now, self._fix = t, readings.position
-        return super().__call__(readings, t, command)
-
-    def outcome(self, channel: str) -> Told | None:
-        reading = self._fix if channel == "position" else None
-        if reading is None:
-            return None
-        return Told(t=reading.t, squared=75.0, degrees=3, accepted=not 2.0 <= reading.t < 5.0)
+        measurement, fix = super().__call__(readings, t, command), readings.position
+        self.outcomes[:] = math.nan
+        if fix is not None:
+            self.outcomes[NUMBER["position"]] = fix.t, 75.0, 3.0, not 2.0 <= fix.t < 5.0
+        return measurement
 
 
 def test_readings_that_the_filter_refuses_make_a_channel_suspect_then_lost_and_good_again(robot: Robot) -> None:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import ctypes
+from collections.abc import Iterable
+
 import numpy as np
 import pytest
 from health_run import FLOOR, HealthRun, swaying
 
 from uvms_ocp.control.navigation.estimator import Estimator
 from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
-from uvms_ocp.control.navigation.health.repeats import Repeats
+from uvms_ocp.control.navigation.health.laws.repeats import Repeats, expect_repeats, repeated
+from uvms_ocp.control.navigation.health.reasons import Why
 from uvms_ocp.control.navigation.pass_through import PassThrough
+from uvms_ocp.functions.kernels.binding import bind_kernels
+from uvms_ocp.functions.kernels.layout import structure_of
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import ACCELEROMETER, IDEAL_SENSORS, SensorSpec, SensorSpecs
@@ -81,20 +87,30 @@ def test_case1_with_noise_in_gusts_raises_no_alarm() -> None:
     assert not record["health"].any()
 
 
+def _repeats(sigma: float, readings: Iterable[np.ndarray]) -> list[bool]:
+    """Which readings (3,) make a sensor with noise sigma count as frozen."""
+    memory, why = structure_of(Repeats, n_width=4)(), structure_of(Why)()
+    (look,) = bind_kernels((repeated,), (type(memory), type(why)))
+    expect_repeats(memory, sigma, size=3, each=True, chance=1e-9)
+    return [bool(look(memory, (ctypes.c_double * 3)(*reading), why)) for reading in readings]
+
+
 @pytest.mark.parametrize("quantum", [0.0, 0.02, 0.25, 1.0, 3.0, 30.0])
 def test_a_robot_at_rest_with_coarse_sensors_does_not_count_as_frozen(quantum: float) -> None:
     rng, sigma = np.random.default_rng(3), 0.01
-    repeats, last = Repeats(sigma, each=True, chance=1e-9), ""
-    for k in range(4000):
-        value = min(k, 300) * 0.3 * sigma + sigma * rng.standard_normal(3)  # moves, then rests
-        step = quantum * sigma
-        last = repeats.frozen(value if quantum == 0.0 else step * np.round(value / step)) or last
-    assert last == ""
+    moved = np.minimum(np.arange(4000), 300)[:, None] * 0.3 * sigma  # moves, then rests
+    values, step = moved + sigma * rng.standard_normal((4000, 3)), quantum * sigma
+    assert not any(_repeats(sigma, values if quantum == 0.0 else step * np.round(values / step)))
+
+
+def test_a_fine_sensor_that_repeats_a_component_counts_as_frozen() -> None:
+    values = 0.01 * np.random.default_rng(3).standard_normal((100, 3))
+    values[50:, 1] = values[50, 1]
+    assert np.flatnonzero(_repeats(0.01, values))[0] in range(53, 56)
 
 
 def test_sensors_without_noise_do_not_count_as_frozen() -> None:
-    repeats = Repeats(0.0, each=True, chance=1e-9)
-    assert not any(repeats.frozen(np.ones(3)) for _ in range(1000))
+    assert not any(_repeats(0.0, np.ones((1000, 3))))
 
 
 def test_every_channel_of_ideal_sensors_may_rest(robot: Robot) -> None:

@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
-from typing import Any
+from operator import attrgetter
+
+import numpy as np
 
 from uvms_ocp.arguments import checked, late, trusted
-from uvms_ocp.control.navigation.health.channel_state import ChannelState
-from uvms_ocp.control.navigation.health.cross_checks import CrossChecks, blamed, is_contested
-from uvms_ocp.control.navigation.health.history import History
-from uvms_ocp.control.navigation.health.reading_checks import ReadingChecks, is_empty
+from uvms_ocp.control.navigation.beam import BeamMount
+from uvms_ocp.control.navigation.filter.memory import NUMBER
+from uvms_ocp.control.navigation.health.channel_state import hear
+from uvms_ocp.control.navigation.health.health_settings import health_memory, sizes_of
+from uvms_ocp.control.navigation.health.health_tick import conclude, judge, vet
+from uvms_ocp.control.navigation.health.reasons import Texts
+from uvms_ocp.control.navigation.health.seat import Seat
+from uvms_ocp.control.navigation.health.support import Support
 from uvms_ocp.control.navigation.health.tuning import HealthTuning
+from uvms_ocp.functions.kernels.binding import bind_kernels
+from uvms_ocp.functions.kernels.layout import structure_of
 from uvms_ocp.model.health import ChannelHealth, Trust
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import CHANNELS, SensorSpecs
-from uvms_ocp.model.state import Command, Measurement, Reading, Readings
+from uvms_ocp.model.state import Command, Measurement, Readings
 
 _readings = trusted(Readings)
+_health = trusted(ChannelHealth)
+_all = attrgetter(*CHANNELS)
 
-_FIX = "position"
 _JOINTS = ("joint_positions", "joint_velocities")
 
 
@@ -35,44 +45,57 @@ class HealthMonitor:
         specs: SensorSpecs | None = None,
         tuning: HealthTuning | None = None,
         altimeter_frame: str | None = None,
+        compiled: bool = True,
     ) -> None:
         """specs: the noise, rates and delays to expect. altimeter_frame: the one of the robot's description unless given.
 
-        Raises `FrameNotFound` for an unknown altimeter frame.
+        compiled: in C where there is a compiler; the verdicts are the same without. Raises `FrameNotFound` for an unknown
+        altimeter frame.
         """
         specs, self.tuning = specs or SensorSpecs(), tuning or HealthTuning()
         frame = altimeter_frame or robot.description.altimeter
         present = {name: getattr(specs, name) for name in _present(robot, specs, frame)}
-        self._states = {name: ChannelState(name, spec, self.tuning) for name, spec in present.items()}
-        self._checks = ReadingChecks(robot, present, self._states, self.tuning, frame)
-        self._cross = CrossChecks(present)
-        self._history = History(max((spec.delay for spec in present.values()), default=0.0) + self.tuning.too_late)
-        self._t: float | None = None
-        self._dt = 0.0
-        self._health = tuple(state.verdict for state in self._states.values())
-        self.velocity_exposed = False
-        """What told the velocity has been found out in this tick."""
+        self.memory = memory = health_memory(robot, present, self.tuning)
+        """All that it knows, a `HealthMemory`."""
+        structures = (type(memory), structure_of(Support))
+        self._vet, self._judge, self._conclude, self._hear = bind_kernels(
+            (vet, judge, conclude, hear), structures, compiled=compiled
+        )
+        shapes, self._texts = sizes_of(robot), Texts(robot.joint_names)
+        self._seats = {name: Seat(memory.channels[NUMBER[name]], shapes[name], self._texts) for name in present}
+        self._places = tuple(self._seats.get(name) for name in CHANNELS)
+        self._beam = BeamMount(robot, frame, memory.now) if "altimeter_range" in present and frame else None
+        self._joint_q, self._joint_v = robot.joint_q, robot.joint_v
+        self._q, self._v = np.ctypeslib.as_array(memory.now.q), np.ctypeslib.as_array(memory.now.v)
+        self._rates = np.ctypeslib.as_array(memory.encoders.rates)[: robot.n_joints]
+        self._health = tuple(_health(channel=name, trust=Trust.GOOD) for name in present)
         self.alarms: list[tuple[float, str]] = []
         """Time [s] and text of each change of a verdict; the text begins with the channel."""
 
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of those that the robot has, in the order of `health`."""
-        return tuple(self._states)
+        return tuple(self._seats)
 
     @property
     def health(self) -> tuple[ChannelHealth, ...]:
         """The verdicts of the last tick."""
         return self._health
 
+    @property
+    def velocity_exposed(self) -> bool:
+        """What told the velocity has been found out in this tick."""
+        return bool(self.memory.exposed)
+
     @late
     def trust(self, channel: str) -> Trust:
         """The verdict on a channel."""
-        return self._states[channel].verdict.trust
+        return Trust(self._seats[channel].memory.trust)
 
     def taken(self) -> dict[str, float | None]:
         """When [s] the last reading of each channel was taken that the estimate rests on; `None` before the first."""
-        return {name: state.taken for name, state in self._states.items()}
+        times = {name: seat.memory.taken for name, seat in self._seats.items()}
+        return {name: None if math.isnan(t) else t for name, t in times.items()}
 
     @late
     def vet(self, readings: Readings, t: float, command: Command | None = None) -> Readings:
@@ -80,10 +103,25 @@ class HealthMonitor:
 
         `command` has been acting since the last call.
         """
-        self._dt, self._t = 0.0 if self._t is None else max(t - self._t, 0.0), t
-        self._checks.begin(command, self._dt)
-        self.velocity_exposed = False
-        return _readings(**{name: self._vetted(name, getattr(readings, name), t) for name in self._states})
+        fresh, strange = [], False
+        for reading, seat in zip(_all(readings), self._places, strict=True):
+            if seat is None:
+                strange = strange or reading is not None
+            elif reading is None:
+                strange = strange or seat.used is not None
+            elif reading is not seat.seen:
+                seat.take(reading)
+                fresh.append(seat)
+        moving = False
+        if command is not None and not command.brakes:
+            self._rates[:], moving = command.v[self._joint_v], True
+        behind = self._vet(self.memory, t, moving)
+        for seat in fresh:
+            if not behind or not seat.memory.behind:
+                seat.used = seat.seen
+        if not behind and not strange:
+            return readings
+        return _readings(**{name: seat.used for name, seat in self._seats.items()})
 
     @late
     def hear(self, channel: str, t: float, nis: float, dof: int, accepted: bool) -> None:
@@ -92,57 +130,46 @@ class HealthMonitor:
         nis [-]: its normalised innovation squared, of dof [-] degrees of freedom. A channel whose readings the filter refuses is
         suspect and lost as one that is silent; the filter decides when it takes them again.
         """
-        why = None if accepted else f"{math.sqrt(nis / dof):.3g} times the innovation expected"
-        self._states[channel].gate(why, t)
+        self._hear(self.memory, self._seats[channel].memory.number, nis, dof, accepted, t)
 
     @late
     def judge(self, measurement: Measurement, t: float) -> tuple[ChannelHealth, ...]:
         """The verdicts at time t [s], with what the filter made of the readings."""
-        if measurement.age < math.inf:
-            self._history.add(t, measurement.q, measurement.v)
-        changed = [
-            name
-            for name, state in self._states.items()
-            if state.judge(t, self._period(name), contested=is_contested(name, self._states))
-        ]
-        if changed:
-            self._health = tuple(state.verdict for state in self._states.values())
-            self.alarms += [(t, _told(self._states[name].verdict)) for name in changed]
+        known = measurement.age < math.inf
+        if known:
+            self._note(measurement)
+        if self._judge(self.memory, t, known):
+            self._tell(t)
         return self._health
 
-    def _vetted(self, name: str, reading: Reading[Any] | None, t: float) -> Reading[Any] | None:
-        state = self._states[name]
-        if reading is None or not state.is_new(reading):
-            return state.used
-        belief, barred = self._checks.belief(name, reading, t, self._history), state.is_barred(t)
-        if not belief.used:
-            state.refuse(belief.why or "", t)
-        elif not barred and is_empty(name, reading):
-            state.pass_empty(reading)
-        elif not barred:
-            state.use(reading, t)
-        if belief.why and belief.used:
-            state.doubt(belief.why, t)
-        if belief.used or (belief.sane and (barred or name == _FIX)):
-            self._compare(name, reading, t)
-        return state.used
+    @late
+    def conclude(
+        self, measurement: Measurement, support: ctypes.Structure, outcomes: ctypes.Array[ctypes.c_double], t: float
+    ) -> tuple[ChannelHealth, ...]:
+        """As `judge`, after all outcomes of the filter's gates, with the age that the support of the estimate gives it.
 
-    def _compare(self, name: str, reading: Reading[Any], t: float) -> None:
-        """With what other channels tell of the same; fixes are heard even where the estimate contradicts them: it may err."""
-        estimate = self._history.at(reading.t) if name not in _JOINTS else None
-        if estimate is None or is_empty(name, reading):
-            return
-        for quarrel in self._cross.hear(name, reading, estimate):
-            guilty = blamed(quarrel, self._states, t)
-            if not quarrel.bars:
-                for accused in guilty:
-                    self._states[accused].doubt(quarrel.why, t)
-            elif guilty == (quarrel.likely,):  # else fixes jumped, for which they have been refused
-                self.velocity_exposed |= self._states[quarrel.likely].bar(quarrel.why, t)
+        support: a `Support`, which then tells the ages. outcomes (36,) [s, -, -, -]: `Gating.outcomes`. t [s]
+        is the time of the tick.
+        """
+        self._note(measurement)
+        if self._conclude(self.memory, support, outcomes, t):
+            self._tell(t)
+        return self._health
 
-    def _period(self, name: str) -> float:
-        """[s] between two readings, as the ticks allow."""
-        return max(1.0 / self._states[name].spec.rate, self._dt)
+    def _note(self, measurement: Measurement) -> None:
+        self._q[:], self._v[:] = measurement.q, measurement.v
+        if self._beam is not None and self._beam.moves:
+            self._beam.place(measurement.q[self._joint_q])
+
+    def _tell(self, t: float) -> None:
+        """Say what changed at time t [s]."""
+        changed = {name: seat.memory for name, seat in self._seats.items() if seat.memory.changed}
+        verdicts = {
+            name: _health(channel=name, trust=Trust(c.trust), why=self._texts.of(name, c.complaint), since=t)
+            for name, c in changed.items()
+        }
+        self._health = tuple(verdicts.get(verdict.channel, verdict) for verdict in self._health)
+        self.alarms += [(t, _told(verdict)) for verdict in verdicts.values()]
 
 
 def _present(robot: Robot, specs: SensorSpecs, altimeter_frame: str | None) -> list[str]:

@@ -1,122 +1,109 @@
-"""All that can be said against one new reading before the filter sees it."""
+"""All that can be said against one new reading before the filter sees it.
+
+Sense, time stamp, repetition, and what the estimate at the time of the reading allows.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
-from uvms_ocp.control.navigation.health.channel_state import ChannelState
-from uvms_ocp.control.navigation.health.floor_watch import Belief, FloorWatch, spot_of
-from uvms_ocp.control.navigation.health.history import Estimate, History
-from uvms_ocp.control.navigation.health.plausible import Gate, confirmed, gates_of
-from uvms_ocp.control.navigation.health.repeats import Repeats
-from uvms_ocp.control.navigation.health.sanity import mistimed, nonsense, shapes_of
-from uvms_ocp.control.navigation.health.still_encoders import StillEncoders
-from uvms_ocp.control.navigation.health.tuning import HealthTuning
-from uvms_ocp.model.kinematics import STEEP, AltimeterBeam
-from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import SensorSpec
-from uvms_ocp.model.state import Command, Reading
+from uvms_ocp.control.navigation.filter.memory import Channel
+from uvms_ocp.control.navigation.health.health_memory import Belief, ChannelMemory, HealthMemory
+from uvms_ocp.control.navigation.health.laws.floor_watch import believe
+from uvms_ocp.control.navigation.health.laws.history import Estimate
+from uvms_ocp.control.navigation.health.laws.plausible import is_impossible, is_off
+from uvms_ocp.control.navigation.health.laws.repeats import repeated
+from uvms_ocp.control.navigation.health.laws.sanity import is_mistimed, is_nonsense
+from uvms_ocp.control.navigation.health.laws.still_encoders import stands_still
+from uvms_ocp.control.navigation.health.laws.turns import turn
+from uvms_ocp.control.navigation.health.reasons import Reason, Why, give
+from uvms_ocp.functions.kernels.layout import zeros
+from uvms_ocp.model.health import Trust
+from uvms_ocp.model.kinematics import STEEP
 
-_NOTHING = Belief(used=True, why=None)
-_WHOLE = ("attitude",)  # whose components cannot be judged one by one: some hardly change
-
-
-class ReadingChecks:
-    """Sense, time stamp, repetition, and what the estimate at the time of the reading allows. Build one per run."""
-
-    def __init__(
-        self,
-        robot: Robot,
-        specs: Mapping[str, SensorSpec],
-        states: Mapping[str, ChannelState],
-        tuning: HealthTuning,
-        altimeter_frame: str | None,
-    ) -> None:
-        """specs, states: of every channel that the robot has."""
-        self._specs, self._states, self._tuning, self._shapes = specs, states, tuning, shapes_of(robot)
-        self._dt = 0.0
-        self._gates = gates_of(robot, specs, tuning)
-        self._repeats = {
-            name: Repeats(spec.sigma, each=_each(robot, name), chance=tuning.chance) for name, spec in specs.items()
-        }
-        encoders = specs.get("joint_positions")
-        self._encoders = StillEncoders(
-            robot, delay=0.0 if encoders is None else encoders.delay, travel=tuning.encoder_travel
-        )
-        self._beam = AltimeterBeam(robot, altimeter_frame) if "altimeter_range" in specs and altimeter_frame else None
-        self._floor = FloorWatch(specs["altimeter_range"].sigma if self._beam else 0.0, tuning)
-
-    def begin(self, command: Command | None, dt: float) -> None:
-        """A tick, dt [s] after the last one, during which the command has been acting."""
-        self._dt = dt
-        self._encoders.ask(command, dt)
-
-    def belief(self, name: str, reading: Reading[Any], t: float, history: History) -> Belief:
-        """Whether to use a new reading of a channel at time t [s]."""
-        state = self._states[name]
-        last = -math.inf if state.used is None else state.used.t
-        why = nonsense(name, reading, self._shapes.get(name))
-        if why is None:
-            why = mistimed(reading.t, last, t, self._tuning.clock)
-        if why is None:
-            why = self._by_itself(name, reading, t)
-        if why is not None:
-            return Belief(used=False, why=why, sane=False)
-        belief = self._against_estimate(name, reading, history)
-        return belief if belief.why else Belief(used=True, why=self._late(name, reading, t))
-
-    def _by_itself(self, name: str, reading: Reading[Any], t: float) -> str | None:
-        """What values alone and their age say."""
-        age = t - reading.t - self._specs[name].delay
-        if age > self._tuning.too_late:
-            return f"late by {age:.3g} s, more than can be made use of"
-        if is_empty(name, reading):
-            return None
-        if name == "joint_positions" and (why := self._encoders.frozen(reading.value)):
-            return why
-        gate = self._gates.get(name)
-        return self._repeats[name].frozen(reading.value) or (gate.impossible(reading.value) if gate else None)
-
-    def _late(self, name: str, reading: Reading[Any], t: float) -> str | None:
-        """t [s]: when it came."""
-        age = t - reading.t - self._specs[name].delay
-        return f"late by {age:.3g} s" if age > self._tuning.late + self._dt else None
-
-    def _against_estimate(self, name: str, reading: Reading[Any], history: History) -> Belief:
-        estimate = history.at(reading.t)
-        if estimate is None or is_empty(name, reading):
-            return _NOTHING
-        if name == "altimeter_range":
-            return self._echo(reading, estimate)
-        gate = self._gates.get(name)
-        return _NOTHING if gate is None else self._gated(gate, self._states[name], reading, estimate)
-
-    def _gated(self, gate: Gate, state: ChannelState, reading: Reading[Any], estimate: Estimate) -> Belief:
-        carried = any(name in self._states and self._states[name].is_good for name in gate.by)
-        last = reading.t if state.taken is None else state.taken
-        why = gate.objection(reading, estimate, last, carried=carried)
-        if why is None:
-            state.agreed += 1
-            return _NOTHING
-        if confirmed(state.agreed):
-            return Belief(used=False, why=why)
-        state.agreed = 0
-        return Belief(used=True, why=None)
-
-    def _echo(self, reading: Reading[Any], estimate: Estimate) -> Belief:
-        beam = None if self._beam is None else self._beam.at(estimate.q)
-        if beam is None or beam.cosine <= STEEP:
-            return _NOTHING
-        return self._floor.belief(spot_of(beam, float(reading.value), reading.t))
+_CONFIRMED = 5
+"""Readings in a row that must agree before one that does not is refused: an estimate is made of those before."""
 
 
-def is_empty(name: str, reading: Reading[Any]) -> bool:
-    """Whether it is an echo that did not come back."""
-    return name == "altimeter_range" and math.isnan(reading.value)
+def look_at(m: HealthMemory, c: ChannelMemory, slot: int) -> None:
+    """What to do with the newest reading of a channel, in `belief`; slot [-] of the estimate of its time, -1 for none."""
+    b = m.belief
+    b.sane = not (_means_nothing(m, c, b.why) or _cannot_be(m, c, b.why))
+    b.used = b.sane
+    if not b.sane:
+        return
+    b.why.code = Reason.NONE
+    if slot >= 0 and not is_empty(c):
+        _compare_with_estimate(m, c, m.history.kept[slot], b)
+    late = m.t - c.stamp - c.delay
+    if b.why.code == Reason.NONE and late > m.rules.late + m.dt:
+        give(b.why, Reason.LATE, late, 0.0)
 
 
-def _each(robot: Robot, name: str) -> bool:
-    joints = name not in ("joint_positions", "joint_velocities") or robot.n_joints == len(robot.home)
-    return joints and name not in _WHOLE
+def is_empty(c: ChannelMemory) -> bool:
+    """Whether the newest reading is an echo that did not come back."""
+    return c.number == Channel.ALTIMETER_RANGE and math.isnan(c.value[0])
+
+
+def _means_nothing(m: HealthMemory, c: ChannelMemory, why: Why) -> bool:
+    if not math.isfinite(c.stamp):
+        give(why, Reason.STAMP, c.stamp, 0.0)
+        return True
+    if c.misshapen > 0:
+        give(why, Reason.SHAPE, c.misshapen, 0.0)
+        return True
+    return is_nonsense(c.number, c.value, c.size, why) or is_mistimed(c.stamp, c.used, m.t, m.rules.clock, why)
+
+
+def _cannot_be(m: HealthMemory, c: ChannelMemory, why: Why) -> bool:
+    """What values alone and their age say."""
+    late = m.t - c.stamp - c.delay
+    if late > m.rules.too_late:
+        give(why, Reason.TOO_LATE, late, 0.0)
+        return True
+    if is_empty(c):
+        return False
+    if c.number == Channel.JOINT_POSITIONS and stands_still(m.encoders, c.value, why):
+        return True
+    return repeated(c.repeats, c.value, why) or is_impossible(c.gate, c.value, why)
+
+
+def _compare_with_estimate(m: HealthMemory, c: ChannelMemory, estimate: Estimate, b: Belief) -> None:
+    if c.number == Channel.ALTIMETER_RANGE:
+        b.used = _is_floor(m, c, estimate, b.why)
+    elif c.gate.exists and not _agrees(m, c, estimate, b.why):
+        b.used = c.agreed < _CONFIRMED
+        if b.used:
+            c.agreed = 0
+            b.why.code = Reason.NONE
+
+
+def _agrees(m: HealthMemory, c: ChannelMemory, estimate: Estimate, why: Why) -> bool:
+    gate = c.gate
+    rate = gate.supported if _is_good(m, gate.by) or _is_good(m, gate.or_by) else gate.alone
+    growth = 0.0 if math.isnan(c.taken) else rate * max(c.stamp - c.taken, 0.0)
+    if is_off(gate, c.value, estimate, abs(c.stamp - estimate.t), growth, why):
+        return False
+    c.agreed += 1
+    return True
+
+
+def _is_good(m: HealthMemory, channel: int) -> bool:
+    return channel >= 0 and m.channels[channel].present and m.channels[channel].trust == Trust.GOOD
+
+
+def _is_floor(m: HealthMemory, c: ChannelMemory, estimate: Estimate, why: Why) -> bool:
+    up, at = zeros(3), zeros(3)
+    turn(estimate.q, estimate.beam_up, up)
+    turn(estimate.q, estimate.beam_at, at)
+    if up[2] <= STEEP:
+        return True
+    here = m.floor.here
+    here.t = c.stamp
+    here.sensor_x = estimate.q[0] + at[0]
+    here.sensor_y = estimate.q[1] + at[1]
+    here.sensor_z = estimate.q[2] + at[2]
+    here.x = here.sensor_x - c.value[0] * up[0]
+    here.y = here.sensor_y - c.value[0] * up[1]
+    here.z = here.sensor_z - c.value[0] * up[2]
+    return believe(m.floor, why)

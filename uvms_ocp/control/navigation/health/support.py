@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
+from uvms_ocp.control.navigation.filter.memory import N_CHANNELS, NUMBER, Channel
+from uvms_ocp.control.navigation.health.health_memory import HealthMemory
 from uvms_ocp.control.navigation.health.tuning import HealthTuning
+from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, structure_of
+from uvms_ocp.model.health import Trust
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import SensorSpecs
 
@@ -20,6 +25,31 @@ class StandIn(NamedTuple):
     channel: str
     time: float
     """[s] for which they do, after which the estimate has drifted too far."""
+
+
+class Support(Layout):
+    """What an estimate rests on, and how old that is."""
+
+    exact: bool
+    """The estimator takes readings for the truth."""
+    gating: bool
+    """It has gates of its own."""
+    n: int
+    """[-] channels that q and v rest on."""
+    needed: Annotated[list[int], Sized(N_CHANNELS)]
+    """(9,) [-] their numbers."""
+    stand_in: Annotated[list[int], Sized(N_CHANNELS)]
+    """(9,) [-] by the channel that is missing, -1 for none."""
+    bears: Annotated[Vector, Sized(N_CHANNELS)]
+    """(9,) [s] for which it stands in."""
+    age: float
+    """[s] of what is least supported; inf before the first reading of any needed channel."""
+    oldest: int
+    """Its channel, -1 for none."""
+    joint_age: float
+    """[s] of the joint positions alone."""
+    echo: bool
+    """Whether the altitude is known."""
 
 
 def stand_ins(tuning: HealthTuning, *, gyro_by_attitude: bool) -> dict[str, StandIn]:
@@ -46,23 +76,53 @@ def needed_channels(robot: Robot, specs: SensorSpecs, *, rates: bool) -> tuple[s
     return tuple(name for name in wanted if getattr(specs, name) is not None)
 
 
-def age_by_support(
-    needed: tuple[str, ...], taken: Mapping[str, float | None], stand_in: Mapping[str, StandIn], t: float
-) -> tuple[float, str]:
-    """Age [s] at time t [s] of what is least supported, and its channel; inf before the first reading of any needed one.
+def support_of(
+    needed: tuple[str, ...], stand_in: Mapping[str, StandIn], *, exact: bool, gating: bool
+) -> ctypes.Structure:
+    """A `Support` of an estimator that takes readings for the truth (exact), or has gates of its own (gating)."""
+    made = structure_of(Support)()
+    made.exact, made.gating, made.n = exact, gating, len(needed)
+    made.needed[: len(needed)] = [int(NUMBER[name]) for name in needed]
+    made.stand_in[:] = [-1] * N_CHANNELS
+    for name, other in stand_in.items():
+        made.stand_in[NUMBER[name]], made.bears[NUMBER[name]] = int(NUMBER[other.channel]), other.time
+    return made
 
-    taken [s]: when the last used reading of each channel was taken, `None` before the first. A channel without readings counts
-    as old as its stand-in's, and ages from when that falls silent too or has carried it for as long as it can.
+
+def age_by_support(m: HealthMemory, s: Support) -> None:
+    """Age at the time of the tick of what is least supported, its channel, and that of the joints.
+
+    A channel without readings counts as old as its stand-in's, and ages from when that falls silent too or has carried it for
+    as long as it can.
     """
-    oldest, channel = t, ""
-    for name in needed:
-        own = taken[name]
-        if own is None:
-            return math.inf, name
-        other = stand_in.get(name)
-        carried = None if other is None else taken.get(other.channel)
-        if other is not None and carried is not None:
-            own = max(own, min(carried, own + other.time))
+    joints = m.channels[Channel.JOINT_POSITIONS].taken
+    s.joint_age = math.inf if math.isnan(joints) else m.t - min(joints, m.t)
+    s.oldest = -1
+    oldest = m.t
+    for k in range(s.n):
+        number = s.needed[k]
+        own = _carried(m, s, number)
+        if math.isnan(own):
+            s.oldest = number
+            s.age = math.inf
+            return
         if own < oldest:
-            oldest, channel = own, name
-    return t - oldest, channel
+            oldest = own
+            s.oldest = number
+    s.age = m.t - oldest
+
+
+def _carried(m: HealthMemory, s: Support, number: int) -> float:
+    """[s] until when readings carry a channel, nan before its first one."""
+    own, other = m.channels[number].taken, s.stand_in[number]
+    by = m.channels[other].taken if other >= 0 else math.nan
+    if math.isnan(own) or math.isnan(by):
+        return own
+    return max(own, min(by, own + s.bears[number]))
+
+
+def tell_echo(m: HealthMemory, s: Support) -> None:
+    """An estimator carries the altitude on while the altimeter is suspect; an echo alone is true for its moment only."""
+    c = m.channels[Channel.ALTIMETER_RANGE]
+    old = s.exact and m.t - c.taken > m.rules.least_to_suspect
+    s.echo = not c.present or (not old and c.trust != Trust.LOST)

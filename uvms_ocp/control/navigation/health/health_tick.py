@@ -1,0 +1,101 @@
+"""What the monitor does in a tick: before the filter, and after it."""
+
+from __future__ import annotations
+
+import math
+
+from uvms_ocp.control.navigation.filter.memory import Channel
+from uvms_ocp.control.navigation.health.channel_state import doubt, hear, is_barred, pass_empty, refuse, settle, use
+from uvms_ocp.control.navigation.health.cross_checks import compare
+from uvms_ocp.control.navigation.health.health_memory import ChannelMemory, HealthMemory
+from uvms_ocp.control.navigation.health.laws.history import remember, slot_at
+from uvms_ocp.control.navigation.health.laws.still_encoders import ask
+from uvms_ocp.control.navigation.health.reading_checks import is_empty, look_at
+from uvms_ocp.control.navigation.health.reasons import Reason
+from uvms_ocp.control.navigation.health.support import Support, age_by_support, tell_echo
+from uvms_ocp.functions.kernels.layout import Vector
+
+_TOLD = 4  # numbers of an outcome
+
+
+def vet(m: HealthMemory, t: float, moving: bool) -> int:
+    """Look at the fresh readings at time t [s]; moving: there was a command, and no brakes.
+
+    Returns how many channels the filter sees an older reading of than the newest [-].
+    """
+    m.dt = max(t - m.t, 0.0) if m.started else 0.0
+    m.t = t
+    m.started = True
+    m.exposed = False
+    ask(m.encoders, moving, m.dt)
+    behind = 0
+    for k in range(m.n):
+        c = m.channels[m.order[k]]
+        if c.fresh:
+            _vet_newest(m, c)
+        if c.behind:
+            behind += 1
+    return behind
+
+
+def judge(m: HealthMemory, t: float, known: bool) -> int:
+    """The verdicts at time t [s]; known: `now` is an estimate. Returns how many changed [-]."""
+    m.t = t
+    m.now.t = t
+    if known:
+        remember(m.history, m.now)
+    n = 0
+    for k in range(m.n):
+        if settle(m, m.channels[m.order[k]]):
+            n += 1
+    return n
+
+
+def conclude(m: HealthMemory, s: Support, outcomes: Vector, t: float) -> int:
+    """After the filter: its outcomes (36,), four numbers per channel, what the estimate `now` rests on, and the verdicts.
+
+    t [s] is the time of the tick. Returns how many verdicts changed [-].
+    """
+    if s.gating:
+        _hear_all(m, outcomes)
+    age_by_support(m, s)
+    n = judge(m, t, s.age < math.inf)
+    tell_echo(m, s)
+    return n
+
+
+def _vet_newest(m: HealthMemory, c: ChannelMemory) -> None:
+    c.fresh = False
+    c.behind = True
+    if not c.started or c.stamp != c.seen:
+        c.started = True
+        c.seen = c.stamp
+        _vet_new(m, c)
+    c.misshapen = 0
+
+
+def _vet_new(m: HealthMemory, c: ChannelMemory) -> None:
+    slot, barred, b = slot_at(m.history, c.stamp), is_barred(c, m.t), m.belief
+    look_at(m, c, slot)
+    if not b.used:
+        refuse(c, b.why, m.t)
+    elif not barred and is_empty(c):
+        pass_empty(c)
+    elif not barred:
+        use(c, m.t)
+    if b.used and b.why.code != Reason.NONE:
+        doubt(c, b.why, m.t)
+    # Fixes are heard even where the estimate contradicts them: it may err.
+    heard = b.used or (b.sane and (barred or c.number == Channel.POSITION))
+    if heard and slot >= 0 and not is_empty(c):
+        compare(m, c, m.history.kept[slot])
+
+
+def _hear_all(m: HealthMemory, outcomes: Vector) -> None:
+    """Every outcome once."""
+    for k in range(m.n):
+        number = m.order[k]
+        c, at = m.channels[number], _TOLD * number
+        if outcomes[at] > c.heard:
+            c.heard = outcomes[at]
+            hear(m, number, outcomes[at + 1], outcomes[at + 2], outcomes[at + 3] > 0.0, m.t)

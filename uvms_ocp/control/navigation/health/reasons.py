@@ -1,0 +1,124 @@
+"""Why a channel is not good: codes and the numbers that their texts need, for kernels, and the texts, for people."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from enum import IntEnum
+from typing import Any
+
+from uvms_ocp.functions.kernels.layout import Layout
+
+
+class Reason(IntEnum):
+    """What speaks against a channel."""
+
+    NONE = 0
+    STAMP = 1
+    SHAPE = 2
+    NO_NUMBER = 3
+    LENGTH = 4
+    RANGE = 5
+    FUTURE = 6
+    BEFORE = 7
+    TOO_LATE = 8
+    STILL = 9
+    REPEATED = 10
+    LARGE = 11
+    OFF = 12
+    LATE = 13
+    NEARER = 14
+    AS_BEFORE = 15
+    FARTHER = 16
+    DRIFT = 17
+    """Of DVL and position fixes from each other."""
+    TURN = 18
+    """Of gyro and attitude from each other."""
+    DEPTH = 19
+    SILENT = 20
+    NO_ECHO = 21
+    REFUSED = 22
+
+
+class Why(Layout):
+    """A reason and the numbers of its text."""
+
+    code: int
+    """`Reason`"""
+    first: float
+    """[of its text]"""
+    second: float
+    """[of its text]"""
+
+
+def give(why: Why, code: int, first: float, second: float) -> None:
+    """Set all of it; first, second [of the text of the `Reason` code]."""
+    why.code = code
+    why.first = first
+    why.second = second
+
+
+def copy_why(to: Why, other: Why) -> None:
+    """Make one the same as the other."""
+    give(to, other.code, other.first, other.second)
+
+
+_TEXTS: dict[int, Callable[[float, float], str]] = {
+    Reason.NONE: lambda a, b: "",
+    Reason.STAMP: lambda a, b: f"a time stamp of {a}",
+    Reason.NO_NUMBER: lambda a, b: "a value that is no number",
+    Reason.LENGTH: lambda a, b: f"a quaternion of length {a:.3g}",
+    Reason.RANGE: lambda a, b: f"a range of {a:.3g} m",
+    Reason.FUTURE: lambda a, b: f"a time stamp {a:.3g} s in the future",
+    Reason.BEFORE: lambda a, b: f"a time stamp {a:.3g} s before that of the reading before",
+    Reason.TOO_LATE: lambda a, b: f"late by {a:.3g} s, more than can be made use of",
+    Reason.REPEATED: lambda a, b: f"the same value {a:.0f} times" + (f", component {b:.0f}" if b else ""),
+    Reason.LATE: lambda a, b: f"late by {a:.3g} s",
+    Reason.NEARER: lambda a, b: f"the floor {a:.3g} m nearer at once; believed, to be safe",
+    Reason.AS_BEFORE: lambda a, b: f"the floor {a:.3g} m farther at once, where it was before",
+    Reason.FARTHER: lambda a, b: f"the floor {a:.3g} m farther at once; not believed before it proves true",
+    Reason.DRIFT: lambda a, b: f"position fixes and DVL disagree by {a:.2g} m/s",
+    Reason.TURN: lambda a, b: f"gyro and attitude disagree by {a:.2g} rad/s",
+    Reason.DEPTH: lambda a, b: f"depth and position disagree by {a:.2g} m",
+    Reason.SILENT: lambda a, b: f"silent for {a:.2f} s",
+    Reason.NO_ECHO: lambda a, b: f"no echo for {a:.2f} s",
+    Reason.REFUSED: lambda a, b: f"{a:.3g} times the innovation expected",
+}
+
+_UNITS = {
+    "position": "m",
+    "depth": "m",
+    "attitude": "rad",
+    "angular_velocity": "rad/s",
+    "linear_velocity": "m/s",
+    "joint_positions": "rad or m",
+    "joint_velocities": "rad/s or m/s",
+}
+
+
+class Texts:
+    """Says reasons of channels in words."""
+
+    def __init__(self, joints: Sequence[str]) -> None:
+        """joints: their names."""
+        self._joints = joints
+        self._shapes: list[str] = []
+
+    def shape(self, given: tuple[int, ...], wanted: tuple[int, ...]) -> int:
+        """A number for a value of a wrong shape, from 1."""
+        text = f"a value of shape {given} in place of {wanted or 'a number'}"
+        if text not in self._shapes:
+            self._shapes.append(text)
+        return self._shapes.index(text) + 1
+
+    def of(self, channel: str, why: Any) -> str:
+        """The words of a `Why`."""
+        a, b = why.first, why.second
+        if why.code == Reason.SHAPE:
+            return self._shapes[int(a) - 1]
+        if why.code == Reason.STILL:
+            return f"{self._joints[int(a)]} does not change while {b:.2g} were asked of it"
+        if why.code == Reason.LARGE:
+            return f"{a:.3g} {_UNITS[channel]}, more than the {b:.2g} that can be"
+        if why.code == Reason.OFF:
+            return f"{a:.3g} {_UNITS[channel]} off the estimate, allowed {b:.2g}"
+        return _TEXTS[why.code](a, b)
