@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
@@ -115,8 +115,11 @@ class Mission:
         """Goal of each task at time t [s], highest priority first, as `Task.reference` gives it."""
         # A goal sees the time since the start of the phase where it is the phase's own.
         since = t - state.since
-        goals = self._references[state.phase] if state.goals is None else state.goals
-        return [reference(since if own else t) for reference, own in goals]
+        return [reference(since if own else t) for reference, own in self.goals(state)]
+
+    def goals(self, state: MissionState) -> GoalFunctions:
+        """Of all tasks in a state, highest priority first."""
+        return self._references[state.phase] if state.goals is None else state.goals
 
     @late
     def step(self, state: MissionState, t: float, quantities: Mapping[str, float]) -> tuple[MissionState, Event | None]:
@@ -243,6 +246,12 @@ def _pose_task(hierarchy: Hierarchy, name: str) -> PoseTask:
 
 def _references(phase: Phase, tasks: Sequence[Task]) -> GoalFunctions:
     return tuple((unchecked(task.reference), task.name in phase.goals) for task in tasks)
+
+
+def is_still(reference: Callable[[float], np.ndarray]) -> bool:
+    """Whether a function of `GoalFunctions` never changes, as `Task.still` says."""
+    task = getattr(reference, "__self__", None)
+    return isinstance(task, Task) and task.still
 
 
 def _held(transition: Transition, since: float | None, t: float, quantities: Mapping[str, float]) -> float | None:

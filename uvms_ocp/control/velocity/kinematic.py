@@ -18,8 +18,9 @@ from uvms_ocp.control.navigation.last_known import LastEcho, LastSound
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.control.velocity.distress import Distress, Strain, climb_goal
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
-from uvms_ocp.control.velocity.parameters import mission_parameters
+from uvms_ocp.control.velocity.parameters import MissionParameters, mission_parameters
 from uvms_ocp.control.velocity.restraint import Restraint
+from uvms_ocp.control.velocity.stop import StopAhead
 from uvms_ocp.control.velocity.tick_state import Motion, TickState
 from uvms_ocp.control.velocity.viability import Viability
 from uvms_ocp.mission.mission import Mission
@@ -69,6 +70,7 @@ class KinematicController:
         self._viability = Viability(
             robot=robot, tasks=mission.hierarchy.tasks, quantity_names=self.problem.quantity_names, dt=dt
         )
+        self._parameters = MissionParameters(mission)
         self._solve = solver.bind(self.problem.function, self.problem.sizes)
         self.events: list[Event] = []
         self.left: list[MissionState] = []
@@ -121,7 +123,9 @@ class KinematicController:
     @late
     def command(self, tick: TickState) -> Command:
         """The command for what `observe` has found."""
-        result = self._solve(*self._inputs(tick))
+        q = tick.measurement.q
+        parameters = self._parameters.at(tick.mission, tick.t, gates=tick.gates, q=q, stop=self._stop_ahead(q))
+        result = self._solve(*self._inputs(tick, parameters))
         quantities = self._reported(result.extras[0], tick)
         holds = self._holds(tick)
         self._motion = self._stopping() if holds else self._viable(tick, result)
@@ -158,17 +162,23 @@ class KinematicController:
             gates=self.mission.gates(state, t),
             freshness=Freshness.FRESH,
         )
-        outputs = self.problem.function(*self._inputs(tick))
+        parameters = mission_parameters(
+            self.mission, state, t, gates=tick.gates, q=measurement.q, stop=self._stop_ahead(measurement.q)
+        )
+        outputs = self.problem.function(*self._inputs(tick, parameters))
         quantities = np.array(outputs[self.problem.function.index_out("quantities")]).ravel()
         return self._named(self._reported(quantities, tick))
 
-    def _inputs(self, tick: TickState) -> tuple[np.ndarray, ...]:
+    def _stop_ahead(self, q: np.ndarray) -> StopAhead | None:
+        """Where distances are measured on the way to rest."""
+        asked = self._motion.near and self._parameters.measures
+        return self._viability.stop.ahead(q, self._motion.v) if asked else None
+
+    def _inputs(self, tick: TickState, parameters: np.ndarray) -> tuple[np.ndarray, ...]:
         """Of the levels function."""
-        q, v = tick.measurement.q, tick.measurement.v
-        stop = self._viability.stop.ahead(q, self._motion.v) if self._motion.near else None
-        parameters = mission_parameters(self.mission, tick.mission, tick.t, gates=tick.gates, q=q, stop=stop)
         previous = self._motion.v / self._motion.pace
-        return q, v, previous, self._motion.change, np.array([tick.echo]), parameters, tick.gates
+        change, echo = self._motion.change, np.array([tick.echo])
+        return tick.measurement.q, tick.measurement.v, previous, change, echo, parameters, tick.gates
 
     def _viable(self, tick: TickState, result: TickResult) -> Motion:
         """The velocity that the solver asks for, as far as restrictions let it and a stop from it keeps all limits."""
