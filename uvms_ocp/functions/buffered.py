@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
@@ -68,6 +69,35 @@ class BufferedFunction:
 
     def _names(self) -> str:
         return f"{len(self._arguments)}, {', '.join(self.function.name_in())}"
+
+
+class BoundFunction:
+    """A function on memory of the caller's, which writes its arguments there and reads its results.
+
+    Nothing is copied or looked at in a call. Not for use from two threads at once.
+    """
+
+    __slots__ = ("_kept", "evaluate")
+
+    def __init__(self, function: ca.Function, arguments: Sequence[Array], results: Sequence[Array]) -> None:
+        """arguments and results, (m,) or (m, n) [any]: matrices in column-major order.
+
+        Raises `InvalidInput` for another size or order.
+        """
+        sizes = [function.numel_in(i) for i in range(function.n_in())]
+        sizes += [function.numel_out(i) for i in range(function.n_out())]
+        given = [*arguments, *results]
+        if [a.size for a in given] != sizes or not all(a.flags.f_contiguous and a.dtype == np.float64 for a in given):
+            shapes = ", ".join(str(a.shape) for a in given)
+            raise InvalidInput(
+                f"{function.name()}: memory of shapes {shapes}; give column-major numbers of sizes {sizes}"
+            )
+        buffer, self.evaluate = function.buffer()
+        for i, argument in enumerate(arguments):
+            buffer.set_arg(i, argument.T.data)
+        for i, result in enumerate(results):
+            buffer.set_res(i, result.T.data)
+        self._kept = function, buffer, given
 
 
 def _memory(size: tuple[int, int]) -> Array:

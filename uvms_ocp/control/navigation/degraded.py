@@ -10,6 +10,7 @@ from itertools import combinations
 from uvms_ocp.model.health import ChannelHealth, Trust
 
 ALTIMETER, ENCODERS = "altimeter_range", "joint_positions"
+_GOOD = Trust.GOOD
 _SLOW = 0.5
 _SOFT = 0.25  # of Case 1 without DVL: at 1 it runs away, at 0.5 it swings by 0.4 m, at 0.25 by less than 0.1 m
 
@@ -102,12 +103,17 @@ MODES = (
 """Depth and joint velocities are not in it alone: others tell the same."""
 
 
+def bad_of(health: Sequence[ChannelHealth]) -> list[ChannelHealth]:
+    """Channels that are not good."""
+    return [item for item in health if item.trust is not _GOOD]
+
+
 def restriction_of(health: Sequence[ChannelHealth], t: float, *, altitude_matters: bool = True) -> Restriction:
     """What applies at time t [s]; `FREE` where nobody judges.
 
     altitude_matters: some task on altitude is on. Without, a mission goes on without altimeter.
     """
-    bad = {item.channel: item for item in health if item.trust is not Trust.GOOD}
+    bad = {item.channel: item for item in bad_of(health)}
     if not bad:
         return FREE
     modes = [mode for mode in MODES if all(c in bad and bad[c].trust >= mode.trust for c in mode.without)]

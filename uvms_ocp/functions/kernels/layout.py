@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Any, TypeAlias, get_args, get_origin, get_type_hints
 
+import numpy as np
+
 from uvms_ocp.exceptions import InvalidInput
 
 Vector: TypeAlias = MutableSequence[float]
@@ -83,3 +85,8 @@ def _item(hint: Any) -> Any:
 def zeros(n: int) -> list[float]:
     """A local array of a kernel: n numbers [-], which is a constant, or the `len` of an array in a layout."""
     return [0.0] * n
+
+
+def view(array: Any) -> np.ndarray:
+    """An array of a structure as one of NumPy on the same memory; make it once, as that takes long."""
+    return np.ctypeslib.as_array(array)
