@@ -47,11 +47,27 @@ class BufferedFunction:
             raise InvalidInput(f"{self.function.name()}: {len(arguments)} arguments given; allowed: {self._names()}")
         for i, memory in enumerate(self._arguments):
             argument = arguments[i]
+            if argument is memory:
+                continue
             if type(argument) is not np.ndarray or argument.shape != memory.shape:
                 argument = self._fitted(i, argument)
             memory[...] = argument
         self._trigger()
         return tuple([result.copy() for result in self._results])
+
+    def adopt(self, arguments: Sequence[Array]) -> None:
+        """Read these arguments, (m,) or (m, n) [any], where they are: a call that is given the same arrays copies nothing.
+
+        Raises `InvalidInput` for another shape, and matrices that are not in column-major order.
+        """
+        for i, argument in enumerate(arguments):
+            if argument.shape != self._arguments[i].shape or not argument.flags.f_contiguous:
+                name = f"{self.function.name()}: {self.function.name_in(i)}"
+                raise InvalidInput(
+                    f"{name} of shape {argument.shape} given; allowed: {self._arguments[i].shape}, column-major"
+                )
+            self._arguments[i] = argument
+            self._buffer.set_arg(i, argument.T.data)
 
     @property
     def failed(self) -> bool:

@@ -20,7 +20,7 @@ from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.parameters import MissionParameters, mission_parameters
 from uvms_ocp.control.velocity.stop import StopAhead
 from uvms_ocp.control.velocity.tick_kernels import begin, is_unknown, observe, settle, take
-from uvms_ocp.control.velocity.tick_memory import arrays_of, tick_memory, write_restriction
+from uvms_ocp.control.velocity.tick_memory import arrays_of, inputs_of, tick_memory, write_restriction
 from uvms_ocp.control.velocity.tick_state import TickState
 from uvms_ocp.control.velocity.viability import Viability
 from uvms_ocp.functions.kernels.binding import bind_kernels
@@ -31,7 +31,7 @@ from uvms_ocp.model.health import ChannelHealth
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, Measurement
 from uvms_ocp.solvers.hierarchy.solution import Status
-from uvms_ocp.solvers.hierarchy.tick import Tick, TickResult
+from uvms_ocp.solvers.hierarchy.tick import SharedTick, Tick, TickResult
 from uvms_ocp.tasks.task import Task
 
 _command = trusted(Command)
@@ -70,7 +70,7 @@ class KinematicController:
         self.robot, self.mission, self.dt = robot, mission, dt
         self.problem: LevelsProblem = build_levels(robot, mission.hierarchy, dt)
         mission.check_quantities(self.problem.quantity_names)
-        self._parameters = MissionParameters(mission)
+        self._parameters = MissionParameters(mission, self.problem.function.size1_in("parameters"))
         self._solve = solver.bind(self.problem.function, self.problem.sizes)
         self.events: list[Event] = []
         self.left: list[MissionState] = []
@@ -79,6 +79,9 @@ class KinematicController:
         names = self.problem.quantity_names
         self._memory = memory = tick_memory(robot, mission, self.problem, self.watchdog)
         self._arrays = arrays_of(memory, n_tasks=mission.n_tasks, n_quantities=len(names))
+        self._inputs = inputs_of(self._arrays, self._parameters.values)
+        if isinstance(self._solve, SharedTick):
+            self._solve.adopt(*self._inputs)
         kernels = bind_kernels((begin, observe, settle, take), (type(memory),))
         self._begin, self._observe, self._settle, self._take = kernels
         self._viability = Viability(
@@ -146,9 +149,8 @@ class KinematicController:
     def command(self, tick: TickState) -> Command:
         """The command for what `observe` has found."""
         arrays, memory, q = self._arrays, self._memory, tick.measurement.q
-        parameters = self._parameters.at(tick.mission, tick.t, gates=tick.gates, q=q, stop=self._stop_ahead(q))
-        inputs = arrays.q, arrays.v, arrays.previous, arrays.change, arrays.echo, parameters, arrays.gates
-        result = self._solve(*inputs)
+        self._parameters.at(tick.mission, tick.t, gates=tick.gates, q=q, stop=self._stop_ahead(q))
+        result = self._solve(*self._inputs)
         arrays.solved[:] = result.v
         arrays.quantities[:] = result.extras[0]
         memory.usable = result.status.usable

@@ -36,10 +36,13 @@ class _Asked:
 class MissionParameters:
     """Parameters of all tasks, one after the other, tick by tick. Goals that are still are asked for once in a phase."""
 
-    def __init__(self, mission: Mission) -> None:
+    def __init__(self, mission: Mission, n: int | None = None) -> None:
+        """n [-]: how many there are, if that is known: then they are always in the same array `values`."""
         self._mission = mission
         self._of: tuple[int, GoalFunctions | None] = (-1, None)
-        self._values, self._asked = np.zeros(0), list[_Asked]()
+        self.values = np.zeros(n or 0)
+        """(n,) [their units] as last asked for."""
+        self._asked = list[_Asked]()
         self.measures = any(task.nearest_pairs is not None for task in mission.hierarchy.tasks)
         """Whether any task asks for distances."""
 
@@ -58,14 +61,17 @@ class MissionParameters:
             for asked in self._asked:
                 reference = asked.reference(t - state.since if asked.of_phase else t)
                 off = idle[asked.index]
-                self._values[asked.place] = reference if off else parameters_of(asked.task, reference, q, stop)
-        return self._values
+                self.values[asked.place] = reference if off else parameters_of(asked.task, reference, q, stop)
+        return self.values
 
     def _begin(self, state: MissionState, t: float) -> None:
         """Another phase, or other goals."""
         goals = self._mission.goals(state)
         found = self._mission.references(state, t)
-        self._values, ends = np.concatenate(found), np.cumsum([0, *map(len, found)])
+        ends = np.cumsum([0, *map(len, found)])
+        if len(self.values) != ends[-1]:
+            self.values = np.zeros(ends[-1])
+        self.values[:] = np.concatenate(found)
         self._asked = [
             _Asked(
                 index=i,

@@ -88,6 +88,11 @@ def arrays_of(memory: Any, *, n_tasks: int, n_quantities: int) -> TickArrays:
     return TickArrays(**{name: view(getattr(memory, name))[: sizes.get(name)] for name in names})
 
 
+def inputs_of(arrays: TickArrays, parameters: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Of the levels function, with the parameters (n_parameters,) [their units] of all tasks."""
+    return (arrays.q, arrays.v, arrays.previous, arrays.change, arrays.echo, parameters, arrays.gates)
+
+
 def write_restriction(memory: Any, restriction: Restriction, channels: Sequence[str]) -> None:
     """What is not done from now on; channels: those that quantities rest on."""
     memory.restricted, memory.hold, memory.blind = bool(restriction.bad), restriction.hold, restriction.blind

@@ -79,7 +79,12 @@ class ActiveSetTick:
 
     def reset(self) -> None:
         """Forget the active set: the next tick starts cold."""
-        self._active_set = np.zeros_like(self._active_set)
+        self._active_set[:] = 0.0
+
+    def adopt(self, *inputs: Array) -> None:
+        """Read these inputs, (m,) or (m, n) [any], where they are: a call that is given the same arrays copies nothing."""
+        if self._tick is not None:
+            self._tick.adopt([*inputs, self._active_set])
 
     @property
     def compiled(self) -> bool:
@@ -96,7 +101,7 @@ class ActiveSetTick:
         status = _STATUS.get((outcome, cold))
         if status is None:
             return self._recovered(inputs, start)
-        self._active_set = active_set
+        self._active_set[:] = active_set
         return _result(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)
 
     @np.errstate(over="ignore", invalid="ignore")  # what overflows ends without a certificate
@@ -109,7 +114,8 @@ class ActiveSetTick:
             rows = normal_rows(J, *gated(J, lower, upper, gate), self._functions.sizes)
             # No run gets hold of what is lost.
             run = self._chain(replace(rows, lost=NOTHING_LOST), start + self._functions.time_limit)
-            self._active_set, status, v = run.active_set, run.status, run.w * rows.velocity
+            self._active_set[:] = run.active_set
+            status, v = run.status, run.w * rows.velocity
             if rows.lost.are_missed(v, rows.velocity):
                 status = Status.INEXACT
             if not (np.abs(v) < TOLERANCES.endless).all():
