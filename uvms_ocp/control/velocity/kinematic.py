@@ -12,15 +12,23 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.arguments import Period, checked, late, trusted
-from uvms_ocp.control.navigation.degraded import ALTIMETER, FREE, Restriction, bad_of, restriction_of, told
+from uvms_ocp.control.navigation.degraded import (
+    ALTIMETER,
+    FREE,
+    Restriction,
+    bad_of,
+    restriction_in,
+    told,
+    write_channels,
+)
 from uvms_ocp.control.navigation.last_known import LastEcho, LastSound
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.control.velocity.distress import Distress, Strain, Why, climb_goal
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.parameters import MissionParameters, mission_parameters
 from uvms_ocp.control.velocity.stop import StopAhead
-from uvms_ocp.control.velocity.tick_kernels import begin, is_unknown, observe, settle, take
-from uvms_ocp.control.velocity.tick_memory import arrays_of, inputs_of, tick_memory, write_restriction
+from uvms_ocp.control.velocity.tick_kernels import is_unknown, observe, settle, take
+from uvms_ocp.control.velocity.tick_memory import arrays_of, inputs_of, tick_memory
 from uvms_ocp.control.velocity.tick_state import TickState
 from uvms_ocp.control.velocity.viability import Viability
 from uvms_ocp.functions.kernels.binding import bind_kernels
@@ -82,8 +90,8 @@ class KinematicController:
         self._inputs = inputs_of(self._arrays, self._parameters.values)
         if isinstance(self._solve, SharedTick):
             self._solve.adopt(*self._inputs)
-        kernels = bind_kernels((begin, observe, settle, take), (type(memory),))
-        self._begin, self._observe, self._settle, self._take = kernels
+        kernels = bind_kernels((observe, settle, take), (type(memory),))
+        self._observe, self._settle, self._take = kernels
         self._viability = Viability(
             robot=robot, tasks=mission.hierarchy.tasks, quantity_names=names, dt=dt, memory=memory.rule
         )
@@ -123,8 +131,11 @@ class KinematicController:
         memory.t, memory.altimeter_range = t, measurement.altimeter_range
         memory.age, memory.joint_age = measurement.age, measurement.joint_age
         self._echo.look()
-        restriction = self._restricted(measurement.health, t)
+        bad = bad_of(measurement.health)
+        if bad or self._restriction is not FREE:
+            write_channels(memory.restriction, bad)
         self._observe(memory)
+        restriction = self._restricted(bad) if bad or self._restriction is not FREE else FREE
         freshness = _FRESHNESS[memory.freshness]
         if freshness is not self.watchdog.verdict:
             self._alarm(measurement, t)
@@ -190,17 +201,12 @@ class KinematicController:
         unknown = [is_unknown(measurement.age, bool(of), known) for of in of_altitude]
         return self._named(np.where(unknown, np.nan, quantities))
 
-    def _restricted(self, health: tuple[ChannelHealth, ...], t: float) -> Restriction:
-        """What is not done at time t [s], for the kernels too."""
-        if bad_of(health):
-            self._begin(self._memory)
-            found = restriction_of(health, t, altitude_matters=bool(self._memory.altitude_matters))
-        else:
-            found = FREE
-        if found is not self._restriction:
-            self._restriction = found
-            write_restriction(self._memory, found, tuple(self.problem.rests_on))
-        return found
+    def _restricted(self, bad: list[ChannelHealth]) -> Restriction:
+        """What is not done, as the kernel has found of the channels that are not good."""
+        found, before = self._memory.restriction, self._restriction
+        if not (bad == list(before.bad) and before.abort == "" and not found.ended):
+            self._restriction = restriction_in(found, bad)
+        return self._restriction
 
     def _alarm(self, measurement: Measurement, t: float) -> None:
         """Tell how old the measurement has become, and of which channel that is."""

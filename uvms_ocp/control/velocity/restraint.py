@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
+from uvms_ocp.control.navigation.degraded import RestrictionMemory
 from uvms_ocp.control.navigation.last_known import EchoMemory
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, zeros
 
@@ -15,7 +16,7 @@ _STILL = 1e-12  # [m/s, rad/s]
 
 
 class RestraintMemory(Layout):
-    """What is left of a velocity, and what of the robot that depends on."""
+    """What of the robot it depends on."""
 
     step: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] largest change in one tick."""
@@ -23,30 +24,26 @@ class RestraintMemory(Layout):
     """(n_v,) which axes are joints."""
     has_vehicle: bool
     """The first six axes are those of one."""
-    speed: float
-    """[-] as the next two of `Restriction`."""
-    joints_held: bool
-    """The arm stops."""
-    no_descent: bool
-    """Nothing sinks."""
 
 
-def restrain(m: RestraintMemory, beam: EchoMemory, q: Vector, previous: Vector, pace: float, v: Vector) -> float:
+def restrain(
+    m: RestraintMemory, less: RestrictionMemory, beam: EchoMemory, q: Vector, previous: Vector, pace: float, v: Vector
+) -> float:
     """Makes of the velocity v [m/s, rad/s] that is wanted the one for this tick, and returns the pace [-] that it is at.
 
     q [m, rad]: now. previous [m/s, rad/s]: of the tick before, which was at `pace` [-] of what was wanted then.
     """
-    found = _pace(m, v, previous, pace)
+    found = _pace(m, less.speed, v, previous, pace)
     for i in range(len(m.step)):
-        v[i] = 0.0 if m.joints_held and m.is_joint[i] != 0 else found * v[i]
+        v[i] = 0.0 if less.joints_held and m.is_joint[i] != 0 else found * v[i]
     _within(m, v, previous)
-    if m.no_descent and m.has_vehicle:
+    if less.no_descent and m.has_vehicle:
         _lift(beam, q, v, len(m.step))
         _within(m, v, previous)
     return found
 
 
-def _pace(m: RestraintMemory, wanted: Vector, previous: Vector, pace: float) -> float:
+def _pace(m: RestraintMemory, speed: float, wanted: Vector, previous: Vector, pace: float) -> float:
     """As near to the speed as the acceleration limits let it come in this tick; they always let it stay where it is."""
     low, high = 0.0, 1.0
     for i in range(len(m.step)):
@@ -54,7 +51,7 @@ def _pace(m: RestraintMemory, wanted: Vector, previous: Vector, pace: float) -> 
             down, up = (previous[i] - m.step[i]) / wanted[i], (previous[i] + m.step[i]) / wanted[i]
             low = max(low, min(down, up))
             high = min(high, max(down, up))
-    return min(max(m.speed, min(low, pace)), max(high, pace))
+    return min(max(speed, min(low, pace)), max(high, pace))
 
 
 def _within(m: RestraintMemory, v: Vector, previous: Vector) -> None:

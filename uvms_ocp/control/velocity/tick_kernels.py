@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
+from uvms_ocp.control.navigation.degraded import RestrictionMemory, restrict
 from uvms_ocp.control.navigation.last_known import EchoMemory, echo_range
 from uvms_ocp.control.navigation.watchdog import Freshness, verdict_on
 from uvms_ocp.control.velocity.distress import DistressMemory, Why, distress_of
@@ -16,6 +17,7 @@ from uvms_ocp.control.velocity.restraint import RestraintMemory, restrain
 from uvms_ocp.control.velocity.viability import RuleMemory, comes_near
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector
 from uvms_ocp.mission.progress import NONE, MissionMemory, gates_at, transition_due
+from uvms_ocp.model.health import Trust
 
 
 class TickMemory(Layout):
@@ -27,6 +29,8 @@ class TickMemory(Layout):
     """Whether it is to be given up."""
     rule: RuleMemory
     """Limits on positions."""
+    restriction: RestrictionMemory
+    """What is not done because of channels that cannot be trusted."""
     restraint: RestraintMemory
     """What is left of a velocity."""
     beam: EchoMemory
@@ -42,8 +46,10 @@ class TickMemory(Layout):
     """(n_tasks,) [m] as that of `Task`."""
     rests_on: Annotated[list[list[int]], Sized("n_channels", "n_quantities")]
     """(n_channels, n_quantities) as that of `LevelsProblem`."""
+    channel: Annotated[list[int], Sized("n_channels")]
+    """(n_channels,) each of these among all `CHANNELS`."""
     altimeter: int
-    """Among the channels."""
+    """Among these channels."""
     hold_after: float
     """[s] as those of `Watchdog`."""
     stop_after: float
@@ -61,24 +67,6 @@ class TickMemory(Layout):
     """[s] as those of `Measurement`."""
     joint_age: float
     """[s]"""
-
-    # what is not done because of channels that cannot be trusted
-    restricted: bool
-    """Some channel is not good."""
-    hold: bool
-    """As the next two of `Restriction`."""
-    blind: bool
-    """No feedback."""
-    ended: bool
-    """There is a reason to abort."""
-    climbs: bool
-    """As that of `Restriction`."""
-    any_lost: bool
-    """Some channel is lost."""
-    doubts: Annotated[list[int], Sized("n_channels")]
-    """(n_channels,) which are not good."""
-    altimeter_doubted: bool
-    """It is not good."""
 
     # found by `observe`, inputs of the levels among it
     gates: Annotated[Vector, Sized("n_tasks")]
@@ -139,7 +127,7 @@ class TickMemory(Layout):
     """[-] that it was at."""
 
 
-def begin(m: TickMemory) -> None:
+def _begin(m: TickMemory) -> None:
     """External activations, which tell whether the altitude matters."""
     gates_at(m.mission, m.t, m.gates)
     m.altitude_matters = False
@@ -148,25 +136,32 @@ def begin(m: TickMemory) -> None:
 
 
 def observe(m: TickMemory) -> None:
-    """What is known, from the measurement and the restriction."""
-    begin(m)
+    """What is known, from the measurement and the channels that are not good."""
+    _begin(m)
+    restrict(m.restriction, m.t, m.altitude_matters)
+    doubted = m.restriction.level[m.channel[m.altimeter]] != Trust.GOOD
     lowest, lower = 0.0, False
     for i in range(len(m.gates)):
-        if m.restraint.no_descent and m.lands[i] != 0:
+        if m.restriction.no_descent and m.lands[i] != 0:
             m.gates[i] = 0.0
         if m.reads_altitude[i] != 0 and m.gates[i] > 0.0 and (not lower or m.rest_altitude[i] < lowest):
             lowest = m.rest_altitude[i]
             lower = True
-    m.echo[0] = echo_range(m.beam, m.t, m.altimeter_range, lowest, m.altimeter_doubted)
+    m.echo[0] = echo_range(m.beam, m.t, m.altimeter_range, lowest, doubted)
     m.altitude_known = math.isfinite(m.beam.floor) and m.t - m.beam.since <= m.hold_after
     # Joints that brakes hold are where they were.
-    braked = m.restraint.joints_held and math.isfinite(m.age) and m.joint_age >= m.age
+    braked = m.restriction.joints_held and math.isfinite(m.age) and m.joint_age >= m.age
     age = 0.0 if braked else m.age
-    echo_age = m.t - m.beam.since if m.altitude_matters and not m.altimeter_doubted else 0.0
+    echo_age = m.t - m.beam.since if m.altitude_matters and not doubted else 0.0
     m.echo_is_oldest = echo_age > age
     m.oldest = max(age, echo_age)
     m.freshness = verdict_on(m.oldest, m.hold_after, m.stop_after)
-    m.holds = m.freshness != Freshness.FRESH or m.blind or m.hold or (m.ended and not m.distress.aborts)
+    m.holds = (
+        m.freshness != Freshness.FRESH
+        or m.restriction.blind
+        or m.restriction.hold
+        or (m.restriction.ended and not m.distress.aborts)
+    )
     for i in range(len(m.previous)):
         m.previous[i] = m.command[i] / m.pace
 
@@ -181,8 +176,10 @@ def settle(m: TickMemory) -> None:
     m.eventful = False
     if m.mission.over:
         return
-    stopped = m.freshness == Freshness.LOST or (m.ended and not m.climbs)
-    m.why = distress_of(m.distress, m.mission, m.t, m.gates, m.told, stopped and (m.ended or m.any_lost), m.ended)
+    less = m.restriction
+    stopped = m.freshness == Freshness.LOST or (less.ended and not less.climbs)
+    hopeless = stopped and (less.ended or less.any_lost)
+    m.why = distress_of(m.distress, m.mission, m.t, m.gates, m.told, hopeless, less.ended)
     if m.why == Why.NOTHING and not m.holds:
         m.due = transition_due(m.mission, m.t, m.told)
         m.eventful = m.due != NONE or m.mission.changed
@@ -215,10 +212,10 @@ def _report(m: TickMemory) -> None:
         unknown = is_unknown(m.age, of_altitude[i] != 0, m.altitude_known)
         m.reported[i] = math.nan if unknown else m.quantities[i]
         m.told[i] = m.reported[i]
-    for k in range(len(m.doubts)):
+    for k in range(len(m.channel)):
         channel = m.rests_on[k]
         for i in range(len(m.quantities)):
-            if m.doubts[k] != 0 and channel[i] != 0 and not m.mission.given_up:
+            if m.restriction.level[m.channel[k]] != Trust.GOOD and channel[i] != 0 and not m.mission.given_up:
                 m.told[i] = math.nan
     for i in range(len(m.quantities)):
         if not m.holds:
@@ -230,8 +227,8 @@ def _choose(m: TickMemory) -> None:
     m.wanted_pace = m.pace
     if m.usable:
         _shorten(m)
-        if m.restricted or m.pace != 1.0:
-            m.wanted_pace = restrain(m.restraint, m.beam, m.q, m.command, m.pace, m.wanted)
+        if m.restriction.any_bad or m.pace != 1.0:
+            m.wanted_pace = restrain(m.restraint, m.restriction, m.beam, m.q, m.command, m.pace, m.wanted)
     else:
         _brake(m)
     for i in range(len(m.wanted)):

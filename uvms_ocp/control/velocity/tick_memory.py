@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from uvms_ocp.control.navigation.degraded import ALTIMETER, Restriction
+from uvms_ocp.control.navigation.degraded import ALTIMETER, CHANNELS, write_modes
 from uvms_ocp.control.navigation.watchdog import Watchdog
 from uvms_ocp.control.velocity.levels import LevelsProblem
 from uvms_ocp.control.velocity.tick_kernels import TickMemory
@@ -17,7 +16,6 @@ from uvms_ocp.control.velocity.viability import guards_of
 from uvms_ocp.functions.kernels.layout import structure_of, view
 from uvms_ocp.mission.mission import Mission, write_mission
 from uvms_ocp.mission.progress import sizes_of
-from uvms_ocp.model.health import Trust
 from uvms_ocp.model.robot import Robot
 
 
@@ -68,12 +66,14 @@ def tick_memory(robot: Robot, mission: Mission, problem: LevelsProblem, watchdog
     )()
     write_mission(memory.mission, mission, names)
     memory.hold_after, memory.stop_after = watchdog.hold_after, watchdog.stop_after
-    memory.pace, memory.near, memory.restraint.speed, memory.climbs = 1.0, True, 1.0, True
+    memory.pace, memory.near = 1.0, True
+    write_modes(memory.restriction)
     view(memory.last_told)[:] = math.nan
     view(memory.velocity_limit)[:] = robot.limits.velocity
     _write_restraint(memory.restraint, robot, problem.step)
     memory.altimeter = [*problem.rests_on].index(ALTIMETER)
-    for k, rests in enumerate(problem.rests_on.values()):
+    for k, (channel, rests) in enumerate(problem.rests_on.items()):
+        memory.channel[k] = CHANNELS.index(channel)
         view(memory.rests_on)[k, : len(names)] = rests
     for i, task in enumerate(tasks):
         memory.reads_altitude[i], memory.rest_altitude[i] = task.needs_altimeter, task.rest_altitude
@@ -91,19 +91,6 @@ def arrays_of(memory: Any, *, n_tasks: int, n_quantities: int) -> TickArrays:
 def inputs_of(arrays: TickArrays, parameters: np.ndarray) -> tuple[np.ndarray, ...]:
     """Of the levels function, with the parameters (n_parameters,) [their units] of all tasks."""
     return (arrays.q, arrays.v, arrays.previous, arrays.change, arrays.echo, parameters, arrays.gates)
-
-
-def write_restriction(memory: Any, restriction: Restriction, channels: Sequence[str]) -> None:
-    """What is not done from now on; channels: those that quantities rest on."""
-    memory.restricted, memory.hold, memory.blind = bool(restriction.bad), restriction.hold, restriction.blind
-    memory.ended, memory.climbs = bool(restriction.abort), restriction.climbs
-    memory.any_lost = any(item.trust is Trust.LOST for item in restriction.bad)
-    doubted = restriction.doubted
-    memory.altimeter_doubted = ALTIMETER in doubted
-    for k, channel in enumerate(channels):
-        memory.doubts[k] = channel in doubted
-    less = memory.restraint
-    less.speed, less.joints_held, less.no_descent = restriction.speed, restriction.joints_held, restriction.no_descent
 
 
 def _write_restraint(memory: Any, robot: Robot, step: np.ndarray) -> None:
