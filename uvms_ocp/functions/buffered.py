@@ -23,19 +23,21 @@ class BufferedFunction:
     threads at once: every thread needs its own.
     """
 
-    __slots__ = ("_arguments", "_buffer", "_results", "_trigger", "function")
+    __slots__ = ("_arguments", "_buffer", "evaluate", "function", "results")
 
     def __init__(self, function: ca.Function) -> None:
         self.function = function
         self._buffer: Any
-        self._trigger: Any
-        self._buffer, self._trigger = function.buffer()
+        self.evaluate: Any
+        """The function of no arguments that reads those which were written last, or are adopted, and writes `results`."""
+        self._buffer, self.evaluate = function.buffer()
         self._arguments = [_memory(function.size_in(i)) for i in range(function.n_in())]
-        self._results = [_memory(function.size_out(i)) for i in range(function.n_out())]
+        self.results = [_memory(function.size_out(i)) for i in range(function.n_out())]
+        """(m,) or (m, n) [any] of the last evaluation, overwritten by the next; matrices in column-major order."""
         # CasADi reads column-major memory and refuses views that are not C-contiguous.
         for i, argument in enumerate(self._arguments):
             self._buffer.set_arg(i, argument.T.data)
-        for i, result in enumerate(self._results):
+        for i, result in enumerate(self.results):
             self._buffer.set_res(i, result.T.data)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -47,16 +49,14 @@ class BufferedFunction:
             raise InvalidInput(f"{self.function.name()}: {len(arguments)} arguments given; allowed: {self._names()}")
         for i, memory in enumerate(self._arguments):
             argument = arguments[i]
-            if argument is memory:
-                continue
             if type(argument) is not np.ndarray or argument.shape != memory.shape:
                 argument = self._fitted(i, argument)
             memory[...] = argument
-        self._trigger()
-        return tuple([result.copy() for result in self._results])
+        self.evaluate()
+        return tuple([result.copy() for result in self.results])
 
     def adopt(self, arguments: Sequence[Array]) -> None:
-        """Read these arguments, (m,) or (m, n) [any], where they are: a call that is given the same arrays copies nothing.
+        """From now on `evaluate` reads these arguments, (m,) or (m, n) [any], where they are, and a call writes there.
 
         Raises `InvalidInput` for another shape, and matrices that are not in column-major order.
         """

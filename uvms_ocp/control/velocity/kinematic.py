@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from time import perf_counter
 from typing import Any, Protocol
 
@@ -79,7 +80,6 @@ class KinematicController:
         self.problem: LevelsProblem = build_levels(robot, mission.hierarchy, dt)
         mission.check_quantities(self.problem.quantity_names)
         self._parameters = MissionParameters(mission, self.problem.function.size1_in("parameters"))
-        self._solve = solver.bind(self.problem.function, self.problem.sizes)
         self.events: list[Event] = []
         self.left: list[MissionState] = []
         """Where the mission was at each event, just before."""
@@ -87,9 +87,11 @@ class KinematicController:
         names = self.problem.quantity_names
         self._memory = memory = tick_memory(robot, mission, self.problem, self.watchdog)
         self._arrays = arrays_of(memory, n_tasks=mission.n_tasks, n_quantities=len(names))
-        self._inputs = inputs_of(self._arrays, self._parameters.values)
-        if isinstance(self._solve, SharedTick):
-            self._solve.adopt(*self._inputs)
+        tick, inputs = (
+            solver.bind(self.problem.function, self.problem.sizes),
+            inputs_of(self._arrays, self._parameters.values),
+        )
+        self._solve = tick.adopt(*inputs) if isinstance(tick, SharedTick) else partial(tick, *inputs)
         kernels = bind_kernels((observe, settle, take), (type(memory),))
         self._observe, self._settle, self._take = kernels
         self._viability = Viability(
@@ -161,7 +163,7 @@ class KinematicController:
         """The command for what `observe` has found."""
         arrays, memory, q = self._arrays, self._memory, tick.measurement.q
         self._parameters.at(tick.mission, tick.t, gates=tick.gates, q=q, stop=self._stop_ahead(q))
-        result = self._solve(*self._inputs)
+        result = self._solve()
         arrays.solved[:] = result.v
         arrays.quantities[:] = result.extras[0]
         memory.usable = result.status.usable

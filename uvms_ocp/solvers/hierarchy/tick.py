@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Protocol, runtime_checkable
 
@@ -48,8 +48,8 @@ class Tick(Protocol):
 class SharedTick(Tick, Protocol):
     """One that can read its inputs where they are."""
 
-    def adopt(self, *inputs: Array) -> None:
-        """A call that is given the same arrays (m,) or (m, n) [any] copies nothing."""
+    def adopt(self, *inputs: Array) -> Callable[[], TickResult]:
+        """The call with these arrays, (m,) or (m, n) [any], as they are then, without copies. No other call comes after it."""
 
 
 def check_levels_function(levels: ca.Function, sizes: Sequence[int]) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from time import perf_counter
 
 import casadi as ca
@@ -81,10 +82,12 @@ class ActiveSetTick:
         """Forget the active set: the next tick starts cold."""
         self._active_set[:] = 0.0
 
-    def adopt(self, *inputs: Array) -> None:
-        """Read these inputs, (m,) or (m, n) [any], where they are: a call that is given the same arrays copies nothing."""
-        if self._tick is not None:
-            self._tick.adopt([*inputs, self._active_set])
+    def adopt(self, *inputs: Array) -> Callable[[], TickResult]:
+        """The call with these arrays, (m,) or (m, n) [any], as they are then, without copies. No other call comes after it."""
+        if self._tick is None:
+            return partial(self, *inputs)
+        self._tick.adopt([*inputs, self._active_set])
+        return partial(self._evaluated, self._tick, inputs)
 
     @property
     def compiled(self) -> bool:
@@ -96,7 +99,16 @@ class ActiveSetTick:
         start = perf_counter()
         if self._tick is None:
             return self._recovered(inputs, start)
-        v, active_set, report, missed, *extras = self._tick(*inputs, self._active_set)
+        return self._told(self._tick(*inputs, self._active_set), inputs, start)
+
+    def _evaluated(self, tick: BufferedFunction, inputs: Sequence[ArrayLike]) -> TickResult:
+        """Of inputs that are adopted."""
+        start = perf_counter()
+        tick.evaluate()
+        return self._told([result.copy() for result in tick.results], inputs, start)
+
+    def _told(self, results: Sequence[Array], inputs: Sequence[ArrayLike], start: float) -> TickResult:
+        v, active_set, report, missed, *extras = results
         outcome, _, cold = report.tolist()
         status = _STATUS.get((outcome, cold))
         if status is None:
