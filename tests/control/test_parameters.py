@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import casadi as ca
@@ -13,7 +13,7 @@ import pytest
 
 import uvms_ocp as uo
 from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.control.velocity.parameters import measured, mission_parameters
+from uvms_ocp.control.velocity.parameters import MissionParameters, measured, mission_parameters
 from uvms_ocp.control.velocity.stop import Stop, StopAhead
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.loading import load_robot
@@ -23,6 +23,7 @@ from uvms_ocp.model.shapes.obstacles import Obstacle
 from uvms_ocp.model.state import Measurement
 from uvms_ocp.tasks.clearance import Clearance
 from uvms_ocp.tasks.hierarchy import Hierarchy
+from uvms_ocp.tasks.joints import JointTracking
 from uvms_ocp.tasks.nearest_pairs import FAR, NearestPairs
 from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, equality_rows
 
@@ -180,3 +181,43 @@ def test_pairs_that_cannot_be_measured_are_refused(robot: Robot) -> None:
         NearestPairs(task="SO", model=model, n=0, threshold=0.1)
     with pytest.raises(InvalidInput, match="SO: a collision model without pairs"):
         NearestPairs(task="SO", model=CollisionModel(robot, self_collision=False), n=1, threshold=0.1)
+
+
+class Turning:
+    """A goal that says when it was asked."""
+
+    def __init__(self) -> None:
+        self.asked: list[float] = []
+
+    def __call__(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        self.asked.append(t)
+        return np.array([t]), np.ones(1)
+
+
+def test_a_goal_that_moves_is_asked_at_every_tick_and_a_still_one_once_in_a_phase(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    joint, moving = robot.joints[0].name, Turning()
+    tasks = [
+        JointTracking(name="still", joints=(joint,), goal=np.array([0.3])),
+        JointTracking(name="moving", joints=(joint,), goal=moving),
+    ]
+    assert [task.still for task in tasks] == [True, False]
+    never = (uo.Transition(to=uo.DONE, when=(uo.Below(quantity="still.posture_error", limit=1e-9),)),)
+    phases = [
+        uo.Phase(name=name, gates={"still": 1.0, "moving": 1.0}, transitions=never, goals={"still": np.array([goal])})
+        for name, goal in (("one", 0.1), ("two", 0.2))
+    ]
+    mission = uo.Mission(hierarchy=Hierarchy(tasks), phases=tuple(phases))
+    parameters, q, state = MissionParameters(mission), robot.configuration(), mission.start()
+    for phase, goal in ((0, 0.1), (1, 0.2), (0, 0.1)):
+        now = replace(state, phase=phase)
+        for t in (1.0, 2.0, 3.0):
+            found = parameters.at(now, t, gates=np.ones(2), q=q, stop=None)
+            np.testing.assert_array_equal(found, [goal, 0.0, t, 1.0])
+            np.testing.assert_array_equal(found, np.concatenate(mission.references(now, t)))
+    assert moving.asked.count(2.0) == 6
+
+
+def test_a_task_of_ones_own_is_asked_at_every_tick(robot: Robot) -> None:
+    assert not standing_off(robot, 0.4).tasks_of(0)[0].still

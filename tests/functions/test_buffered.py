@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions.buffered import BufferedFunction
+from uvms_ocp.functions.buffered import BoundFunction, BufferedFunction
 from uvms_ocp.functions.compile import compile_library
 
 
@@ -86,3 +86,34 @@ def test_an_evaluation_that_was_abandoned_is_told() -> None:
         (result,) = function(given)
         assert function.failed == (given < 0.0)
         assert function.failed or result == given
+
+
+def test_arguments_that_are_adopted_are_read_where_they_are(buffered: BufferedFunction) -> None:
+    x, A = np.array([2.0, 1.0, 0.0]), np.asfortranarray(np.arange(6.0).reshape(3, 2))
+    buffered.adopt([x, A])
+    for scale in (2.0, 3.0):
+        x[0] = scale
+        buffered.evaluate()
+        np.testing.assert_array_equal(buffered.results[0], scale * A)
+    np.testing.assert_array_equal(buffered(2.0 * x, A)[0], 6.0 * A)
+    with pytest.raises(InvalidInput, match="f: A of shape"):
+        buffered.adopt([x, np.ones((3, 2))])
+
+
+def test_a_bound_function_reads_and_writes_the_callers_memory(buffered: BufferedFunction) -> None:
+    x, A = np.array([2.0, 1.0, 0.0]), np.asfortranarray(np.arange(6.0).reshape(3, 2))
+    B, y = np.zeros((3, 2), order="F"), np.zeros(2)
+    bound = BoundFunction(buffered.function, (x, A), (B, y))
+    for scale in (2.0, 5.0):
+        x[0] = scale
+        bound.evaluate()
+        np.testing.assert_array_equal(B, scale * A)
+        np.testing.assert_array_equal(y, A.T @ x)
+
+
+@pytest.mark.parametrize("results", [(np.zeros((3, 2)), np.zeros(2)), (np.zeros((3, 2), order="F"),)])
+def test_memory_that_does_not_fit_a_bound_function_is_refused(
+    buffered: BufferedFunction, results: tuple[np.ndarray, ...]
+) -> None:
+    with pytest.raises(InvalidInput, match="give column-major numbers of sizes"):
+        BoundFunction(buffered.function, (np.zeros(3), np.zeros((3, 2), order="F")), results)

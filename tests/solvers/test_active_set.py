@@ -145,6 +145,23 @@ def test_a_warm_tick_follows_slow_changes_exactly(solver: LexicographicActiveSet
         assert certificate(now, result.v) < 1e-9
 
 
+@pytest.mark.parametrize("solver", [COMPILED, NUMPY])
+def test_a_tick_that_reads_its_inputs_where_they_are_gives_what_a_call_gives(solver: LexicographicActiveSet) -> None:
+    """Also where it recovers from an input that is no number."""
+    rng, levels = np.random.default_rng(0), random_hierarchy(2)
+    sizes = [level.n_rows for level in levels]
+    called, inputs = solver.bind(_tick_function(13, 59), sizes), [np.asfortranarray(x) for x in _arguments(levels)]
+    adopted = solver.bind(_tick_function(13, 59), sizes).adopt(*inputs)
+    for k in range(20):
+        inputs[0] += np.where(np.arange(59)[:, None] < 46, 1e-3, 0.0) * rng.standard_normal((59, 13))
+        inputs[1][3] = np.nan if k == 10 else -1.0
+        mine, other = adopted(), called(*inputs)
+        np.testing.assert_array_equal(mine.v, other.v)
+        np.testing.assert_array_equal(mine.residual, other.residual)
+        assert mine.status is other.status
+        assert mine.status.usable is (k != 10)
+
+
 def test_an_equality_that_becomes_an_inequality_is_released() -> None:
     tick = COMPILED.bind(_tick_function(2, 3), [1, 2])
     J = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
@@ -22,19 +23,21 @@ class BufferedFunction:
     threads at once: every thread needs its own.
     """
 
-    __slots__ = ("_arguments", "_buffer", "_results", "_trigger", "function")
+    __slots__ = ("_arguments", "_buffer", "evaluate", "function", "results")
 
     def __init__(self, function: ca.Function) -> None:
         self.function = function
         self._buffer: Any
-        self._trigger: Any
-        self._buffer, self._trigger = function.buffer()
+        self.evaluate: Any
+        """The function of no arguments that reads those which were written last, or are adopted, and writes `results`."""
+        self._buffer, self.evaluate = function.buffer()
         self._arguments = [_memory(function.size_in(i)) for i in range(function.n_in())]
-        self._results = [_memory(function.size_out(i)) for i in range(function.n_out())]
+        self.results = [_memory(function.size_out(i)) for i in range(function.n_out())]
+        """(m,) or (m, n) [any] of the last evaluation, overwritten by the next; matrices in column-major order."""
         # CasADi reads column-major memory and refuses views that are not C-contiguous.
         for i, argument in enumerate(self._arguments):
             self._buffer.set_arg(i, argument.T.data)
-        for i, result in enumerate(self._results):
+        for i, result in enumerate(self.results):
             self._buffer.set_res(i, result.T.data)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -49,8 +52,22 @@ class BufferedFunction:
             if type(argument) is not np.ndarray or argument.shape != memory.shape:
                 argument = self._fitted(i, argument)
             memory[...] = argument
-        self._trigger()
-        return tuple([result.copy() for result in self._results])
+        self.evaluate()
+        return tuple([result.copy() for result in self.results])
+
+    def adopt(self, arguments: Sequence[Array]) -> None:
+        """From now on `evaluate` reads these arguments, (m,) or (m, n) [any], where they are, and a call writes there.
+
+        Raises `InvalidInput` for another shape, and matrices that are not in column-major order.
+        """
+        for i, argument in enumerate(arguments):
+            if argument.shape != self._arguments[i].shape or not argument.flags.f_contiguous:
+                name = f"{self.function.name()}: {self.function.name_in(i)}"
+                raise InvalidInput(
+                    f"{name} of shape {argument.shape} given; allowed: {self._arguments[i].shape}, column-major"
+                )
+            self._arguments[i] = argument
+            self._buffer.set_arg(i, argument.T.data)
 
     @property
     def failed(self) -> bool:
@@ -68,6 +85,35 @@ class BufferedFunction:
 
     def _names(self) -> str:
         return f"{len(self._arguments)}, {', '.join(self.function.name_in())}"
+
+
+class BoundFunction:
+    """A function on memory of the caller's, which writes its arguments there and reads its results.
+
+    Nothing is copied or looked at in a call. Not for use from two threads at once.
+    """
+
+    __slots__ = ("_kept", "evaluate")
+
+    def __init__(self, function: ca.Function, arguments: Sequence[Array], results: Sequence[Array]) -> None:
+        """arguments and results, (m,) or (m, n) [any]: matrices in column-major order.
+
+        Raises `InvalidInput` for another size or order.
+        """
+        sizes = [function.numel_in(i) for i in range(function.n_in())]
+        sizes += [function.numel_out(i) for i in range(function.n_out())]
+        given = [*arguments, *results]
+        if [a.size for a in given] != sizes or not all(a.flags.f_contiguous and a.dtype == np.float64 for a in given):
+            shapes = ", ".join(str(a.shape) for a in given)
+            raise InvalidInput(
+                f"{function.name()}: memory of shapes {shapes}; give column-major numbers of sizes {sizes}"
+            )
+        buffer, self.evaluate = function.buffer()
+        for i, argument in enumerate(arguments):
+            buffer.set_arg(i, argument.T.data)
+        for i, result in enumerate(results):
+            buffer.set_res(i, result.T.data)
+        self._kept = function, buffer, given
 
 
 def _memory(size: tuple[int, int]) -> Array:

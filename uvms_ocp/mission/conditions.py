@@ -43,7 +43,7 @@ class Below:
         Raises `NameNotFound` where they lack its own.
         """
         limit = self.limit if self.release is None or not held else self.release
-        return _measured(self.quantity, quantities) < limit
+        return is_met(measured(self.quantity, quantities), limit, True)
 
     def describe(self, quantities: Mapping[str, float]) -> str:
         """One clause with the value among the quantities [in their units], true or not."""
@@ -79,7 +79,7 @@ class Above:
         Raises `NameNotFound` where they lack its own.
         """
         limit = self.limit if self.release is None or not held else self.release
-        return _measured(self.quantity, quantities) > limit
+        return is_met(measured(self.quantity, quantities), limit, False)
 
     def describe(self, quantities: Mapping[str, float]) -> str:
         """One clause with the value among the quantities [in their units], true or not."""
@@ -128,7 +128,13 @@ class Transition:
         return ", ".join(condition.describe(quantities) for condition in self.when)
 
 
-def _measured(quantity: str, quantities: Mapping[str, float]) -> float:
+def is_met(value: float, limit: float, below: bool) -> bool:
+    """Whether a value is on the wanted side of a limit [its unit]: below it, or above. A kernel."""
+    return value < limit if below else value > limit
+
+
+def measured(quantity: str, quantities: Mapping[str, float]) -> float:
+    """One of the quantities [in its unit]. Raises `NameNotFound` where they lack it."""
     try:
         return quantities[quantity]
     except KeyError:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
@@ -12,11 +12,22 @@ import pinocchio as pin
 
 from uvms_ocp.arguments import Shape, changed, checked, late, unchecked
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.functions.kernels.layout import structure_of, view
 from uvms_ocp.mission.abort import Abort
-from uvms_ocp.mission.conditions import ABORT, DONE, Transition
+from uvms_ocp.mission.conditions import ABORT, DONE, Transition, measured
 from uvms_ocp.mission.diagram import closure, mermaid, successors, text_table
 from uvms_ocp.mission.phase import Event, GoalFunctions, MissionState, Phase
-from uvms_ocp.tasks.activation import Bell
+from uvms_ocp.mission.progress import (
+    NONE,
+    MissionMemory,
+    gates_at,
+    held_since,
+    quantities_read,
+    sizes_of,
+    transition_due,
+    write_conditions,
+    write_state,
+)
 from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.pose import PoseTask
 from uvms_ocp.tasks.task import Task
@@ -95,10 +106,9 @@ class Mission:
     @late
     def gates(self, state: MissionState, t: float) -> np.ndarray:
         """External activation (n_tasks,) [-] of each task at time t [s] ([Gao2022] eq. 22 in time)."""
-        if t - state.since >= self.ramp:
-            return self._targets[state.phase].copy()
-        blend = float(Bell(0.0, self.ramp).increasing(t - state.since))
-        return (1 - blend) * state.gates_before + blend * self._targets[state.phase]
+        gates = [0.0] * max(1, self.n_tasks)
+        gates_at(self._memory(state), t, gates)
+        return np.array(gates[: self.n_tasks])
 
     @property
     def n_tasks(self) -> int:
@@ -115,22 +125,29 @@ class Mission:
         """Goal of each task at time t [s], highest priority first, as `Task.reference` gives it."""
         # A goal sees the time since the start of the phase where it is the phase's own.
         since = t - state.since
-        goals = self._references[state.phase] if state.goals is None else state.goals
-        return [reference(since if own else t) for reference, own in goals]
+        return [reference(since if own else t) for reference, own in self.goals(state)]
+
+    def goals(self, state: MissionState) -> GoalFunctions:
+        """Of all tasks in a state, highest priority first."""
+        return self._references[state.phase] if state.goals is None else state.goals
 
     @late
     def step(self, state: MissionState, t: float, quantities: Mapping[str, float]) -> tuple[MissionState, Event | None]:
         """The state after the quantities [in their units] measured at t [s], and the event if a transition fired."""
         if state.over:
             return state, None
-        phase = self.all_phases[state.phase]
-        held = tuple(
-            _held(tr, since, t, quantities) for tr, since in zip(phase.transitions, state.held_since, strict=True)
-        )
-        for index, (transition, since) in enumerate(zip(phase.transitions, held, strict=True)):
-            if since is not None and t - since >= transition.hold - 1e-9:
-                return self._follow(state, index, t, quantities)
-        return state if held == state.held_since else changed(state, held_since=held), None
+        names, phase = quantities_read(self.all_phases), self.all_phases[state.phase]
+        read = {c.quantity: measured(c.quantity, quantities) for tr in phase.transitions for c in tr.when}
+        memory = self._memory(state)
+        due = transition_due(memory, t, [read.get(name, math.nan) for name in names])
+        return went_on(self, state, memory, due, t, quantities)
+
+    def _memory(self, state: MissionState) -> Any:
+        """Of a state, asked with the quantities that conditions read."""
+        memory = structure_of(MissionMemory, n_tasks=self.n_tasks, **sizes_of(self.all_phases))()
+        write_mission(memory, self, quantities_read(self.all_phases))
+        write_state(memory, state)
+        return memory
 
     @late
     def abandon(
@@ -193,8 +210,8 @@ class Mission:
         reason, target = _reason(transition, quantities), transition.to
         if transition.retries is not None and n_fired >= transition.retries:
             reason, target = f"{n_fired} retries are used up: {reason}", ABORT
-        measured = tuple((condition, quantities[condition.quantity]) for condition in transition.when)
-        event = Event(t=t, source=phase.name, target=target, reason=reason, conditions=measured)
+        values = tuple((condition, quantities[condition.quantity]) for condition in transition.when)
+        event = Event(t=t, source=phase.name, target=target, reason=reason, conditions=values)
         if target == DONE:
             return changed(state, completed=True), event
         if target == ABORT:
@@ -234,6 +251,22 @@ class Mission:
                     raise NameNotFound("phase", transition.to, (*names, DONE))
 
 
+def went_on(
+    mission: Mission, state: MissionState, memory: Any, due: int, t: float, quantities: Mapping[str, float]
+) -> tuple[MissionState, Event | None]:
+    """What `Mission.step` returns after `transition_due` has found `due` with the quantities [in their units] at t [s]."""
+    if due != NONE:
+        return mission._follow(state, due, t, quantities)
+    return changed(state, held_since=held_since(memory)) if memory.changed else state, None
+
+
+def write_mission(memory: Any, mission: Mission, names: Sequence[str]) -> None:
+    """A mission into a `MissionMemory`; names: of the vector of quantities that it is asked with."""
+    memory.ramp = mission.ramp
+    view(memory.targets)[:, : mission.n_tasks] = mission._targets
+    write_conditions(memory, mission.all_phases, names)
+
+
 def _pose_task(hierarchy: Hierarchy, name: str) -> PoseTask:
     task = hierarchy.tasks[hierarchy.index(name)]
     if not isinstance(task, PoseTask):
@@ -245,10 +278,10 @@ def _references(phase: Phase, tasks: Sequence[Task]) -> GoalFunctions:
     return tuple((unchecked(task.reference), task.name in phase.goals) for task in tasks)
 
 
-def _held(transition: Transition, since: float | None, t: float, quantities: Mapping[str, float]) -> float | None:
-    if not transition.holds(quantities, since is not None):
-        return None
-    return t if since is None else since
+def is_still(reference: Callable[[float], np.ndarray]) -> bool:
+    """Whether a function of `GoalFunctions` never changes, as `Task.still` says."""
+    task = getattr(reference, "__self__", None)
+    return isinstance(task, Task) and task.still
 
 
 def _reason(transition: Transition, quantities: Mapping[str, float]) -> str:

@@ -133,6 +133,15 @@ class Task(ABC):
         """The distances that this task asks to be measured at every tick, if any: the last of its parameters."""
         return None
 
+    @property
+    def still(self) -> bool:
+        """Whether `reference` is the same at all times, so that a phase asks for it once: without a goal that moves.
+
+        Never of a class of one's own that has its own `reference`.
+        """
+        ours = type(self).reference.__module__.startswith("uvms_ocp.")
+        return ours and not callable(getattr(self, "goal", None))
+
     @abstractmethod
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         """The rows of this task; `parameters` (n_parameters,) are its reference, ending with the `nearest_pairs` it has."""

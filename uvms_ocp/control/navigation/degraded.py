@@ -6,10 +6,14 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Annotated, Any
 
+from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, structure_of
 from uvms_ocp.model.health import ChannelHealth, Trust
+from uvms_ocp.model.state import Readings
 
 ALTIMETER, ENCODERS = "altimeter_range", "joint_positions"
+_GOOD = Trust.GOOD
 _SLOW = 0.5
 _SOFT = 0.25  # of Case 1 without DVL: at 1 it runs away, at 0.5 it swings by 0.4 m, at 0.25 by less than 0.1 m
 
@@ -100,6 +104,145 @@ MODES = (
     ),
 )
 """Depth and joint velocities are not in it alone: others tell the same."""
+CHANNELS = tuple(Readings.__dataclass_fields__)
+"""In the order of a `RestrictionMemory`."""
+_N_MODES, _N_CHANNELS = len(MODES), len(CHANNELS)
+
+
+def bad_of(health: Sequence[ChannelHealth]) -> list[ChannelHealth]:
+    """Channels that are not good."""
+    return [item for item in health if item.trust is not _GOOD]
+
+
+class RestrictionMemory(Layout):
+    """`MODES`, how far each of `CHANNELS` can be trusted, and what applies."""
+
+    needs: Annotated[list[list[int]], Sized(_N_MODES, _N_CHANNELS)]
+    """(n_modes, n_channels) which channels each mode is without."""
+    trust: Annotated[list[int], Sized(_N_MODES)]
+    """(n_modes,) from which on."""
+    mode_speed: Annotated[Vector, Sized(_N_MODES)]
+    """(n_modes,) [-]"""
+    mode_feedback: Annotated[Vector, Sized(_N_MODES)]
+    """(n_modes,) [-]"""
+    bears: Annotated[Vector, Sized(_N_MODES)]
+    """(n_modes,) [s]"""
+    flags: Annotated[list[list[int]], Sized(_N_MODES, 5)]
+    """(n_modes, 5) of each mode: no descent, joints held, hold, blind, climbs."""
+    of_altitude: Annotated[list[int], Sized(_N_MODES)]
+    """(n_modes,) which are without the altimeter alone."""
+
+    level: Annotated[list[int], Sized(_N_CHANNELS)]
+    """(n_channels,) the `Trust` in each channel."""
+    since: Annotated[Vector, Sized(_N_CHANNELS)]
+    """(n_channels,) [s] since when."""
+
+    speed: float
+    """[-] as all that follows of `Restriction`."""
+    feedback: float
+    """[-]"""
+    no_descent: bool
+    joints_held: bool
+    hold: bool
+    blind: bool
+    climbs: bool
+    any_bad: bool
+    """Some channel is not good."""
+    any_lost: bool
+    """Some channel is lost."""
+    ended: bool
+    """The mission cannot go on."""
+    to_blame: Annotated[list[int], Sized(_N_CHANNELS)]
+    """(n_channels,) which channels that is due to."""
+
+
+def restrict(r: RestrictionMemory, t: float, altitude_matters: bool) -> None:
+    """As `restriction_of` at t [s], of the channels in the memory. A kernel."""
+    _nothing(r)
+    for c in range(len(r.level)):
+        r.to_blame[c] = False
+        r.any_bad = r.any_bad or r.level[c] != Trust.GOOD
+        r.any_lost = r.any_lost or r.level[c] == Trust.LOST
+    for k in range(len(r.trust)):
+        if r.any_bad and _applies(r, k):
+            _apply(r, k, t, altitude_matters)
+
+
+def _nothing(r: RestrictionMemory) -> None:
+    r.speed = 1.0
+    r.feedback = 1.0
+    r.climbs = True
+    r.no_descent = False
+    r.joints_held = False
+    r.hold = False
+    r.blind = False
+    r.ended = False
+    r.any_bad = False
+    r.any_lost = False
+
+
+def _applies(r: RestrictionMemory, k: int) -> bool:
+    needs, applies = r.needs[k], True
+    for c in range(len(r.level)):
+        applies = applies and (needs[c] == 0 or r.level[c] >= r.trust[k])
+    return applies
+
+
+def _apply(r: RestrictionMemory, k: int, t: float, altitude_matters: bool) -> None:
+    needs, flags, since = r.needs[k], r.flags[k], -math.inf
+    r.speed = min(r.speed, r.mode_speed[k])
+    r.feedback = min(r.feedback, r.mode_feedback[k])
+    r.no_descent = r.no_descent or flags[0] != 0
+    r.joints_held = r.joints_held or flags[1] != 0
+    r.hold = r.hold or flags[2] != 0
+    r.blind = r.blind or flags[3] != 0
+    r.climbs = r.climbs and flags[4] != 0
+    for c in range(len(r.level)):
+        if needs[c] != 0:
+            since = max(since, r.since[c])
+    if t - since > r.bears[k] and (altitude_matters or r.of_altitude[k] == 0):
+        r.ended = True
+        for c in range(len(r.level)):
+            if needs[c] != 0:
+                r.to_blame[c] = True
+
+
+def write_modes(memory: Any) -> None:
+    """`MODES` into a `RestrictionMemory`."""
+    for k, mode in enumerate(MODES):
+        for c, channel in enumerate(CHANNELS):
+            memory.needs[k][c] = channel in mode.without
+        memory.trust[k], memory.of_altitude[k] = mode.trust, mode.without == {ALTIMETER}
+        memory.mode_speed[k], memory.mode_feedback[k], memory.bears[k] = mode.speed, mode.feedback, mode.bears
+        memory.flags[k][:] = mode.no_descent, mode.joints_held, mode.hold, mode.blind, mode.climbs
+    memory.speed, memory.feedback, memory.climbs = 1.0, 1.0, True
+
+
+def write_channels(memory: Any, bad: Sequence[ChannelHealth]) -> None:
+    """Those that are not good into a `RestrictionMemory`; all others are."""
+    found = {item.channel: item for item in bad}
+    for c, channel in enumerate(CHANNELS):
+        item = found.get(channel)
+        memory.level[c] = Trust.GOOD if item is None else item.trust
+        memory.since[c] = 0.0 if item is None else item.since
+
+
+def restriction_in(memory: Any, bad: Sequence[ChannelHealth]) -> Restriction:
+    """What `restrict` has found of the channels that are not good."""
+    if not bad:
+        return FREE
+    to_blame = [item for item in bad if item.channel in CHANNELS and memory.to_blame[CHANNELS.index(item.channel)]]
+    return Restriction(
+        speed=memory.speed,
+        no_descent=bool(memory.no_descent),
+        joints_held=bool(memory.joints_held),
+        hold=bool(memory.hold),
+        blind=bool(memory.blind),
+        feedback=memory.feedback,
+        climbs=bool(memory.climbs),
+        abort=told(sorted(to_blame, key=lambda item: item.channel)),
+        bad=tuple(bad),
+    )
 
 
 def restriction_of(health: Sequence[ChannelHealth], t: float, *, altitude_matters: bool = True) -> Restriction:
@@ -107,30 +250,12 @@ def restriction_of(health: Sequence[ChannelHealth], t: float, *, altitude_matter
 
     altitude_matters: some task on altitude is on. Without, a mission goes on without altimeter.
     """
-    bad = {item.channel: item for item in health if item.trust is not Trust.GOOD}
-    if not bad:
-        return FREE
-    modes = [mode for mode in MODES if all(c in bad and bad[c].trust >= mode.trust for c in mode.without)]
-    over = [mode for mode in modes if _is_over(mode, bad, t) and (altitude_matters or mode.without != {ALTIMETER})]
-    return Restriction(
-        speed=min((mode.speed for mode in modes), default=1.0),
-        no_descent=any(mode.no_descent for mode in modes),
-        joints_held=any(mode.joints_held for mode in modes),
-        hold=any(mode.hold for mode in modes),
-        blind=any(mode.blind for mode in modes),
-        feedback=min((mode.feedback for mode in modes), default=1.0),
-        climbs=all(mode.climbs for mode in modes),
-        abort=told(_all_of(over, bad)),
-        bad=tuple(bad.values()),
-    )
-
-
-def _is_over(mode: Mode, bad: dict[str, ChannelHealth], t: float) -> bool:
-    return t - max(bad[name].since for name in mode.without) > mode.bears
-
-
-def _all_of(modes: Iterable[Mode], bad: dict[str, ChannelHealth]) -> list[ChannelHealth]:
-    return [bad[name] for name in sorted({name for mode in modes for name in mode.without})]
+    memory: Any = structure_of(RestrictionMemory)()
+    write_modes(memory)
+    bad = bad_of(health)
+    write_channels(memory, bad)
+    restrict(memory, t, altitude_matters)
+    return restriction_in(memory, bad)
 
 
 def told(channels: Iterable[ChannelHealth]) -> str:

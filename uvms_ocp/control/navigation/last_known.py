@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated, Any
 
+import casadi as ca
 import numpy as np
 
-from uvms_ocp.arguments import changed
-from uvms_ocp.model.kinematics import STEEP, AltimeterBeam, Beam
+from uvms_ocp.arguments import Shape, changed
+from uvms_ocp.functions.buffered import BoundFunction
+from uvms_ocp.functions.compile import compile_function
+from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, structure_of, view
+from uvms_ocp.model.kinematics import STEEP
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Measurement
+from uvms_ocp.model.symbolic.tree import SymbolicModel
 
 _SLOPE = 0.3  # [-] of a floor that nobody sees: it rises by so much of the way
 _FORGETTING = 0.05  # [m/s] with which the highest floor sinks to the present one
@@ -19,15 +25,17 @@ _LEVEL = 1e-6  # cosine of a tilt; a beam nearer to the horizon has no range tha
 class LastSound:
     """The measurement, or where its q or v is not finite, the last that was finite, with its true age."""
 
-    __slots__ = ("_last", "_since")
+    __slots__ = ("_last", "_no_q", "_no_v", "_since")
 
     def __init__(self, robot: Robot) -> None:
         rest = Measurement(q=robot.configuration(), v=np.zeros(robot.n_v), altimeter_range=np.nan)
         self._last, self._since = rest, -np.inf
+        self._no_q, self._no_v = np.zeros(robot.n_q), np.zeros(robot.n_v)
 
     def __call__(self, measurement: Measurement, t: float) -> Measurement:
         """t [s]: time of the tick."""
-        if np.isfinite(measurement.q).all() and np.isfinite(measurement.v).all():
+        # 0 times what is not finite is NaN; a third of the time of a look at each.
+        if measurement.q.dot(self._no_q) == 0.0 and measurement.v.dot(self._no_v) == 0.0:
             self._last, self._since = measurement, t
             return measurement
         late = t - self._since
@@ -41,6 +49,58 @@ class LastSound:
         )
 
 
+class EchoMemory(Layout):
+    """What `LastEcho` knows, and where the altimeter looks: along -z of its frame."""
+
+    exists: bool
+    """There is an altimeter."""
+    beam: Annotated[Vector, Sized(4)]
+    """(4,) [m] origin in W, and [-] cosine of the angle between the beam and straight down."""
+    climb: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [-, m] rise of the origin per unit of each velocity."""
+    floor: float
+    """[m] z in W of the floor below the last echo; NaN before the first."""
+    highest: float
+    """[m] the same, the highest of late."""
+    place: Annotated[Vector, Sized(2)]
+    """(2,) [m] in W of the last look."""
+    since: float
+    """[s] time of the last echo, 0 before the first."""
+
+
+def echo_range(m: EchoMemory, t: float, echo: float, unknown: float, doubted: bool) -> float:
+    """As `LastEcho.range` at t [s], of the echo [m] along the beam that the memory holds, or `unknown` [m]. A kernel."""
+    if doubted and m.exists:
+        x, y = m.beam[0] - m.place[0], m.beam[1] - m.place[1]
+        m.highest += _SLOPE * math.sqrt(x * x + y * y)
+        m.floor = m.highest
+        m.place[0] = m.beam[0]
+        m.place[1] = m.beam[1]
+    if doubted or not tells_altitude(m, echo):
+        return carried(m, unknown)
+    floor = m.beam[2] - m.beam[3] * echo
+    faded = m.highest - _FORGETTING * (t - m.since)
+    m.since = t
+    m.floor = floor
+    m.place[0] = m.beam[0]
+    m.place[1] = m.beam[1]
+    m.highest = max(floor, faded) if math.isfinite(faded) else floor
+    return echo
+
+
+def tells_altitude(m: EchoMemory, echo: float) -> bool:
+    """Whether an echo [m] along the beam stands for a height. A kernel."""
+    return m.exists and math.isfinite(echo) and m.beam[3] > STEEP
+
+
+def carried(m: EchoMemory, unknown: float) -> float:
+    """Range [m] to the floor of the last echo; before the first one, to an altitude of `unknown` [m]. A kernel."""
+    if not m.exists:
+        return 0.0
+    height = max(0.0, m.beam[2] - m.floor) if math.isfinite(m.floor) else unknown
+    return height / math.copysign(max(abs(m.beam[3]), _LEVEL), m.beam[3])
+
+
 class LastEcho:
     """How high the altimeter is above the floor: by its echo, or by the last one, carried along with the measured motion.
 
@@ -48,54 +108,59 @@ class LastEcho:
     time, and rises with the way. An echo along a beam that does not look down tells no height.
     """
 
-    __slots__ = ("_beam", "_floor", "_place", "highest", "since")
+    __slots__ = ("_look", "_q", "memory")
 
-    def __init__(self, robot: Robot, frame: str | None) -> None:
-        """frame: that of the altimeter; `None` or one that the robot does not have: no altitude is ever known."""
-        self._beam = None if frame is None or not robot.has_frame(frame) else AltimeterBeam(robot, frame)
-        self._floor = math.nan
-        """[m] z of the floor below the last echo in W."""
-        self.highest = math.nan
+    def __init__(
+        self, robot: Robot, frame: str | None, memory: Any = None, q: Annotated[np.ndarray, Shape("n_q")] | None = None
+    ) -> None:
+        """frame: that of the altimeter; `None` or one that the robot does not have: no altitude is ever known.
+
+        memory: an `EchoMemory` of the caller's, who asks `look` where the altimeter looks at `q` (n_q,) [m, rad], its own too.
+        """
+        self.memory: Any = structure_of(EchoMemory, n_v=robot.n_v)() if memory is None else memory
+        """The `EchoMemory`."""
+        self.memory.exists = frame is not None and robot.has_frame(frame)
+        self.memory.floor = self.memory.highest = math.nan
+        self._q, results = np.zeros(robot.n_q) if q is None else q, (view(self.memory.beam), view(self.memory.climb))
+        beam = compile_function(_beam(robot, frame)) if self.memory.exists else None
+        self._look = None if beam is None else BoundFunction(beam, (self._q,), results)
+
+    @property
+    def highest(self) -> float:
         """[m] z of the floor in W, the highest of late; NaN before the first echo."""
-        self._place = np.zeros(2)
-        """(2,) [m] of the last look in W."""
-        self.since = 0.0
+        return float(self.memory.highest)
+
+    @property
+    def since(self) -> float:
         """[s] time of the last echo, 0 before the first."""
+        return float(self.memory.since)
+
+    def look(self) -> None:
+        """Where the altimeter looks, into the memory."""
+        if self._look is not None:
+            self._look.evaluate()
 
     def range(self, measurement: Measurement, t: float, unknown: float, doubted: bool = False) -> float:
         """[m], always finite, at the tick at time t [s]; `unknown` [m] is the altitude to act on before the first echo.
 
         doubted: no echo of now is to be believed.
         """
-        beam, echo = self._look(measurement)
-        if doubted and beam is not None:
-            self.highest += _SLOPE * math.dist(self._place, beam.origin[:2])
-            self._floor, self._place = self.highest, beam.origin[:2]
-        if doubted or beam is None or echo is None:
-            return self._carried(beam, unknown)
-        floor, faded = float(beam.origin[2]) - beam.cosine * echo, self.highest - _FORGETTING * (t - self.since)
-        self.since, self._floor, self._place = t, floor, beam.origin[:2]
-        self.highest = max(floor, faded) if math.isfinite(faded) else floor
-        return echo
+        self._q[:] = measurement.q
+        self.look()
+        return echo_range(self.memory, t, measurement.altimeter_range, unknown, doubted)
 
     def at(self, measurement: Measurement) -> tuple[float, bool]:
         """Range [m], always finite, at a measurement that is not remembered, and whether its echo tells the altitude."""
-        beam, echo = self._look(measurement)
-        return (self._carried(beam, 0.0), False) if echo is None else (echo, True)
+        self._q[:] = measurement.q
+        self.look()
+        tells = tells_altitude(self.memory, measurement.altimeter_range)
+        return (measurement.altimeter_range, True) if tells else (carried(self.memory, 0.0), False)
 
-    def known(self, t: float, patience: float) -> bool:
-        """Whether the altitude at time t [s] rests on an echo that is no older than `patience` [s]."""
-        return math.isfinite(self._floor) and t - self.since <= patience
 
-    def _look(self, measurement: Measurement) -> tuple[Beam | None, float | None]:
-        """Where the altimeter looks, and its echo [m] if that tells an altitude."""
-        if self._beam is None:
-            return None, None
-        beam, echo = self._beam.at(measurement.q), measurement.altimeter_range
-        return beam, echo if math.isfinite(echo) and beam.cosine > STEEP else None
-
-    def _carried(self, beam: Beam | None, unknown: float) -> float:
-        if beam is None:
-            return 0.0
-        height = max(0.0, float(beam.origin[2]) - self._floor) if math.isfinite(self._floor) else unknown
-        return height / math.copysign(max(abs(beam.cosine), _LEVEL), beam.cosine)
+def _beam(robot: Robot, frame: str | None) -> ca.Function:
+    """q -> origin (3,) [m] and cosine [-] of the beam, and how the origin rises with each velocity (n_v,) [m, or 1]."""
+    q = ca.SX.sym("q", robot.n_q)
+    kinematics = SymbolicModel(robot.model).forward_kinematics(q)
+    R_WS, p_WS = kinematics.pose(frame or "")
+    outputs = [ca.densify(ca.vertcat(p_WS, R_WS[2, 2])), ca.densify(kinematics.jacobian(frame or "")[2, :].T)]
+    return ca.Function("beam", [q], outputs, ["q"], ["beam", "climb"], {"cse": True})

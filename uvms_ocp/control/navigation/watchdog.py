@@ -45,20 +45,27 @@ class Watchdog:
                 "give 0 < hold_after < stop_after"
             )
 
+    @property
+    def verdict(self) -> Freshness:
+        """The last one."""
+        return self._verdict
+
     @late
     def judge(self, age: float, t: float, channel: str = "") -> Freshness:
         """The verdict on a measurement of `age` [s] at time t [s], that of `channel` if known; nan counts as lost."""
-        verdict = self._verdict_on(age)
+        verdict = Freshness(verdict_on(age, self.hold_after, self.stop_after))
         if verdict is not self._verdict:
             what = f"{channel} is" if channel else "measurements are"
             self.alarms.append((t, _TEXTS[verdict].format(what=what, age=age)))
             self._verdict = verdict
         return verdict
 
-    def _verdict_on(self, age: float) -> Freshness:
-        if age <= self.hold_after:
-            return Freshness.FRESH
-        return Freshness.STALE if age <= self.stop_after else Freshness.LOST
+
+def verdict_on(age: float, hold_after: float, stop_after: float) -> int:
+    """The `Freshness` of a measurement of `age` [s], by `hold_after` [s] and `stop_after` [s] of a `Watchdog`. A kernel."""
+    if age <= hold_after:
+        return Freshness.FRESH
+    return Freshness.STALE if age <= stop_after else Freshness.LOST
 
 
 _TEXTS = {

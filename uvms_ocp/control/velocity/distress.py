@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import IntEnum
+from typing import Annotated, Any
 
 import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.control.navigation.degraded import ALTIMETER, told
 from uvms_ocp.control.velocity.tick_state import TickState
+from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, structure_of
 from uvms_ocp.mission.abort import Abort
-from uvms_ocp.mission.conditions import Below
-from uvms_ocp.mission.mission import Mission
-from uvms_ocp.mission.phase import MissionState
+from uvms_ocp.mission.mission import Mission, write_mission
+from uvms_ocp.mission.progress import MissionMemory, quantities_read, sizes_of, write_state
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.tasks.altitude import MinimumAltitude
 
@@ -37,88 +39,197 @@ class Strain:
     """Axes of v [-] that do not move whatever is asked."""
 
 
+class Why(IntEnum):
+    """A mission is to be given up."""
+
+    NOTHING = 0
+    FAULT = 1
+    LATE = 2
+    HOPELESS = 3
+    ENDED = 4
+    CONTACT = 5
+    THRUST = 6
+    STALL = 7
+
+
+class DistressMemory(Layout):
+    """What sends a mission into its abort phase, what the force layer met, and since when [s] it has been so."""
+
+    aborts: bool
+    """There is an abort phase."""
+    time_limit: float
+    """[s] as the next four of `Abort`."""
+    stall_after: float
+    """[s]"""
+    thrust_after: float
+    """[s]"""
+    contact: float
+    """[-]"""
+    contact_after: float
+    """[s]"""
+    high: Annotated[list[int], Sized("n_tasks")]
+    """(n_tasks,) which tasks keep the robot well above the floor."""
+    short: bool
+    """As that of `Strain`."""
+    fault: bool
+    """There is one of `Strain`."""
+    push: float
+    """[-] as that of `Strain`."""
+    pushed: bool
+    """Something under the vehicle bears it where it should be well above the floor."""
+    contact_since: float
+    """[s] NaN: not asked yet, as of the next two."""
+    thrust_since: float
+    """[s]"""
+    stall_since: float
+    """[s]"""
+    began: float
+    """[s] start of the phase that `best` belongs to."""
+    best: Annotated[Vector, Sized("n_quantities")]
+    """(n_quantities,) [unit of the quantity] the least that was missing to its limit in this phase."""
+
+
+def distress_of(
+    d: DistressMemory, m: MissionMemory, t: float, gates: Vector, quantities: Vector, hopeless: bool, ended: bool
+) -> int:
+    """Why the mission is to be given up at t [s], a `Why`. A kernel.
+
+    gates [-], quantities [in their units], NaN where not known. hopeless: the thrust is cut, and somebody has judged why.
+    ended: by what the sensors told.
+    """
+    d.pushed = d.aborts and d.push > d.contact and _is_high(d, gates)
+    if not d.aborts:
+        return Why.FAULT if d.fault else Why.NOTHING
+    if m.given_up:
+        return Why.LATE if t - m.since > d.time_limit else (Why.HOPELESS if hopeless else Why.NOTHING)
+    if hopeless or ended or d.fault:
+        return Why.HOPELESS if hopeless else (Why.ENDED if ended else Why.FAULT)
+    d.contact_since = _since(d.pushed, d.contact_since, t)
+    if t - d.contact_since > d.contact_after:
+        return Why.CONTACT
+    d.thrust_since = _since(d.short, d.thrust_since, t)
+    if t - d.thrust_since > d.thrust_after:
+        return Why.THRUST
+    waits = not _progresses(d, m, quantities)
+    d.stall_since = _since(waits, d.stall_since, t)
+    return Why.STALL if t - d.stall_since > d.stall_after else Why.NOTHING
+
+
+def _since(so: bool, since: float, t: float) -> float:
+    """When [s] it began to be so; NaN: nobody knows."""
+    return since if so and not math.isnan(since) else t
+
+
+def _is_high(d: DistressMemory, gates: Vector) -> bool:
+    """Whether the robot should be well above the floor."""
+    found = False
+    for i in range(len(d.high)):
+        found = found or (d.high[i] != 0 and gates[i] != 0.0)
+    return found
+
+
+def _progresses(d: DistressMemory, m: MissionMemory, quantities: Vector) -> bool:
+    """Whether something that the phase waits for to fall has come nearer to its limit, or nothing is missing."""
+    if m.since != d.began:
+        d.began = m.since
+        d.stall_since = math.nan
+        for i in range(len(d.best)):
+            d.best[i] = math.inf
+    waiting, nearer = False, False
+    for i in range(m.first[m.phase], m.end[m.phase]):
+        for k in range(m.first_condition[i], m.end_condition[i]):
+            gap = quantities[m.quantity[k]] - m.limit[k]
+            if m.below[k] != 0 and not gap < 0.0:
+                waiting = True
+                if gap < (1.0 - _PROGRESS) * d.best[m.quantity[k]]:
+                    d.best[m.quantity[k]] = gap
+                    nearer = True
+    return nearer or not waiting
+
+
+class _Alone(Layout):
+    """For a `Distress` of its own."""
+
+    mission: MissionMemory
+    distress: DistressMemory
+
+
 class Distress:
     """Why the mission is to be given up, asked at every tick. Remembers since when: build one per run."""
 
-    def __init__(self, mission: Mission) -> None:
-        self._mission = mission
-        self._high = [i for i, task in enumerate(mission.hierarchy.tasks) if isinstance(task, MinimumAltitude)]
-        self._waits = [
-            [c for transition in phase.transitions for c in transition.when if isinstance(c, Below)]
-            for phase in mission.all_phases
-        ]
-        self._since: dict[str, float] = {}
-        """[s] since when what is told by its name has been so."""
-        self._began = -math.inf
-        """[s] the start of the phase that `_best` belongs to."""
-        self._best: dict[str, float] = {}
-        """[unit of the quantity] by quantity, the least that was missing to its limit in this phase."""
+    def __init__(self, mission: Mission, quantity_names: Sequence[str] = (), memory: Any = None) -> None:
+        """quantity_names: of the vector of quantities, those of conditions by default.
+
+        memory: of the caller's, with a `mission` and a `distress`.
+        """
+        self._mission, self._names = mission, tuple(quantity_names) or quantities_read(mission.all_phases)
+        if memory is None:
+            sizes = {"n_tasks": mission.n_tasks, "n_quantities": len(self._names)}
+            memory = structure_of(_Alone, **sizes, **sizes_of(mission.all_phases))()
+            write_mission(memory.mission, mission, self._names)
+        self._memory = memory
+        self._write(memory.distress)
 
     def reason(self, tick: TickState, quantities: Mapping[str, float], strain: Strain) -> str:
         """Empty while there is none. quantities [in their units]: NaN where not known. Names what is faulty."""
-        why = self._reason(tick, quantities, strain)
-        return f"{why}; {strain.handicap}" if why and strain.handicap not in why else why
+        memory, values = self._memory, [float(quantities[name]) for name in self._names]
+        write_state(memory.mission, tick.mission)
+        self.feel(strain)
+        hopeless, ended = bool(self._hopeless(tick)), bool(tick.restriction.abort)
+        why = distress_of(memory.distress, memory.mission, tick.t, tick.gates.tolist(), values, hopeless, ended)
+        return self.told(Why(why), tick, quantities, strain)
 
-    def _reason(self, tick: TickState, quantities: Mapping[str, float], strain: Strain) -> str:
-        abort, state = self._mission.abort, tick.mission
-        if abort is None:
-            return strain.fault
-        if state.why:
-            over = tick.t - state.since > abort.time_limit
-            return f"{abort.time_limit:g} s were not enough for it" if over else self._hopeless(tick)
-        return (
-            self._hopeless(tick)
-            or tick.restriction.abort
-            or strain.fault
-            or self._met(abort, tick, strain)
-            or self._stalled(abort, tick, quantities)
-        )
+    def feel(self, strain: Strain) -> None:
+        """Take in what the force layer met."""
+        memory = self._memory.distress
+        memory.short, memory.push, memory.fault = strain.short, strain.push, bool(strain.fault)
 
-    def pushed(self, tick: TickState, strain: Strain) -> bool:
+    def told(self, why: Why, tick: TickState, quantities: Mapping[str, float], strain: Strain) -> str:
+        """What the kernel found at a tick, in words, from the quantities [in their units]."""
+        words = self._told(why, tick, quantities, strain)
+        return f"{words}; {strain.handicap}" if words and strain.handicap not in words else words
+
+    @property
+    def pushed(self) -> bool:
         """Something under the vehicle bears it where it should be well above the floor."""
+        return bool(self._memory.distress.pushed)
+
+    def _told(self, why: Why, tick: TickState, quantities: Mapping[str, float], strain: Strain) -> str:
         abort = self._mission.abort
-        return abort is not None and bool(tick.gates[self._high].any()) and strain.push > abort.contact
+        if why is Why.NOTHING or why is Why.FAULT or abort is None:
+            return strain.fault if why is Why.FAULT else ""
+        if why is Why.CONTACT:
+            lift = f"{100 * strain.push:.0f} % of the thrusters' lift"
+            return f"contact or rising water: pushed up by {lift} for {abort.contact_after:g} s"
+        texts = {
+            Why.LATE: f"{abort.time_limit:g} s were not enough for it",
+            Why.HOPELESS: self._hopeless(tick),
+            Why.ENDED: tick.restriction.abort,
+            Why.THRUST: f"thrust: the thrusters have been at their limits for {abort.thrust_after:g} s",
+        }
+        return texts[why] if why in texts else self._stalled(abort, tick, quantities)
 
     def _hopeless(self, tick: TickState) -> str:
         """Where the thrust is cut, and somebody judges why."""
         return (tick.restriction.abort or told(tick.restriction.lost)) if tick.stopped else ""
 
-    def _met(self, abort: Abort, tick: TickState, strain: Strain) -> str:
-        if self._lasts("contact", self.pushed(tick, strain), tick.t, abort.contact_after):
-            lift = f"{100 * strain.push:.0f} % of the thrusters' lift"
-            return f"contact or rising water: pushed up by {lift} for {abort.contact_after:g} s"
-        if self._lasts("thrust", strain.short, tick.t, abort.thrust_after):
-            return f"thrust: the thrusters have been at their limits for {abort.thrust_after:g} s"
-        return ""
-
     def _stalled(self, abort: Abort, tick: TickState, quantities: Mapping[str, float]) -> str:
-        waiting = not self._progresses(tick.mission, quantities)
-        if not self._lasts("stall", waiting, tick.t, abort.stall_after):
-            return ""
         doubt = ", ".join(sorted(tick.restriction.doubted))
         without = f" without {doubt}" if doubt else ""
         return (
             f"stall: {self._mission.pending(tick.mission, quantities)}, no nearer for {abort.stall_after:g} s{without}"
         )
 
-    def _lasts(self, what: str, so: bool, t: float, patience: float) -> bool:
-        if not so:
-            self._since[what] = t
-        return t - self._since.setdefault(what, t) > patience
-
-    def _progresses(self, state: MissionState, quantities: Mapping[str, float]) -> bool:
-        """Whether something that the phase waits for has come nearer, or nothing is missing."""
-        if state.since != self._began:
-            self._began, self._best = state.since, {}
-            self._since.pop("stall", None)
-        waiting, nearer = False, False
-        for condition in self._waits[state.phase]:
-            gap = quantities[condition.quantity] - condition.limit
-            if not gap < 0.0:
-                waiting = True
-                if gap < (1.0 - _PROGRESS) * self._best.get(condition.quantity, math.inf):
-                    self._best[condition.quantity], nearer = gap, True
-        return nearer or not waiting
+    def _write(self, memory: Any) -> None:
+        abort = self._mission.abort
+        memory.aborts, memory.began = abort is not None, -math.inf
+        memory.contact_since = memory.thrust_since = memory.stall_since = math.nan
+        for i, task in enumerate(self._mission.hierarchy.tasks):
+            memory.high[i] = isinstance(task, MinimumAltitude)
+        if abort is not None:
+            memory.time_limit, memory.stall_after = abort.time_limit, abort.stall_after
+            memory.thrust_after = abort.thrust_after
+            memory.contact, memory.contact_after = abort.contact, abort.contact_after
 
 
 def climb_goal(mission: Mission, tick: TickState, *, robot: Robot, floor: float) -> pin.SE3 | None:

@@ -1,58 +1,76 @@
-"""Less than the hierarchy asks for: slower, no descent, the arm held; never by more than the acceleration limits allow."""
+"""Less than the hierarchy asks for: slower, no descent, the arm held; never by more than the acceleration limits allow.
+
+Kernels. Slower keeps the direction, and so all priorities; joints that are held brake as fast as they can; what sinks is
+lifted straight up.
+"""
 
 from __future__ import annotations
 
-import numpy as np
-import pinocchio as pin
+from typing import Annotated
 
-from uvms_ocp.control.navigation.degraded import Restriction
-from uvms_ocp.model.kinematics import AltimeterBeam
-from uvms_ocp.model.robot import Robot
+from uvms_ocp.control.navigation.degraded import RestrictionMemory
+from uvms_ocp.control.navigation.last_known import EchoMemory
+from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, zeros
 
 _STILL = 1e-12  # [m/s, rad/s]
 
 
-class Restraint:
-    """The velocity that a restriction leaves of what is wanted."""
+class RestraintMemory(Layout):
+    """What of the robot it depends on."""
 
-    def __init__(self, robot: Robot, *, dt: float, altimeter: str | None) -> None:
-        """dt [s]: control period. altimeter: its frame, if the robot has one."""
-        self._robot, self._step = robot, robot.limits.acceleration * dt
-        self._beam = None if altimeter is None or not robot.has_frame(altimeter) else AltimeterBeam(robot, altimeter)
+    step: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s] largest change in one tick."""
+    is_joint: Annotated[list[int], Sized("n_v")]
+    """(n_v,) which axes are joints."""
+    has_vehicle: bool
+    """The first six axes are those of one."""
 
-    def kept(
-        self, restriction: Restriction, *, q: np.ndarray, wanted: np.ndarray, previous: np.ndarray, pace: float
-    ) -> tuple[np.ndarray, float]:
-        """The velocity for this tick in place of `wanted` (n_v,) [m/s, rad/s], and the pace [-] that it is at.
 
-        q (n_q,) [m, rad]: now. previous (n_v,) [m/s, rad/s]: of the tick before, which was at `pace` [-] of what was wanted
-        then. Slower keeps the direction, and so all priorities; joints that are held brake as fast as they can; what sinks is
-        lifted straight up.
-        """
-        pace = self._pace(wanted, previous, pace, restriction.speed)
-        v = pace * wanted
-        if restriction.joints_held:
-            v[self._robot.joint_v] = 0.0
-        v = self._within(v, previous)
-        if restriction.no_descent and self._robot.n_vehicle:
-            v[:3] += self._lift(q, v)
-            v = self._within(v, previous)
-        return v, pace
+def restrain(
+    m: RestraintMemory, less: RestrictionMemory, beam: EchoMemory, q: Vector, previous: Vector, pace: float, v: Vector
+) -> float:
+    """Makes of the velocity v [m/s, rad/s] that is wanted the one for this tick, and returns the pace [-] that it is at.
 
-    def _pace(self, wanted: np.ndarray, previous: np.ndarray, pace: float, speed: float) -> float:
-        """As near to `speed` as the acceleration limits let it come in this tick; they always let it stay where it is."""
-        moving = np.abs(wanted) > _STILL
-        ends = (previous[moving] + np.array([[-1.0], [1.0]]) * self._step[moving]) / wanted[moving]
-        low, high = float(ends.min(axis=0).max(initial=0.0)), float(ends.max(axis=0).min(initial=1.0))
-        return min(max(speed, min(low, pace)), max(high, pace))
+    q [m, rad]: now. previous [m/s, rad/s]: of the tick before, which was at `pace` [-] of what was wanted then.
+    """
+    found = _pace(m, less.speed, v, previous, pace)
+    for i in range(len(m.step)):
+        v[i] = 0.0 if less.joints_held and m.is_joint[i] != 0 else found * v[i]
+    _within(m, v, previous)
+    if less.no_descent and m.has_vehicle:
+        _lift(beam, q, v, len(m.step))
+        _within(m, v, previous)
+    return found
 
-    def _within(self, v: np.ndarray, previous: np.ndarray) -> np.ndarray:
-        return np.asarray(np.clip(v, previous - self._step, previous + self._step))
 
-    def _lift(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Linear velocity (3,) [m/s] in B after whose addition neither vehicle nor altimeter sinks."""
-        R_WB = pin.Quaternion(q[3:7]).matrix()
-        rises = [float(R_WB[2] @ v[:3])]
-        if self._beam is not None:
-            rises.append(float(self._beam.moving(q, v)[1][2]))
-        return np.asarray(R_WB[2] * max(0.0, -min(rises)))
+def _pace(m: RestraintMemory, speed: float, wanted: Vector, previous: Vector, pace: float) -> float:
+    """As near to the speed as the acceleration limits let it come in this tick; they always let it stay where it is."""
+    low, high = 0.0, 1.0
+    for i in range(len(m.step)):
+        if abs(wanted[i]) > _STILL:
+            down, up = (previous[i] - m.step[i]) / wanted[i], (previous[i] + m.step[i]) / wanted[i]
+            low = max(low, min(down, up))
+            high = min(high, max(down, up))
+    return min(max(speed, min(low, pace)), max(high, pace))
+
+
+def _within(m: RestraintMemory, v: Vector, previous: Vector) -> None:
+    for i in range(len(m.step)):
+        v[i] = min(max(v[i], previous[i] - m.step[i]), previous[i] + m.step[i])
+
+
+def _lift(beam: EchoMemory, q: Vector, v: Vector, n: int) -> None:
+    """Neither vehicle nor altimeter sinks."""
+    x, y, z, w = q[3], q[4], q[5], q[6]
+    up = zeros(3)
+    up[0] = 2.0 * z * x - 2.0 * y * w
+    up[1] = 2.0 * z * y + 2.0 * x * w
+    up[2] = 1.0 - (2.0 * x * x + 2.0 * y * y)
+    rise = up[0] * v[0] + up[1] * v[1] + up[2] * v[2]
+    if beam.exists:
+        sensor = 0.0
+        for i in range(n):
+            sensor += beam.climb[i] * v[i]
+        rise = min(rise, sensor)
+    for i in range(3):
+        v[i] += up[i] * max(0.0, -rise)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.functions.kernels.layout import Vector
 from uvms_ocp.model.limits import bounded_joints
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.tasks.limits import ENDLESS, stopping_speed
@@ -39,12 +40,13 @@ class Stop:
     def __init__(self, robot: Robot, dt: float) -> None:
         """dt [s] is the control period."""
         self._model, self._dt = robot.model, dt
-        self._acceleration = np.minimum(robot.limits.acceleration, ENDLESS)
-        self._step = self._acceleration * dt
+        self.acceleration = np.minimum(robot.limits.acceleration, ENDLESS)
+        """(n_v,) [m/s2, rad/s2] finite."""
+        self._step = self.acceleration * dt
         joints = bounded_joints(robot.joints, robot.limits)
         self._idx_q = np.array([joint.idx_q for joint, _, _ in joints], dtype=int)
         self._idx_v = np.array([joint.idx_v for joint, _, _ in joints], dtype=int)
-        self._braking = self._acceleration[self._idx_v]
+        self._braking = self.acceleration[self._idx_v]
         self._bounds = np.array([bounds for _, *bounds in joints]).reshape(-1, 2).T
 
     def slower(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -78,10 +80,6 @@ class Stop:
         configurations = tuple(pin.integrate(self._model, q, v * duration) for duration in durations)
         return StopAhead(velocity=v, durations=durations, configurations=configurations)
 
-    def travel(self, v: np.ndarray) -> np.ndarray:
-        """Upper bound (n_v,) [m, rad] on how far each axis moves from v (n_v,) [m/s, rad/s] until it stands still."""
-        return np.asarray(np.abs(v) * (self._dt + 0.5 * self._time(v)))
-
     def _slower(self, q: np.ndarray, v: np.ndarray, time: float) -> np.ndarray:
         """As `slower`, with the time [s] that v needs to rest."""
         slower = v * (1.0 - self._dt / time) if time > self._dt else np.zeros_like(v)
@@ -91,9 +89,17 @@ class Stop:
 
     def _time(self, v: np.ndarray) -> float:
         """[s] that the slowest axis needs to rest."""
-        return float((np.abs(v) / self._acceleration).max())
+        return time_to_rest(self.acceleration.tolist(), v.tolist(), len(v))
 
     def _joint_speeds(self, q: np.ndarray) -> np.ndarray:
         """Speeds (2, n_bounded) [rad/s or m/s] down and up from which each bounded joint can still stop before its limit."""
         room = _INWARDS * (q[self._idx_q] - self._bounds)
         return np.asarray(stopping_speed(room, deceleration=self._braking, dt=self._dt))
+
+
+def time_to_rest(acceleration: Vector, v: Vector, n: int) -> float:
+    """[s] that the slowest of n axes needs to rest from v [m/s, rad/s] at its `acceleration` [m/s2, rad/s2]. A kernel."""
+    time = 0.0
+    for i in range(n):
+        time = max(time, abs(v[i]) / acceleration[i])
+    return time

@@ -1,4 +1,4 @@
-"""What one tick of the kinematic layer knows when it begins, and the motion that it decides on."""
+"""What one tick of the kinematic layer knows when it begins."""
 
 from __future__ import annotations
 
@@ -45,21 +45,3 @@ class TickState:
     def stopped(self) -> bool:
         """Nothing can be known any more: no thrust."""
         return self.freshness is Freshness.LOST or (bool(self.restriction.abort) and not self.restriction.climbs)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Motion:
-    """The velocity of one tick, and where it began."""
-
-    q: np.ndarray
-    """(n_q,) [m, rad] configuration as far as it is known: measured, or along the stop since."""
-    v: np.ndarray
-    """(n_v,) [m/s, rad/s] commanded."""
-    change: np.ndarray
-    """(n_v,) [m/s, rad/s] of v / pace since the tick before: a change of pace is none of the hierarchy's, and not to be eased."""
-    near: bool
-    """The stop from v could come to a limit on positions."""
-    share: float
-    """[-] in [0, 1], of the velocity that the hierarchy wanted; the rest is slowing down."""
-    pace: float = 1.0
-    """[-] in (0, 1], of v as the hierarchy has it: at less it thinks in a time that runs slower."""

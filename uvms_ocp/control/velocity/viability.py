@@ -7,18 +7,63 @@ always an answer, whatever the hierarchy asks for.
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated, Any
 
 import numpy as np
 
-from uvms_ocp.control.velocity.stop import Stop
+from uvms_ocp.control.velocity.stop import Stop, time_to_rest
+from uvms_ocp.functions.kernels.binding import bind_kernels
+from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, structure_of, view
 from uvms_ocp.model.limits import PositionLimit
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.tasks.limits import ENDLESS
 from uvms_ocp.tasks.task import Task
 
 _HALVINGS = 5
+
+
+class RuleMemory(Layout):
+    """Limits, and which of them a velocity could come to within its stop."""
+
+    dt: float
+    """[s] control period."""
+    acceleration: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s2, rad/s2] of a stop, finite."""
+    n_guards: int
+    """[-] limits."""
+    lower: Annotated[Vector, Sized("n_guards")]
+    """(n_guards,) [m] the limits."""
+    task: Annotated[list[int], Sized("n_guards")]
+    """(n_guards,) whose they are."""
+    quantity: Annotated[list[int], Sized("n_guards")]
+    """(n_guards,) index of what they limit."""
+    reach: Annotated[list[Vector], Sized("n_guards", "n_v")]
+    """(n_guards, n_v) [m, or 1] as that of `PositionLimit`, finite."""
+    travel: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m, rad] that each axis moves at most."""
+    near: Annotated[list[int], Sized("n_guards")]
+    """(n_guards,) which of them some position may come to."""
+
+
+def comes_near(m: RuleMemory, v: Vector, gates: Vector, quantities: Vector) -> bool:
+    """Whether some position may come to a limit that counts until the robot rests from v [m/s, rad/s]. A kernel.
+
+    gates [-] of tasks, quantities [in their units] as measured. Leaves what each axis moves at most, and which limits it is.
+    """
+    any_near, n = False, len(m.acceleration)
+    time = time_to_rest(m.acceleration, v, n)
+    for i in range(n):
+        m.travel[i] = abs(v[i]) * (m.dt + 0.5 * time)
+    for k in range(m.n_guards):
+        reach, way = m.reach[k], 0.0
+        for i in range(n):
+            way += reach[i] * m.travel[i]
+        m.near[k] = gates[m.task[k]] > 0 and quantities[m.quantity[k]] - m.lower[k] <= way
+        any_near = any_near or m.near[k] != 0
+    return any_near
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -64,19 +109,20 @@ class _Barrier:
 class Viability:
     """The rule for a robot and the tasks of its hierarchy."""
 
-    def __init__(self, *, robot: Robot, tasks: Sequence[Task], quantity_names: Sequence[str], dt: float) -> None:
-        """dt [s]: control period. quantity_names: of the vector of quantities, "task.quantity"."""
+    def __init__(
+        self, *, robot: Robot, tasks: Sequence[Task], quantity_names: Sequence[str], dt: float, memory: Any = None
+    ) -> None:
+        """dt [s]: control period. quantity_names: of the vector of quantities, "task.quantity".
+
+        memory: a `RuleMemory` of the caller's, with a place for each of the `guards_of` the tasks.
+        """
         self.stop, self._dt = Stop(robot, dt), dt
-        self._guards = [
-            _Guard(
-                limit=limit,
-                task=index,
-                quantity=quantity_names.index(f"{task.name}.{limit.quantity}"),
-                reach=np.fmin(limit.reach, ENDLESS),
-            )
-            for index, task in enumerate(tasks)
-            if (limit := task.position_limit(robot)) is not None
-        ]
+        self._guards = guards_of(robot, tasks, quantity_names)
+        if memory is None:
+            memory = structure_of(RuleMemory, n_v=robot.n_v, n_guards=len(self._guards))()
+        (self._comes_near,) = bind_kernels((comes_near,), (type(memory),))
+        self._memory, self._travel = memory, view(memory.travel)
+        self._write()
 
     def kept(
         self, *, q: np.ndarray, previous: np.ndarray, wanted: np.ndarray, gates: np.ndarray, quantities: np.ndarray
@@ -87,27 +133,31 @@ class Viability:
         its task is on at all. quantities (n_quantities,) [in their units]: as measured at q. A position that the stop from
         `previous` would not keep either may fall as far as it does there, no farther.
         """
-        travel = self.stop.travel(wanted)
-        if not self._within(travel, gates, quantities):
+        if not self._near(wanted, gates, quantities):
             return Kept(v=wanted, share=1.0, near=False)
         slower = self.stop.slower(q, previous)
         # Of every mixture of the two: it may be as fast as the one and need as long to rest as the other.
-        travel = self.stop.travel(np.maximum(np.abs(wanted), np.abs(slower)))
-        near = self._within(travel, gates, quantities)
-        barriers = [_barrier(guard, q, travel, float(quantities[guard.quantity])) for guard in near]
+        near = self._near(np.maximum(np.abs(wanted), np.abs(slower)), gates, quantities)
+        barriers = [_barrier(guard, q, self._travel, float(quantities[guard.quantity])) for guard in near]
         if self._clear(barriers, q, wanted):
             return Kept(v=wanted, share=1.0, near=True)
         barriers = self._lowered(barriers, q, slower)
         share = _largest_share(lambda s: self._clear(barriers, q, slower + s * (wanted - slower)))
         return Kept(v=slower + share * (wanted - slower), share=share, near=True)
 
-    def _within(self, travel: np.ndarray, gates: np.ndarray, quantities: np.ndarray) -> list[_Guard]:
-        """Guards of the limits that count and that some position may come to while each axis moves by `travel` (n_v,)."""
-        return [
-            guard
-            for guard in self._guards
-            if gates[guard.task] > 0 and quantities[guard.quantity] - guard.limit.lower <= guard.reach @ travel
-        ]
+    def _near(self, v: np.ndarray, gates: np.ndarray, quantities: np.ndarray) -> list[_Guard]:
+        """Guards of the limits that count and that some position may come to within the stop from v (n_v,)."""
+        if not self._comes_near(self._memory, *map(_doubles, (v, gates, quantities))):
+            return []
+        return [guard for guard, near in zip(self._guards, self._memory.near, strict=False) if near]
+
+    def _write(self) -> None:
+        memory = self._memory
+        memory.dt, memory.n_guards = self._dt, len(self._guards)
+        view(memory.acceleration)[:] = self.stop.acceleration
+        for k, guard in enumerate(self._guards):
+            memory.lower[k], memory.task[k], memory.quantity[k] = guard.limit.lower, guard.task, guard.quantity
+            memory.reach[k][:] = guard.reach.tolist()
 
     def _lowered(self, barriers: Sequence[_Barrier], q: np.ndarray, v: np.ndarray) -> list[_Barrier]:
         """With floors where the stop from v leads, if that is below the limit."""
@@ -131,6 +181,25 @@ class Viability:
                     if rooms[k] < 0.0:
                         return False
         return True
+
+
+def guards_of(robot: Robot, tasks: Sequence[Task], quantity_names: Sequence[str]) -> list[_Guard]:
+    """The limits that `tasks` stand for."""
+    return [
+        _Guard(
+            limit=limit,
+            task=index,
+            quantity=quantity_names.index(f"{task.name}.{limit.quantity}"),
+            reach=np.fmin(limit.reach, ENDLESS),
+        )
+        for index, task in enumerate(tasks)
+        if (limit := task.position_limit(robot)) is not None
+    ]
+
+
+def _doubles(values: np.ndarray) -> Any:
+    """As kernels take them, in C and in Python."""
+    return (ctypes.c_double * len(values))(*values)
 
 
 def _barrier(guard: _Guard, q: np.ndarray, travel: np.ndarray, measured: float) -> _Barrier:

@@ -8,7 +8,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Any, TypeAlias, get_args, get_origin, get_type_hints
 
+<<<<<<< HEAD
 import casadi as ca
+=======
+import numpy as np
+>>>>>>> 62845317ccf19e98abf1a54d10d3995e8b4eec8d
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.kernels.smooth import Smooth, smooth_structure
@@ -92,3 +96,8 @@ def _item(hint: Any) -> Any:
 def zeros(n: int) -> list[float]:
     """A local array of a kernel: n numbers [-], which is a constant, or the `len` of an array in a layout."""
     return [0.0] * n
+
+
+def view(array: Any) -> np.ndarray:
+    """An array of a structure as one of NumPy on the same memory; make it once, as that takes long."""
+    return np.ctypeslib.as_array(array)

@@ -5,9 +5,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Protocol
+from typing import Annotated, Protocol, runtime_checkable
 
 import casadi as ca
 from numpy.typing import ArrayLike
@@ -42,6 +42,14 @@ class Tick(Protocol):
 
     def __call__(self, *inputs: ArrayLike) -> TickResult:
         """Inputs in the order of the levels' Function. Raises `InvalidInput` for a wrong number or shape."""
+
+
+@runtime_checkable
+class SharedTick(Tick, Protocol):
+    """One that can read its inputs where they are."""
+
+    def adopt(self, *inputs: Array) -> Callable[[], TickResult]:
+        """The call with these arrays, (m,) or (m, n) [any], as they are then, without copies. No other call comes after it."""
 
 
 def check_levels_function(levels: ca.Function, sizes: Sequence[int]) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from time import perf_counter
 
 import casadi as ca
@@ -79,7 +80,14 @@ class ActiveSetTick:
 
     def reset(self) -> None:
         """Forget the active set: the next tick starts cold."""
-        self._active_set = np.zeros_like(self._active_set)
+        self._active_set[:] = 0.0
+
+    def adopt(self, *inputs: Array) -> Callable[[], TickResult]:
+        """The call with these arrays, (m,) or (m, n) [any], as they are then, without copies. No other call comes after it."""
+        if self._tick is None:
+            return partial(self, *inputs)
+        self._tick.adopt([*inputs, self._active_set])
+        return partial(self._evaluated, self._tick, inputs)
 
     @property
     def compiled(self) -> bool:
@@ -91,12 +99,21 @@ class ActiveSetTick:
         start = perf_counter()
         if self._tick is None:
             return self._recovered(inputs, start)
-        v, active_set, report, missed, *extras = self._tick(*inputs, self._active_set)
+        return self._told(self._tick(*inputs, self._active_set), inputs, start)
+
+    def _evaluated(self, tick: BufferedFunction, inputs: Sequence[ArrayLike]) -> TickResult:
+        """Of inputs that are adopted."""
+        start = perf_counter()
+        tick.evaluate()
+        return self._told([result.copy() for result in tick.results], inputs, start)
+
+    def _told(self, results: Sequence[Array], inputs: Sequence[ArrayLike], start: float) -> TickResult:
+        v, active_set, report, missed, *extras = results
         outcome, _, cold = report.tolist()
         status = _STATUS.get((outcome, cold))
         if status is None:
             return self._recovered(inputs, start)
-        self._active_set = active_set
+        self._active_set[:] = active_set
         return _result(v=v, status=status, residual=missed, extras=tuple(extras), solve_time=perf_counter() - start)
 
     @np.errstate(over="ignore", invalid="ignore")  # what overflows ends without a certificate
@@ -109,7 +126,8 @@ class ActiveSetTick:
             rows = normal_rows(J, *gated(J, lower, upper, gate), self._functions.sizes)
             # No run gets hold of what is lost.
             run = self._chain(replace(rows, lost=NOTHING_LOST), start + self._functions.time_limit)
-            self._active_set, status, v = run.active_set, run.status, run.w * rows.velocity
+            self._active_set[:] = run.active_set
+            status, v = run.status, run.w * rows.velocity
             if rows.lost.are_missed(v, rows.velocity):
                 status = Status.INEXACT
             if not (np.abs(v) < TOLERANCES.endless).all():

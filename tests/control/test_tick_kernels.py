@@ -1,0 +1,96 @@
+"""The kernels of a tick: the same in C and in Python, through sound ticks, doubted and lost channels, and distress."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from uvms_ocp.control.velocity import tick_kernels
+from uvms_ocp.control.velocity.distress import Strain
+from uvms_ocp.control.velocity.kinematic import KinematicController
+from uvms_ocp.mission.progress import gates_at
+from uvms_ocp.model.health import ChannelHealth, Trust
+from uvms_ocp.model.state import Measurement
+from uvms_ocp.scenario import Scenario
+from uvms_ocp.scenarios.case1 import case1
+
+DT = 0.02
+CHANNELS = ("position", "altimeter_range", "joint_positions", "linear_velocity", "attitude")
+
+
+@pytest.fixture(scope="module")
+def scenario() -> Scenario:
+    return case1(plant="kinematic", dt=DT)
+
+
+def babble(scenario: Scenario, n: int) -> list[tuple[Measurement, Strain]]:
+    """Measurements near the start; channels are doubted and lost and good again, echoes come and go."""
+    rng, rest, found = np.random.default_rng(3), np.zeros(scenario.robot.n_v), []
+    for k in range(n):
+        bad = {CHANNELS[k // 40 % 5]: Trust(int(k % 40 > 20) + int(k % 40 > 30))}
+        health = tuple(ChannelHealth(channel=name, trust=bad.get(name, Trust.GOOD)) for name in CHANNELS)
+        measurement = Measurement(
+            q=scenario.start + np.concatenate([rng.normal(0.0, 0.01, 3), np.zeros(len(scenario.start) - 3)]),
+            v=rest + rng.normal(0.0, 0.01, len(rest)),
+            altimeter_range=np.nan if k % 7 == 0 else 4.0 + float(rng.normal(0.0, 0.1)),
+            age=1.0 if 150 < k < 160 else 0.0,
+            health=health,
+        )
+        found.append((measurement, Strain(push=0.2, short=k % 3 == 0, jammed=(7,) if k > 100 else ())))
+    return found
+
+
+def test_a_controller_whose_kernels_are_python_gives_the_same_bits(
+    scenario: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    quick = scenario.controller()
+    with monkeypatch.context() as without:
+        without.setattr("uvms_ocp.control.velocity.kinematic.bind_kernels", lambda kernels, structures: kernels)
+        slow = scenario.controller()
+    assert slow._settle is tick_kernels.settle
+    assert quick._settle is not tick_kernels.settle
+    fed = babble(scenario, 260)
+    for k, (measurement, strain) in enumerate(fed):
+        for control in (quick, slow):
+            control.feel(strain)
+        first, second = quick(measurement, k * DT), slow(measurement, k * DT)
+        np.testing.assert_array_equal(first.v, second.v)
+        for name in ("quantities", "gates", "freshness"):
+            np.testing.assert_array_equal(first.telemetry[name], second.telemetry[name])
+        assert (first.hold, first.stop, first.brakes) == (second.hold, second.stop, second.brakes)
+        assert quick.state.held_since == slow.state.held_since
+    assert [event.reason for event in quick.events] == [event.reason for event in slow.events]
+    assert quick.pending() == slow.pending()
+
+
+def test_what_babble_feeds_meets_every_branch(scenario: Scenario) -> None:
+    """Otherwise the test above would say less than it seems to."""
+    control, seen = scenario.controller(), set()
+    for k, (measurement, strain) in enumerate(babble(scenario, 260)):
+        control.feel(strain)
+        tick = control.observe(measurement, k * DT)
+        command = control.command(tick)
+        less = tick.restriction
+        seen |= {name for name in ("no_descent", "joints_held", "hold", "blind") if getattr(less, name)}
+        seen |= {name for name, so in (("slow", less.speed < 1.0), ("held", command.hold)) if so}
+    assert {"no_descent", "joints_held", "hold", "slow", "held"} <= seen
+
+
+def test_gates_of_a_mission_without_memory_are_those_of_the_controller(scenario: Scenario) -> None:
+    control, mission = scenario.controller(), scenario.mission
+    for t in (-0.1, 0.0, 0.07, 0.2, 5.0):
+        tick = control.observe(measured(scenario), t)
+        np.testing.assert_array_equal(tick.gates, mission.gates(mission.start(), t))
+    gates = [0.0] * mission.n_tasks
+    gates_at(control._memory.mission, 0.1, gates)
+    np.testing.assert_allclose(gates, 0.5 * np.array([row["A"] for row in mission.table()]))
+
+
+def measured(scenario: Scenario) -> Measurement:
+    return Measurement(q=scenario.start, v=np.zeros(scenario.robot.n_v), altimeter_range=4.0)
+
+
+def test_quantities_are_unknown_before_the_first_tick(scenario: Scenario) -> None:
+    control: KinematicController = scenario.controller()
+    assert set(control.quantities) == set(control.problem.quantity_names)
+    assert all(np.isnan(value) for value in control.quantities.values())

@@ -1,0 +1,256 @@
+"""One tick of the kinematic layer but for the hierarchy: what is known, as `observe` finds it, and what comes of it, `settle`.
+
+Between the two the hierarchy is solved; after `settle`, Python looks along the stop where `near` says so, and `take` takes
+the velocity that is left.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from uvms_ocp.control.navigation.degraded import RestrictionMemory, restrict
+from uvms_ocp.control.navigation.last_known import EchoMemory, echo_range
+from uvms_ocp.control.navigation.watchdog import Freshness, verdict_on
+from uvms_ocp.control.velocity.distress import DistressMemory, Why, distress_of
+from uvms_ocp.control.velocity.restraint import RestraintMemory, restrain
+from uvms_ocp.control.velocity.viability import RuleMemory, comes_near
+from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector
+from uvms_ocp.mission.progress import NONE, MissionMemory, gates_at, transition_due
+from uvms_ocp.model.health import Trust
+
+
+class TickMemory(Layout):
+    """All that a tick reads and remembers."""
+
+    mission: MissionMemory
+    """Where it is."""
+    distress: DistressMemory
+    """Whether it is to be given up."""
+    rule: RuleMemory
+    """Limits on positions."""
+    restriction: RestrictionMemory
+    """What is not done because of channels that cannot be trusted."""
+    restraint: RestraintMemory
+    """What is left of a velocity."""
+    beam: EchoMemory
+    """Where the altimeter looks."""
+
+    velocity_limit: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s]"""
+    reads_altitude: Annotated[list[int], Sized("n_tasks")]
+    """(n_tasks,) which tasks read the altimeter."""
+    lands: Annotated[list[int], Sized("n_tasks")]
+    """(n_tasks,) which of them ask for one altitude."""
+    rest_altitude: Annotated[Vector, Sized("n_tasks")]
+    """(n_tasks,) [m] as that of `Task`."""
+    rests_on: Annotated[list[list[int]], Sized("n_channels", "n_quantities")]
+    """(n_channels, n_quantities) as that of `LevelsProblem`."""
+    channel: Annotated[list[int], Sized("n_channels")]
+    """(n_channels,) each of these among all `CHANNELS`."""
+    altimeter: int
+    """Among these channels."""
+    hold_after: float
+    """[s] as those of `Watchdog`."""
+    stop_after: float
+    """[s]"""
+
+    t: float
+    """[s] time of the tick."""
+    q: Annotated[Vector, Sized("n_q")]
+    """(n_q,) [m, rad] measured, the last that is sound."""
+    v: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s] of the same."""
+    altimeter_range: float
+    """[m] NaN without an echo."""
+    age: float
+    """[s] as those of `Measurement`."""
+    joint_age: float
+    """[s]"""
+
+    # found by `observe`, inputs of the levels among it
+    gates: Annotated[Vector, Sized("n_tasks")]
+    """(n_tasks,) [-] external activations."""
+    altitude_matters: bool
+    """A task that is on reads the altimeter."""
+    echo: Annotated[Vector, Sized(1)]
+    """(1,) [m] range that tasks act on."""
+    altitude_known: bool
+    """As that of `TickState`."""
+    echo_is_oldest: bool
+    """Of all that is needed."""
+    oldest: float
+    """[s] age of what is."""
+    freshness: int
+    """A `Freshness`."""
+    holds: bool
+    """The robot comes to rest, whatever the tasks want."""
+    previous: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s] commanded in the last tick, at full pace."""
+    change: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s] of that since the tick before it: a change of pace is none of the hierarchy's, and not to be eased."""
+
+    # of the hierarchy
+    solved: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s] that the hierarchy asks for."""
+    usable: bool
+    """Whether it does."""
+    quantities: Annotated[Vector, Sized("n_quantities")]
+    """(n_quantities,) [their units] of the levels."""
+
+    # found by `settle`
+    reported: Annotated[Vector, Sized("n_quantities")]
+    """(n_quantities,) [their units] NaN where not known."""
+    told: Annotated[Vector, Sized("n_quantities")]
+    """(n_quantities,) [their units] what phases may end on."""
+    last_told: Annotated[Vector, Sized("n_quantities")]
+    """(n_quantities,) [their units] the same of the last tick that did not hold."""
+    why: int
+    """A `Why`."""
+    due: int
+    """The transition of the phase that fires, or `NONE`."""
+    eventful: bool
+    """The mission is to be looked at."""
+    jammed: Annotated[list[int], Sized("n_v")]
+    """(n_v,) axes that do not move whatever is asked."""
+    wanted: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s] the velocity for this tick."""
+    wanted_pace: float
+    """[-] in (0, 1], that it is at of what the hierarchy has."""
+    near: bool
+    """A stop from it could come to a limit on positions."""
+
+    # the motion of the last tick
+    command: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s] the last velocity that was taken."""
+    pace: float
+    """[-] that it was at."""
+
+
+def _begin(m: TickMemory) -> None:
+    """External activations, which tell whether the altitude matters."""
+    gates_at(m.mission, m.t, m.gates)
+    m.altitude_matters = False
+    for i in range(len(m.gates)):
+        m.altitude_matters = m.altitude_matters or (m.reads_altitude[i] != 0 and m.gates[i] != 0.0)
+
+
+def observe(m: TickMemory) -> None:
+    """What is known, from the measurement and the channels that are not good."""
+    _begin(m)
+    restrict(m.restriction, m.t, m.altitude_matters)
+    doubted = m.restriction.level[m.channel[m.altimeter]] != Trust.GOOD
+    lowest, lower = 0.0, False
+    for i in range(len(m.gates)):
+        if m.restriction.no_descent and m.lands[i] != 0:
+            m.gates[i] = 0.0
+        if m.reads_altitude[i] != 0 and m.gates[i] > 0.0 and (not lower or m.rest_altitude[i] < lowest):
+            lowest = m.rest_altitude[i]
+            lower = True
+    m.echo[0] = echo_range(m.beam, m.t, m.altimeter_range, lowest, doubted)
+    m.altitude_known = math.isfinite(m.beam.floor) and m.t - m.beam.since <= m.hold_after
+    # Joints that brakes hold are where they were.
+    braked = m.restriction.joints_held and math.isfinite(m.age) and m.joint_age >= m.age
+    age = 0.0 if braked else m.age
+    echo_age = m.t - m.beam.since if m.altitude_matters and not doubted else 0.0
+    m.echo_is_oldest = echo_age > age
+    m.oldest = max(age, echo_age)
+    m.freshness = verdict_on(m.oldest, m.hold_after, m.stop_after)
+    m.holds = (
+        m.freshness != Freshness.FRESH
+        or m.restriction.blind
+        or m.restriction.hold
+        or (m.restriction.ended and not m.distress.aborts)
+    )
+    for i in range(len(m.previous)):
+        m.previous[i] = m.command[i] / m.pace
+
+
+def settle(m: TickMemory) -> None:
+    """What the tick comes to, after the hierarchy is solved: what is told, the velocity, and where the mission goes."""
+    _report(m)
+    if not m.holds:
+        _choose(m)
+    m.why = Why.NOTHING
+    m.due = NONE
+    m.eventful = False
+    if m.mission.over:
+        return
+    less = m.restriction
+    stopped = m.freshness == Freshness.LOST or (less.ended and not less.climbs)
+    hopeless = stopped and (less.ended or less.any_lost)
+    m.why = distress_of(m.distress, m.mission, m.t, m.gates, m.told, hopeless, less.ended)
+    if m.why == Why.NOTHING and not m.holds:
+        m.due = transition_due(m.mission, m.t, m.told)
+        m.eventful = m.due != NONE or m.mission.changed
+    m.eventful = m.eventful or m.why != Why.NOTHING
+
+
+def take(m: TickMemory) -> None:
+    """The velocity that is wanted is commanded."""
+    for i in range(len(m.command)):
+        m.change[i] = m.wanted[i] / m.wanted_pace - m.previous[i]
+        m.command[i] = m.wanted[i]
+    m.pace = m.wanted_pace
+
+
+def is_unknown(age: float, of_altitude: bool, altitude_known: bool) -> bool:
+    """Whether a quantity is NaN: before the first measurement, and where it rests on an altitude that only stands in for one.
+
+    age [s]: of the measurement.
+    """
+    return age == math.inf or (of_altitude and not altitude_known)
+
+
+def _report(m: TickMemory) -> None:
+    """What is known of the quantities.
+
+    Phases are told less: nothing that rests on a channel that is not good, but in the abort phase the best there is.
+    """
+    of_altitude = m.rests_on[m.altimeter]
+    for i in range(len(m.quantities)):
+        unknown = is_unknown(m.age, of_altitude[i] != 0, m.altitude_known)
+        m.reported[i] = math.nan if unknown else m.quantities[i]
+        m.told[i] = m.reported[i]
+    for k in range(len(m.channel)):
+        channel = m.rests_on[k]
+        for i in range(len(m.quantities)):
+            if m.restriction.level[m.channel[k]] != Trust.GOOD and channel[i] != 0 and not m.mission.given_up:
+                m.told[i] = math.nan
+    for i in range(len(m.quantities)):
+        if not m.holds:
+            m.last_told[i] = m.told[i]
+
+
+def _choose(m: TickMemory) -> None:
+    """The velocity that is wanted, and taken unless its stop comes near a limit."""
+    m.wanted_pace = m.pace
+    if m.usable:
+        _shorten(m)
+        if m.restriction.any_bad or m.pace != 1.0:
+            m.wanted_pace = restrain(m.restraint, m.restriction, m.beam, m.q, m.command, m.pace, m.wanted)
+    else:
+        _brake(m)
+    for i in range(len(m.wanted)):
+        # From rest at every tick: the hierarchy counts on no more than one tick's acceleration of such a joint.
+        if m.jammed[i] != 0:
+            m.wanted[i] = 0.0
+    m.near = comes_near(m.rule, m.wanted, m.gates, m.quantities)
+    if not m.near:
+        take(m)
+
+
+def _shorten(m: TickMemory) -> None:
+    """The solver's velocity, shortened to the velocity limits with its direction kept."""
+    excess = 1.0
+    for i in range(len(m.solved)):
+        excess = max(excess, abs(m.solved[i]) / m.velocity_limit[i])
+    for i in range(len(m.solved)):
+        m.wanted[i] = m.solved[i] / excess
+
+
+def _brake(m: TickMemory) -> None:
+    """One tick nearer to rest."""
+    for i in range(len(m.wanted)):
+        step = m.restraint.step[i]
+        m.wanted[i] = m.command[i] - min(max(m.command[i], -step), step)
