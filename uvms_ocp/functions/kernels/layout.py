@@ -8,11 +8,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Any, TypeAlias, get_args, get_origin, get_type_hints
 
-<<<<<<< HEAD
 import casadi as ca
-=======
 import numpy as np
->>>>>>> 62845317ccf19e98abf1a54d10d3995e8b4eec8d
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.kernels.smooth import Smooth, smooth_structure
