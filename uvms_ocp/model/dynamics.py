@@ -26,54 +26,34 @@ class Dynamics:
 
     symbolic: SymbolicDynamics
     """The same equations as expressions and ``ca.Function``s."""
-    _inverse: BufferedFunction = field(init=False, repr=False)
-    _bias: BufferedFunction = field(init=False, repr=False)
-    _mass: BufferedFunction = field(init=False, repr=False)
-    _damping: BufferedFunction = field(init=False, repr=False)
-    _forward: BufferedFunction = field(init=False, repr=False)
-    _kinetic: BufferedFunction = field(init=False, repr=False)
-    _potential: BufferedFunction = field(init=False, repr=False)
-    _positions: BufferedFunction = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        functions = {
-            "_inverse": self.symbolic.inverse_dynamics_function(),
-            "_bias": self.symbolic.bias_force_function(),
-            "_mass": self.symbolic.mass_matrix_function(),
-            "_damping": self.symbolic.damping_matrix_function(),
-            "_forward": self.symbolic.forward_dynamics_function(),
-            "_kinetic": self.symbolic.kinetic_energy_function(),
-            "_potential": self.symbolic.potential_energy_function(),
-            "_positions": self.symbolic.link_positions_function(),
-        }
-        for name, function in functions.items():
-            object.__setattr__(self, name, BufferedFunction(function))
+    _functions: dict[str, BufferedFunction] = field(default_factory=dict, init=False, repr=False)
+    """By the name of their term, made when first asked for: few callers need them all."""
 
     def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
         """Generalized force tau (n_v,) [N, N m] for the acceleration a (n_v,) [m/s2, rad/s2].
 
         q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
         """
-        return self._inverse(q, v, a, water.velocity.T, water.acceleration.T)[0]
+        return self._function("inverse_dynamics")(q, v, a, water.velocity.T, water.acceleration.T)[0]
 
     def forward_dynamics(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
         """Acceleration a (n_v,) [m/s2, rad/s2] under the generalized force tau (n_v,) [N, N m].
 
         q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
         """
-        return self._forward(q, v, tau, water.velocity.T, water.acceleration.T)[0]
+        return self._function("forward_dynamics")(q, v, tau, water.velocity.T, water.acceleration.T)[0]
 
     def bias_force(self, q: ArrayLike, v: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
         """Generalized force (n_v,) [N, N m] for zero acceleration: ``C v + D v + g``.
 
         q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
         """
-        return self._bias(q, v, water.velocity.T, water.acceleration.T)[0]
+        return self._function("bias_force")(q, v, water.velocity.T, water.acceleration.T)[0]
 
     def mass_matrix(self, q: ArrayLike) -> np.ndarray:
         """Rigid-body plus added mass M (n_v, n_v) [kg, kg m, kg m2], symmetric, at q (n_q,) [m, rad]."""
         n_v = self.symbolic.model.nv
-        return self._mass(q)[0].reshape(n_v, n_v)
+        return self._function("mass_matrix")(q)[0].reshape(n_v, n_v)
 
     def damping_matrix(self, q: ArrayLike, v: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
         """Symmetric part of D(q, v_r) (n_v, n_v) [N/(m/s), N m/(rad/s)]: drag of all links and joint friction.
@@ -81,22 +61,27 @@ class Dynamics:
         q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
         """
         n_v = self.symbolic.model.nv
-        return self._damping(q, v, water.velocity.T)[0].reshape(n_v, n_v)
+        return self._function("damping_matrix")(q, v, water.velocity.T)[0].reshape(n_v, n_v)
 
     def kinetic_energy(self, q: ArrayLike, v: ArrayLike) -> float:
         """``1/2 v.T M v`` [J] at q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
 
         With v relative to a uniform current it is the energy in the drifting frame.
         """
-        return float(self._kinetic(q, v)[0][0])
+        return float(self._function("kinetic_energy")(q, v)[0][0])
 
     def potential_energy(self, q: ArrayLike) -> float:
         """Of weight and buoyancy [J] at q (n_q,) [m, rad], zero at the origin of W."""
-        return float(self._potential(q)[0][0])
+        return float(self._function("potential_energy")(q)[0][0])
 
     def link_positions(self, q: ArrayLike) -> np.ndarray:
         """Positions in W (n_links, 3) [m] at which a sheared current acts on the links, at q (n_q,) [m, rad]."""
-        return self._positions(q)[0].reshape(3, -1).T
+        return self._function("link_positions")(q)[0].reshape(3, -1).T
+
+    def _function(self, term: str) -> BufferedFunction:
+        if term not in self._functions:
+            self._functions[term] = BufferedFunction(getattr(self.symbolic, f"{term}_function")())
+        return self._functions[term]
 
 
 @checked
