@@ -87,6 +87,11 @@ class KinematicController:
         self._altitude_tasks = [index for index, task in enumerate(mission.hierarchy.tasks) if task.needs_altimeter]
         self._landing_tasks = [i for i in self._altitude_tasks if mission.hierarchy.tasks[i].equality]
 
+    @property
+    def kinematic(self) -> KinematicController:
+        """Itself: what `DynamicController` has below it."""
+        return self
+
     @late
     def __call__(self, measurement: Measurement, t: float) -> Command:
         """The command for the tick at time t [s]."""
