@@ -34,7 +34,7 @@ from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.faults.fault import Fault
 from uvms_ocp.sim.faults.plant_faults import require_possible
-from uvms_ocp.sim.loop import Controller, Progress, StateEstimator, require_few_ticks, simulate
+from uvms_ocp.sim.loop import Progress, StateEstimator, require_few_ticks, simulate
 from uvms_ocp.sim.plant import KinematicPlant, Plant
 from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
@@ -102,9 +102,25 @@ class Scenario:
             require_possible(self.faults, self.plant_robot or self.robot, kinematic=self.plant == "kinematic")
             self._sensor_suite()
 
-    def controller(self) -> KinematicController:
-        """A fresh kinematic layer for this mission."""
+    def controller(self) -> KinematicController | DynamicController:
+        """A fresh controller, ``(Measurement, t) -> Command``: with thrust and torque unless the plant is kinematic.
+
+        Its mission, events and quantities are those of its `kinematic` layer.
+        """
+        kinematic = self.kinematic_controller()
+        if self.plant == "kinematic":
+            return kinematic
+        model = robot_dynamics(self.robot)
+        return DynamicController(robot=self.robot, dynamics=model, kinematic=kinematic, gains=self.gains)
+
+    def kinematic_controller(self) -> KinematicController:
+        """Its layer of velocities alone, fresh."""
         return KinematicController(robot=self.robot, mission=self.mission, solver=self.solver, dt=self.dt)
+
+    def estimator(self) -> GuardedEstimator:
+        """A fresh estimator, ``(Readings, t, Command | None) -> Measurement``; a monitor keeps from it what cannot be true."""
+        monitor = HealthMonitor(self.robot, self.sensors, altimeter_frame=self.altimeter_frame)
+        return GuardedEstimator(self._unguarded(), self.robot, self.sensors, monitor)
 
     def check(self) -> PreflightReport:
         """Pre-flight: whether this mission can be completed, and what has to change if not."""
@@ -124,14 +140,15 @@ class Scenario:
             sensors=self.sensors,
         )
 
-    def run(self, progress: Progress | None = None, kinematic: KinematicController | None = None) -> Record:
+    def run(
+        self, progress: Progress | None = None, controller: KinematicController | DynamicController | None = None
+    ) -> Record:
         """Simulate until the mission is complete or `duration` is over.
 
-        kinematic: a fresh `controller()`, for who wants to look into it meanwhile.
+        controller: a fresh one, as `controller` makes them, for who wants to look into it meanwhile.
         """
-        kinematic = kinematic or self.controller()
-        plant, controller = self._plant_and_controller(kinematic)
-        estimator = self._estimator()
+        controller = controller or self.controller()
+        kinematic, plant, estimator = controller.kinematic, self._plant(), self.estimator()
         begin = perf_counter()
         recorder = simulate(
             plant=plant,
@@ -172,23 +189,16 @@ class Scenario:
             ending=ending,
         )
 
-    def _plant_and_controller(self, kinematic: KinematicController) -> tuple[Plant, Controller]:
+    def _plant(self) -> Plant:
         if self.plant == "kinematic":
-            return KinematicPlant(self.robot, self.start, self.faults), kinematic
+            return KinematicPlant(self.robot, self.start, self.faults)
         real = self.plant_robot or self.robot
         dynamics = robot_dynamics(real)
-        plant = DynamicPlant(real, self.start, dynamics=dynamics, environment=self.environment, faults=self.faults)
-        model = robot_dynamics(self.robot)
-        return plant, DynamicController(robot=self.robot, dynamics=model, kinematic=kinematic, gains=self.gains)
+        return DynamicPlant(real, self.start, dynamics=dynamics, environment=self.environment, faults=self.faults)
 
     def _sensor_suite(self) -> SensorSuite:
         floor = self.environment.seafloor
         return SensorSuite(self.robot, floor, self.sensors, self.seed, self.altimeter_frame, self.faults)
-
-    def _estimator(self) -> GuardedEstimator:
-        """With a monitor that keeps from it what cannot be true."""
-        monitor = HealthMonitor(self.robot, self.sensors, altimeter_frame=self.altimeter_frame)
-        return GuardedEstimator(self._unguarded(), self.robot, self.sensors, monitor)
 
     def _unguarded(self) -> StateEstimator:
         if self.sensors == IDEAL_SENSORS:

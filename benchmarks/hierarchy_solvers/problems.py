@@ -65,7 +65,7 @@ def recorded_ticks(duration: float) -> tuple[LevelsProblem, list[Inputs]]:
     scenario = case1(plant="kinematic", duration=duration)
     recording = Recording(solver=LexicographicActiveSet(), inputs=[])
     replace(scenario, solver=recording).run()
-    return scenario.controller().problem, recording.inputs
+    return scenario.kinematic_controller().problem, recording.inputs
 
 
 def levels_of(problem: LevelsProblem, inputs: Inputs) -> list[Level]:

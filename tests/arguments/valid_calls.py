@@ -248,12 +248,12 @@ def transition() -> mission.Transition:
 
 @cache
 def controller() -> control.KinematicController:
-    return scenario().controller()
+    return scenario().kinematic_controller()
 
 
 @cache
 def dynamic_controller() -> control.DynamicController:
-    return control.DynamicController(robot=robot(), dynamics=dynamics(), kinematic=scenario().controller())
+    return control.DynamicController(robot=robot(), dynamics=dynamics(), kinematic=scenario().kinematic_controller())
 
 
 def tick() -> TickState:

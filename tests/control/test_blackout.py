@@ -30,7 +30,7 @@ ALL = ("position", "depth", "attitude", "angular_velocity", "linear_velocity", "
 def run(lost: tuple[str, ...], duration: float, back: float = math.inf) -> tuple[Record, KinematicController]:
     """Case 1 from the start, with some channels frozen from `BLACKOUT` until `back` [s]."""
     scenario = case1()
-    robot, kinematic, dynamics = scenario.robot, scenario.controller(), robot_dynamics(scenario.robot)
+    robot, kinematic, dynamics = scenario.robot, scenario.kinematic_controller(), robot_dynamics(scenario.robot)
     suite = SensorSuite(robot, scenario.environment.seafloor, IDEAL_SENSORS)
     frozen: dict[str, object] = {}
 
@@ -86,7 +86,7 @@ def test_a_robot_recovers_gently_after_a_blackout() -> None:
 
 def test_a_missing_echo_counts_as_a_missing_measurement_while_altitude_matters() -> None:
     scenario = case1(plant="kinematic")
-    kinematic = scenario.controller()
+    kinematic = scenario.kinematic_controller()
     silent = Measurement(q=scenario.start, v=np.zeros(13), altimeter_range=math.nan)
     held = [kinematic(silent, 0.005 * k).hold for k in range(1, 400)]
     assert not held[50]

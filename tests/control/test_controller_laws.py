@@ -25,12 +25,12 @@ Build = Callable[[Scenario], Controller]
 
 
 def kinematic(scenario: Scenario) -> KinematicController:
-    return scenario.controller()
+    return scenario.kinematic_controller()
 
 
 def dynamic(scenario: Scenario) -> DynamicController:
     robot = scenario.robot
-    return DynamicController(robot=robot, dynamics=robot_dynamics(robot), kinematic=scenario.controller())
+    return DynamicController(robot=robot, dynamics=robot_dynamics(robot), kinematic=scenario.kinematic_controller())
 
 
 @pytest.fixture(scope="module")

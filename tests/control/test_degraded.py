@@ -76,7 +76,7 @@ def test_whatever_is_lost_limits_hold_and_the_run_ends_for_a_reason_that_names_i
     joints = record["q"][:, robot.joint_q]
     assert (joints >= robot.limits.position_lower - 1e-9).all()
     assert (joints <= robot.limits.position_upper + 1e-9).all()
-    rests_on = scenario.controller().problem.rests_on
+    rests_on = scenario.kinematic_controller().problem.rests_on
     ended = [c.quantity for event in events_after(record, start) if event.source != "climb" for c in event.conditions]
     for channel in set(lost) & rests_on.keys():
         assert not [q for q in ended if rests_on[channel][record.meta.quantities.index(q)]]

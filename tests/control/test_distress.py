@@ -34,7 +34,7 @@ def with_abort(scenario: Scenario, **changes: float) -> Scenario:
 
 def reasons(scenario: Scenario, strain: Strain, seconds: float, *, error: float = 1.0, rate: float = 0.0) -> list[str]:
     """At every tick of phase A, where every quantity is `error`, which falls with `rate` [1/s]."""
-    control, distress = scenario.controller(), Distress(scenario.mission)
+    control, distress = scenario.kinematic_controller(), Distress(scenario.mission)
     measured = Measurement(q=scenario.start, v=np.zeros(scenario.robot.n_v), altimeter_range=3.0)
     found = []
     for k in range(round(seconds / DT)):
@@ -73,7 +73,7 @@ def test_a_mission_that_comes_nearer_or_waits_for_nothing_is_not_stalled(
 def test_a_robot_that_takes_its_joints_for_beyond_their_limits_still_climbs(still: Scenario, beyond: float) -> None:
     q = still.start.copy()
     q[still.robot.joint_q] = still.robot.limits.position_upper + beyond
-    tick = still.controller().observe(Measurement(q=q, v=np.zeros(still.robot.n_v), altimeter_range=3.0), 0.0)
+    tick = still.kinematic_controller().observe(Measurement(q=q, v=np.zeros(still.robot.n_v), altimeter_range=3.0), 0.0)
     goal = climb_goal(still.mission, tick, robot=still.robot, floor=np.nan)
     assert goal is not None
     assert still.mission.abort is not None

@@ -93,7 +93,7 @@ def test_what_is_left_of_a_braking_pushes_no_axis_backwards(problem: LevelsProbl
 
 def _problem(mission: Callable[..., Scenario]) -> tuple[Scenario, LevelsProblem]:
     scenario = mission(plant="kinematic")
-    return scenario, scenario.controller().problem
+    return scenario, scenario.kinematic_controller().problem
 
 
 def test_easing_is_below_what_keeps_the_robot_safe_and_above_what_is_wanted() -> None:

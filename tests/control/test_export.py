@@ -40,7 +40,7 @@ def ticks() -> list[RecordedTick]:
 
 @pytest.fixture(scope="module")
 def problem() -> LevelsProblem:
-    return case1(plant="kinematic").controller().problem
+    return case1(plant="kinematic").kinematic_controller().problem
 
 
 @pytest.fixture(scope="module")
@@ -149,7 +149,7 @@ def test_on_other_missions_what_the_status_calls_solved_is_what_python_finds(
     scenario = SCENARIOS[mission](plant="kinematic", dt=1 / 25, duration=40.0)
     recording = RecordingSolver(solver=scenario.solver)
     replace(scenario, solver=recording).run()
-    tick = ExportedTick(scenario.controller().problem, tmp_path)
+    tick = ExportedTick(scenario.kinematic_controller().problem, tmp_path)
     statuses = []
     for recorded in recording.ticks:
         status, v = tick(recorded.inputs)

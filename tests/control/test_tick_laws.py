@@ -49,7 +49,7 @@ class Machine:
 @pytest.fixture(scope="module")
 def machine() -> Machine:
     scenario = case1(plant="kinematic")
-    problem = scenario.controller().problem
+    problem = scenario.kinematic_controller().problem
     return Machine(scenario, scenario.solver.bind(problem.function, problem.sizes), problem.names, problem.sizes)
 
 
@@ -94,7 +94,7 @@ def test_from_any_start_the_limits_hold_and_the_command_never_steps_by_more_than
 def test_the_first_ticks_of_every_phase_are_certified_optimal(machine: Machine) -> None:
     recording = RecordingSolver(solver=machine.scenario.solver)
     replace(machine.scenario, solver=recording).run()
-    function = machine.scenario.controller().problem.function
+    function = machine.scenario.kinematic_controller().problem.function
     for recorded in recording.ticks:
         J, lower, upper, _, _, gate = (np.array(x) for x in function(*recorded.inputs)[:6])
         rows = (lower.ravel(), upper.ravel(), gate.ravel())

@@ -70,7 +70,7 @@ def scenario(
 
 def controller(robot: Robot, *tasks: Task, solver: object | None = None) -> KinematicController:
     given = scenario(robot, tasks=tasks, when=(uo.Below(quantity=f"{tasks[0].name}.altitude", limit=1e-9),))
-    return replace(given, **({} if solver is None else {"solver": solver})).controller()
+    return replace(given, **({} if solver is None else {"solver": solver})).kinematic_controller()
 
 
 def measured(robot: Robot, echo: float, *, z: float = -6.0, roll: float = 0.0) -> Measurement:

@@ -36,7 +36,7 @@ def test_impossible_times_are_refused() -> None:
 
 def test_a_controller_brakes_then_cuts_the_thrust_when_sensors_go_silent() -> None:
     scenario = case1()
-    kinematic = scenario.controller()
+    kinematic = scenario.kinematic_controller()
     layer = DynamicController(robot=scenario.robot, dynamics=robot_dynamics(scenario.robot), kinematic=kinematic)
     measured = Measurement(q=scenario.start, v=np.zeros(13), altimeter_range=3.0)
     commands: list[Command] = []

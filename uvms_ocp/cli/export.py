@@ -26,5 +26,5 @@ def export_tick(
     with claimed(out, FILES) as claim:
         replace(made, solver=recording).run()
         with claim.staged() as staging:
-            write_tick(made.controller().problem, recording.ticks, staging)
+            write_tick(made.kinematic_controller().problem, recording.ticks, staging)
         print_paths(console_of(), claim.written())

@@ -131,8 +131,8 @@ def _simulate(scenario: Scenario, console: Console) -> Record:
 
             def show(t: float, command: Command) -> None:
                 if round(t / scenario.dt) % _PROGRESS_EVERY == 0 or command.finished:
-                    phase = scenario.mission.all_phases[controller.state.phase]
-                    waiting = "complete" if command.finished else plain_line(controller.pending())
+                    phase = scenario.mission.all_phases[controller.kinematic.state.phase]
+                    waiting = "complete" if command.finished else plain_line(controller.kinematic.pending())
                     done = scenario.duration if command.finished else t
                     bar.update(task, completed=done, description=_title(phase.name, phase.title), waiting=waiting)
 

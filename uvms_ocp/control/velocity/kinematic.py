@@ -118,6 +118,11 @@ class KinematicController:
         """As last measured [in their units]; NaN where nothing tells."""
         return self._named(self._arrays.last_told)
 
+    @property
+    def kinematic(self) -> KinematicController:
+        """Itself: what `DynamicController` has below it."""
+        return self
+
     @late
     def __call__(self, measurement: Measurement, t: float) -> Command:
         """The command for the tick at time t [s]."""
