@@ -24,7 +24,7 @@ PLANS = {
     "ocp": (),
 }
 GOAL = ("--tool", "12.2", "37.4", "-39.5", "--position", "11", "37", "-38.5")
-CLOCKS = ("tick_time", "solve_time", "viable_time")
+CLOCKS = ("tick_time", "solve_time", "viable_time", "controller_time")
 
 
 def record(folder: Path, quick: bool) -> None:

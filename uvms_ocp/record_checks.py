@@ -14,7 +14,7 @@ Series = Mapping[str, np.ndarray]
 """Time series by name, (n, ...) each."""
 
 _AXES = ("x", "x_rate", "x_acceleration", "x_jerk", "x_snap")
-_COLUMNS = ("altimeter_range", "altimeter_spread", "joint_energy", "tick_time")
+_COLUMNS = ("altimeter_range", "altimeter_spread", "joint_energy", "tick_time", "controller_time")
 """(n,) real numbers."""
 _TABLES = ("q", "v", "command", "gates", "activity", "residual", "quantities", "disturbance", "q_spread")
 _PLANT_TABLES = ("thrust", "torque", "thruster_energy", "clearance")

@@ -189,11 +189,16 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
     verdict = "complete" if report["completed"] else plain_line(f"not completed: {report['pending']}")
     console.print(
         f"mission {verdict}; simulated {report['simulated_s']:.1f} s in {report['wall_s']:.1f} s, "
-        f"tick p50 {report['tick_us']['p50']:.0f} us"
+        f"tick p50 {report['tick_us']['p50']:.0f} us{_of_controller(report)}"
     )
     if not report["completed"] or report["ended_too_early"]:
         console.print(plain_line(f"cause: {report['cause']['kind']}: {report['cause']['text']}"))
     print_paths(console, paths)
+
+
+def _of_controller(report: dict[str, Any]) -> str:
+    times = report["controller_us"]
+    return f", whole controller {times['p50']:.0f} us" if times else ""
 
 
 def _print_what_went_wrong(console: Console, report: dict[str, Any]) -> None:

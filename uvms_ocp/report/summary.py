@@ -61,6 +61,7 @@ def summarize(record: Record) -> dict[str, Any]:
         "max_velocity_step": max_velocity_step(record),
         "failed_ticks": _failed_ticks(record),
         "tick_us": _percentiles_us(record["tick_time"]),
+        "controller_us": _percentiles_us(record["controller_time"]) if "controller_time" in record.series else None,
         "wall_s": meta.wall_s,
         "simulated_s": float(record["t"][-1]),
         "versions": versions(meta.packages),

@@ -6,6 +6,7 @@ The parts know nothing of each other: what they exchange is `uvms_ocp.model.stat
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -51,8 +52,9 @@ def simulate(
     for k in range(round(duration / dt) + 1):
         t = k * dt
         measurement = estimator(sensors(plant.state, t), t, command)
+        begin = perf_counter()
         command = controller(measurement, t)
-        recorder.append(_row(t, plant, measurement, command))
+        recorder.append(_row(t, plant, measurement, command, perf_counter() - begin))
         if progress is not None:
             progress(t, command)
         if command.finished:
@@ -70,7 +72,7 @@ def require_few_ticks(duration: float, dt: float) -> None:
         )
 
 
-def _row(t: float, plant: Plant, measurement: Measurement, command: Command) -> Mapping[str, Any]:
+def _row(t: float, plant: Plant, measurement: Measurement, command: Command, spent: float) -> Mapping[str, Any]:
     row = {
         "t": t,
         "q": plant.state.q,
@@ -84,6 +86,7 @@ def _row(t: float, plant: Plant, measurement: Measurement, command: Command) -> 
     row["command"] = command.v
     if measurement.health:  # where somebody judges
         row["health"] = np.frombuffer(bytes([channel.trust for channel in measurement.health]), dtype=np.int8)
+    row["controller_time"] = spent
     row.update(command.telemetry)
     row.update(plant.telemetry())
     return row

@@ -27,7 +27,7 @@ DYNAMIC = [
     "payload:mass=2",
 ]
 KINEMATIC = ["position:bias=5,0,0", "joint6_position:bias=0.05"]
-SECRETS = ("tick_time", "solve_time")
+SECRETS = ("tick_time", "solve_time", "controller_time")
 
 
 @pytest.fixture(scope="module", params=["dynamic", "kinematic"], name="sound")

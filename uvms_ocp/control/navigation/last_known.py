@@ -7,8 +7,10 @@ from typing import Annotated, Any
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 
 from uvms_ocp.arguments import Shape, changed
+from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.buffered import BoundFunction
 from uvms_ocp.functions.compile import compile_function
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, structure_of, view
@@ -19,23 +21,26 @@ from uvms_ocp.model.symbolic.tree import SymbolicModel
 
 _SLOPE = 0.3  # [-] of a floor that nobody sees: it rises by so much of the way
 _FORGETTING = 0.05  # [m/s] with which the highest floor sinks to the present one
+_UNIT = 1e-3  # by which the norm of a quaternion may differ from 1, as in records
 _LEVEL = 1e-6  # cosine of a tilt; a beam nearer to the horizon has no range that stands for a height
 
 
 class LastSound:
-    """The measurement, or where its q or v is not finite, the last that was finite, with its true age."""
+    """The measurement, or where its q or v is not finite or its quaternion none, the last that was sound, with its true age."""
 
-    __slots__ = ("_last", "_no_q", "_no_v", "_since")
+    __slots__ = ("_last", "_model", "_no_q", "_no_v", "_since")
 
     def __init__(self, robot: Robot) -> None:
         rest = Measurement(q=robot.configuration(), v=np.zeros(robot.n_v), altimeter_range=np.nan)
         self._last, self._since = rest, -np.inf
+        self._model = robot.model
         self._no_q, self._no_v = np.zeros(robot.n_q), np.zeros(robot.n_v)
 
     def __call__(self, measurement: Measurement, t: float) -> Measurement:
-        """t [s]: time of the tick."""
-        # 0 times what is not finite is NaN; a third of the time of a look at each.
-        if measurement.q.dot(self._no_q) == 0.0 and measurement.v.dot(self._no_v) == 0.0:
+        """t [s]: time of the tick. Raises `InvalidInput` for a q or v of another robot's size."""
+        if measurement.q.shape != self._no_q.shape or measurement.v.shape != self._no_v.shape:
+            raise InvalidInput(self._misfit(measurement))
+        if self._is_sound(measurement):
             self._last, self._since = measurement, t
             return measurement
         late = t - self._since
@@ -47,6 +52,17 @@ class LastSound:
             joint_age=max(measurement.joint_age, self._last.joint_age + late),
             health=measurement.health,
         )
+
+    def _is_sound(self, measurement: Measurement) -> bool:
+        q = measurement.q
+        # 0 times what is not finite is NaN; a third of the time of a look at each.
+        finite = q.dot(self._no_q) == 0.0 and measurement.v.dot(self._no_v) == 0.0
+        return bool(finite and pin.isNormalized(self._model, q, _UNIT))
+
+    def _misfit(self, measurement: Measurement) -> str:
+        pairs = (("q", measurement.q, self._no_q), ("v", measurement.v, self._no_v))
+        wrong = [(name, value.shape, right.shape) for name, value, right in pairs if value.shape != right.shape]
+        return ", ".join(f"measurement.{name} has shape {shape}; give {right}" for name, shape, right in wrong)
 
 
 class EchoMemory(Layout):
