@@ -137,6 +137,10 @@ def test_a_state_put_in_its_place_is_gone_on_from(robot: Robot) -> None:
     plant.step(command_at(robot, 5), DT)
     twin.step(command_at(robot, 5), DT)
     assert np.abs(twin.state.v - plant.state.v).max() > 0.05
+    twin.state.q[:], twin.state.v[:] = plant.state.q, plant.state.v
+    plant.step(command_at(robot, 6), DT)
+    twin.step(command_at(robot, 6), DT)
+    np.testing.assert_array_equal(twin.state.q, plant.state.q)
 
 
 def test_joints_take_the_energy_of_every_step(robot: Robot) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Annotated, Any
 
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, view
-from uvms_ocp.mission.conditions import Below, is_met
+from uvms_ocp.mission.conditions import Below, Condition, is_met
 from uvms_ocp.mission.phase import MissionState, Phase
 
 _SAME_TIME = 1e-9  # [s] rounding of times
@@ -107,14 +107,17 @@ def write_conditions(memory: Any, phases: Sequence[Phase], names: Sequence[str])
         for transition in phase.transitions:
             memory.first_condition[transitions], memory.hold[transitions] = conditions, transition.hold
             for condition in transition.when:
-                memory.quantity[conditions] = names.index(condition.quantity)
-                memory.below[conditions] = isinstance(condition, Below)
-                memory.limit[conditions] = condition.limit
-                memory.release[conditions] = condition.limit if condition.release is None else condition.release
+                _write_condition(memory, conditions, condition, names)
                 conditions += 1
             memory.end_condition[transitions] = conditions
             transitions += 1
         memory.end[index] = transitions
+
+
+def _write_condition(memory: Any, at: int, condition: Condition, names: Sequence[str]) -> None:
+    memory.quantity[at], memory.below[at] = names.index(condition.quantity), isinstance(condition, Below)
+    memory.limit[at] = condition.limit
+    memory.release[at] = condition.limit if condition.release is None else condition.release
 
 
 def write_state(memory: Any, state: MissionState) -> None:

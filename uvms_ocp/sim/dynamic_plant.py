@@ -81,7 +81,6 @@ class DynamicPlant(Plant):
         self._shapes = (len(robot.description.thrusters),), (robot.n_joints,)
         self._condition = condition_of((), np.zeros(self._shapes[0]))
         self.state = State(q=robot.check_configuration(q0), v=np.zeros(robot.n_v), a=np.zeros(robot.n_v))
-        self._left: State | None = None
         self._parts = parts_of(self._step)
         self._after = np.zeros(self._parts["a"].stop)
         self._after[self._parts["thruster_energy"]] = 0.0 * self._model.thrusters.factor
@@ -99,15 +98,13 @@ class DynamicPlant(Plant):
             self._begin(dt)
         given, advance = self._given, self._advance
         self._ask(command, given)
-        if self.state is not self._left:  # somebody has put another in its place
-            given["q"][:], given["v"][:] = self.state.q, self.state.v
+        given["q"][:], given["v"][:] = self.state.q, self.state.v  # others may have put them there
         self._surroundings.sample(self.state.q, self._t)
         self._after = after = advance()
         advance.carried[:] = after[: len(advance.carried)]
         self._t += dt
-        self.state = self._left = _state(
-            q=after[self._parts["q"]], v=after[self._parts["v"]], a=after[self._parts["a"]]
-        )
+        parts = self._parts
+        self.state = _state(q=after[parts["q"]], v=after[parts["v"]], a=after[parts["a"]])
 
     def telemetry(self) -> dict[str, Any]:
         after, parts = self._after, self._parts

@@ -67,14 +67,18 @@ class _Program:
         if self._functions.setdefault(name, kernel) is not kernel:
             raise InvalidInput(f"two kernels are named {name}; rename one of them")
         if name not in self._signatures:
-            hints = get_type_hints(kernel)
-            result = self._type(f"what {name} returns", hints.pop("return", None))
-            parameters = {p: self._type(f"{name}: {p}", hints.get(p)) for p in inspect.signature(kernel).parameters}
-            self._signatures[name] = Signature(parameters, result)
-            given = ", ".join(kind.declared(c_name(p)) for p, kind in parameters.items()) or "void"
-            self.heads[name] = f"{result.name} {PREFIX}{name}({given})"
+            self._signatures[name] = found = self._read(name, kernel)
+            given = ", ".join(kind.declared(c_name(p)) for p, kind in found.parameters.items()) or "void"
+            self.heads[name] = f"{found.result.name} {PREFIX}{name}({given})"
             self.waiting.append(kernel)
         return self._signatures[name]
+
+    def _read(self, name: str, kernel: Callable[..., Any]) -> Signature:
+        hints = get_type_hints(kernel)
+        result = self._type(f"what {name} returns", hints.pop("return", None))
+        return Signature(
+            {p: self._type(f"{name}: {p}", hints.get(p)) for p in inspect.signature(kernel).parameters}, result
+        )
 
     def translate(self, kernel: Callable[..., Any]) -> None:
         """The body of a kernel."""

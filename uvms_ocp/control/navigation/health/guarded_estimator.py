@@ -66,8 +66,7 @@ class GuardedEstimator:
         self._needed = needed_channels(robot, specs, rates=exact)
         others = stand_ins(self.monitor.tuning, gyro_by_attitude=gating)
         self._support = support_of(self._needed, others, exact=exact, gating=gating)
-        outcomes = np.zeros(_OUTCOMES) if self._gating is None else self._gating.outcomes.reshape(-1)
-        self._outcomes = (ctypes.c_double * outcomes.size).from_buffer(outcomes.data)
+        self._outcomes = _shared(np.zeros(_OUTCOMES) if self._gating is None else self._gating.outcomes.reshape(-1))
         self._nothing = _measurement(
             q=robot.configuration(), v=np.zeros(robot.n_v), altimeter_range=math.nan, age=math.inf, joint_age=math.inf
         )
@@ -100,3 +99,8 @@ class GuardedEstimator:
         asked = (*self._needed, *({"altimeter_range"} & set(self.monitor.channels)))
         self._begun = all(getattr(readings, name) is not None for name in asked)
         return self._begun
+
+
+def _shared(numbers: np.ndarray) -> ctypes.Array[ctypes.c_double]:
+    """The same memory, as kernels take it."""
+    return (ctypes.c_double * numbers.size).from_buffer(numbers.data)

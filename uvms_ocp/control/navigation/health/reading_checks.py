@@ -14,10 +14,11 @@ from uvms_ocp.control.navigation.health.laws.history import Estimate
 from uvms_ocp.control.navigation.health.laws.plausible import is_impossible, is_off
 from uvms_ocp.control.navigation.health.laws.repeats import repeated
 from uvms_ocp.control.navigation.health.laws.sanity import is_mistimed, is_nonsense
+from uvms_ocp.control.navigation.health.laws.spots import Spot
 from uvms_ocp.control.navigation.health.laws.still_encoders import stands_still
 from uvms_ocp.control.navigation.health.laws.turns import turn
 from uvms_ocp.control.navigation.health.reasons import Reason, Why, give
-from uvms_ocp.functions.kernels.layout import zeros
+from uvms_ocp.functions.kernels.layout import Vector, zeros
 from uvms_ocp.model.health import Trust
 from uvms_ocp.model.kinematics import STEEP
 
@@ -98,7 +99,12 @@ def _is_floor(m: HealthMemory, c: ChannelMemory, estimate: Estimate, why: Why) -
     turn(estimate.q, estimate.beam_at, at)
     if up[2] <= STEEP:
         return True
-    here = m.floor.here
+    _place(m.floor.here, c, estimate, up, at)
+    return believe(m.floor, why)
+
+
+def _place(here: Spot, c: ChannelMemory, estimate: Estimate, up: Vector, at: Vector) -> None:
+    """Of an echo: up [-] and at [m], axis and place of the altimeter, are in W, seen from the vehicle."""
     here.t = c.stamp
     here.sensor_x = estimate.q[0] + at[0]
     here.sensor_y = estimate.q[1] + at[1]
@@ -106,4 +112,3 @@ def _is_floor(m: HealthMemory, c: ChannelMemory, estimate: Estimate, why: Why) -
     here.x = here.sensor_x - c.value[0] * up[0]
     here.y = here.sensor_y - c.value[0] * up[1]
     here.z = here.sensor_z - c.value[0] * up[2]
-    return believe(m.floor, why)

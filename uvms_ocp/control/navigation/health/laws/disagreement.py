@@ -210,8 +210,13 @@ def apart_by(d: DepthAgainstPosition, z: float, climb: float, t: float) -> float
         d.first += difference
         return 0.0
     d.last[d.count % _LAST] = difference
+    by = abs(_of_last(d) / _LAST - d.first / _FIRST)
+    return by if d.count >= _FIRST + _LAST and by > d.tolerance else 0.0
+
+
+def _of_last(d: DepthAgainstPosition) -> float:
+    """The last differences, oldest first, added up [m]."""
     total = 0.0
     for i in range(1, _LAST + 1):
         total += d.last[(d.count + i) % _LAST]
-    by = abs(total / _LAST - d.first / _FIRST)
-    return by if d.count >= _FIRST + _LAST and by > d.tolerance else 0.0
+    return total
