@@ -618,6 +618,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "Clearance.rows": lambda: parameters(clearance().n_parameters(robot())),
     "Bell": lambda: {"start": 0.0, "end": 1.0},
     "BufferedFunction.__call__": dict,
+    "BufferedFunction.adopt": dict,
     "CoalDistances.near": lambda: {"thresholds": np.full(len(scene().pairs), 0.1)},
     "CollisionScene": lambda: fields_of(scene()),
     "CollisionScene.check_apart": lambda: {"distances": np.ones(len(scene().pairs))},

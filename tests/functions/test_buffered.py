@@ -90,14 +90,14 @@ def test_an_evaluation_that_was_abandoned_is_told() -> None:
 
 def test_arguments_that_are_adopted_are_read_where_they_are(buffered: BufferedFunction) -> None:
     x, A = np.array([2.0, 1.0, 0.0]), np.asfortranarray(np.arange(6.0).reshape(3, 2))
-    buffered.adopt([x, A])
+    buffered.adopt(x, A)
     for scale in (2.0, 3.0):
         x[0] = scale
         buffered.evaluate()
         np.testing.assert_array_equal(buffered.results[0], scale * A)
     np.testing.assert_array_equal(buffered(2.0 * x, A)[0], 6.0 * A)
     with pytest.raises(InvalidInput, match="f: A of shape"):
-        buffered.adopt([x, np.ones((3, 2))])
+        buffered.adopt(x, np.ones((3, 2)))
 
 
 def test_a_bound_function_reads_and_writes_the_callers_memory(buffered: BufferedFunction) -> None:

@@ -55,7 +55,7 @@ class BufferedFunction:
         self.evaluate()
         return tuple([result.copy() for result in self.results])
 
-    def adopt(self, arguments: Sequence[Array]) -> None:
+    def adopt(self, *arguments: Array) -> None:
         """From now on `evaluate` reads these arguments, (m,) or (m, n) [any], where they are, and a call writes there.
 
         Raises `InvalidInput` for another shape, and matrices that are not in column-major order.

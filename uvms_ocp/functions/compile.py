@@ -181,7 +181,7 @@ def _build(compiler: str, source: str, flags: Sequence[str], library: Path, name
 
 
 def _build_in(folder: Path, compiler: str, source: str, flags: Sequence[str], library: Path) -> bool:
-    code, built, digest = folder / "source.c", folder / "library.so", folder / "digest"
+    code, built = folder / "source.c", folder / "library.so"
     code.write_text(source, encoding="utf-8")
     failed, said = call([compiler, *flags, "-o", str(built), str(code), "-lm"], compile_timeout())
     if failed:
@@ -190,8 +190,14 @@ def _build_in(folder: Path, compiler: str, source: str, flags: Sequence[str], li
     if problem := _load_error(built):
         _warn_once(f"what {compiler} made cannot be loaded", problem)
         return False
+    _move(built, library)
+    return True
+
+
+def _move(built: Path, library: Path) -> None:
+    """Into the cache, with the hash of what it is."""
+    digest = built.with_name("digest")
     digest.write_text(_digest(built.read_bytes()), encoding="ascii")
     # Between the two moves the pair does not match, which only costs another process a compilation.
     os.replace(built, library)
     os.replace(digest, library.with_suffix(".sha256"))
-    return True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import casadi as ca
@@ -51,9 +51,7 @@ class StepSequence:
         self._buffer: Any
         self._trigger: Any
         self._buffer, self._trigger = function.buffer()
-        for i, view in enumerate(self.given.values()):
-            self._buffer.set_arg(i, view.data)
-        self._buffer.set_res(0, self._result.data)
+        _connect(self._buffer, [*self.given.values()], self._result)
 
     def __call__(self) -> np.ndarray:
         """The column (n,) [units of its parts] after one period of what is `given`."""
@@ -77,3 +75,10 @@ def _memory(function: ca.Function) -> tuple[np.ndarray, Mapping[str, np.ndarray]
         part = block[ends[i] - rows * columns : ends[i]]
         views[function.name_in(i)] = part if columns == 1 else part.reshape(columns, rows)  # CasADi reads by columns
     return block, views
+
+
+def _connect(buffer: Any, given: Sequence[np.ndarray], result: np.ndarray) -> None:
+    """Let CasADi read and write where the arrays are."""
+    for i, view in enumerate(given):
+        buffer.set_arg(i, view.data)
+    buffer.set_res(0, result.data)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import partial
 from time import perf_counter
 from typing import Any, Protocol
@@ -29,7 +28,7 @@ from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.parameters import MissionParameters, mission_parameters
 from uvms_ocp.control.velocity.stop import StopAhead
 from uvms_ocp.control.velocity.tick_kernels import is_unknown, observe, settle, take
-from uvms_ocp.control.velocity.tick_memory import arrays_of, inputs_of, tick_memory
+from uvms_ocp.control.velocity.tick_memory import altimeter_of, arrays_of, inputs_of, tick_memory
 from uvms_ocp.control.velocity.tick_state import TickState
 from uvms_ocp.control.velocity.viability import Viability
 from uvms_ocp.functions.kernels.binding import bind_kernels
@@ -41,7 +40,6 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, Measurement
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.solvers.hierarchy.tick import SharedTick, Tick, TickResult
-from uvms_ocp.tasks.task import Task
 
 _command = trusted(Command)
 
@@ -98,7 +96,7 @@ class KinematicController:
             robot=robot, tasks=mission.hierarchy.tasks, quantity_names=names, dt=dt, memory=memory.rule
         )
         self._sound = LastSound(robot)
-        self._echo = LastEcho(robot, _altimeter(robot, mission.hierarchy.tasks), memory.beam, self._arrays.q)
+        self._echo = LastEcho(robot, altimeter_of(robot, mission.hierarchy.tasks), memory.beam, self._arrays.q)
         self._distress = Distress(mission, names, memory)
         self._strain = self._felt = Strain()
         self._jammed = self._felt.jammed
@@ -281,12 +279,6 @@ class KinematicController:
 
     def _named(self, quantities: np.ndarray) -> dict[str, float]:
         return dict(zip(self.problem.quantity_names, quantities.tolist(), strict=True))
-
-
-def _altimeter(robot: Robot, tasks: Sequence[Task]) -> str | None:
-    """The frame that tasks on altitude name, or that of the robot's file."""
-    named = (getattr(task, "frame", None) for task in tasks if task.needs_altimeter)
-    return next(filter(None, named), robot.description.altimeter)
 
 
 def _telemetry(tick: TickState, result: TickResult, quantities: np.ndarray, share: float) -> dict[str, Any]:

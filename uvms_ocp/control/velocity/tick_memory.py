@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +18,7 @@ from uvms_ocp.functions.kernels.layout import structure_of, view
 from uvms_ocp.mission.mission import Mission, write_mission
 from uvms_ocp.mission.progress import sizes_of
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.tasks.task import Task
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -98,3 +100,9 @@ def _write_restraint(memory: Any, robot: Robot, step: np.ndarray) -> None:
     memory.has_vehicle = bool(robot.n_vehicle)
     for i in range(robot.n_v):
         memory.is_joint[i] = i >= robot.n_vehicle
+
+
+def altimeter_of(robot: Robot, tasks: Sequence[Task]) -> str | None:
+    """The frame that tasks on altitude name, or that of the robot's file."""
+    named = (getattr(task, "frame", None) for task in tasks if task.needs_altimeter)
+    return next(filter(None, named), robot.description.altimeter)

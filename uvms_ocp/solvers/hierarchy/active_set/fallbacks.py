@@ -86,7 +86,7 @@ class ActiveSetTick:
         """The call with these arrays, (m,) or (m, n) [any], as they are then, without copies. No other call comes after it."""
         if self._tick is None:
             return partial(self, *inputs)
-        self._tick.adopt([*inputs, self._active_set])
+        self._tick.adopt(*inputs, self._active_set)
         return partial(self._evaluated, self._tick, inputs)
 
     @property
