@@ -8,18 +8,96 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Annotated, Any
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.functions.kernels.layout import Vector
+from uvms_ocp.functions.buffered import BufferedFunction
+from uvms_ocp.functions.kernels.binding import memory_of
+from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, structure_of, view
+from uvms_ocp.functions.kernels.smooth import Smooth
 from uvms_ocp.model.limits import bounded_joints
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.symbolic.tree import SymbolicModel
 from uvms_ocp.tasks.limits import ENDLESS, stopping_speed
 
 _SAMPLES = np.array([0.25, 0.5, 0.75, 1.0])  # shares of the way to rest
 _STILL = 1e-12  # [s] to rest
-_INWARDS = np.array([[1.0], [-1.0]])  # from the lower and from the upper limit
+NONE = -1
+"""No limit asks to be looked at."""
+
+
+class WayToRest(Layout):
+    """Where a robot is on its way to rest, and how far it may go before limits are to be looked at."""
+
+    step: Smooth
+    """q, v and the time to rest from it [s], to q one tick on and v then."""
+    acceleration: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s2, rad/s2] finite."""
+    dt: float
+    """[s] control period."""
+    time: float
+    """[s] to rest from v."""
+    done: bool
+    """It stands."""
+    q: Annotated[Vector, Sized("n_q")]
+    """(n_q,) [m, rad] at the end of the tick."""
+    v: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s] of the next tick."""
+    velocity: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s] of the tick."""
+    next_q: Annotated[Vector, Sized("n_q")]
+    next_v: Annotated[Vector, Sized("n_v")]
+    n_limits: int
+    """[-] that count."""
+    reach: Annotated[list[Vector], Sized("n_limits", "n_v")]
+    """(n_limits, n_v) [m, or 1] as that of `PositionLimit`, finite."""
+    room: Annotated[Vector, Sized("n_limits")]
+    """(n_limits,) [m] that is left before each limit at least."""
+
+
+def time_to_rest(acceleration: Vector, v: Vector, n: int) -> float:
+    """[s] that the slowest of n axes needs to rest from v [m/s, rad/s] at its `acceleration` [m/s2, rad/s2]. A kernel."""
+    time = 0.0
+    for i in range(n):
+        time = max(time, abs(v[i]) / acceleration[i])
+    return time
+
+
+def set_out(m: WayToRest) -> None:
+    """Begin at the q and v that the memory holds. A kernel."""
+    m.time = time_to_rest(m.acceleration, m.v, len(m.v))
+    m.done = False
+
+
+def step_on(m: WayToRest) -> None:
+    """One tick nearer to rest. A kernel."""
+    m.step(m.q, m.v, m.time, m.next_q, m.next_v)
+    for i in range(len(m.q)):
+        m.q[i] = m.next_q[i]
+    for i in range(len(m.v)):
+        m.velocity[i] = m.v[i]
+        m.v[i] = m.next_v[i]
+    m.time = time_to_rest(m.acceleration, m.v, len(m.v))
+    m.done = not m.time >= _STILL  # also where v is not a number
+
+
+def go_on(m: WayToRest) -> int:
+    """Ticks until a limit may be reached, which one that is, or `NONE` where the robot rests before. A kernel."""
+    while True:
+        for k in range(m.n_limits):
+            if m.room[k] < 0.0:
+                return k
+        if m.done:
+            return NONE
+        step_on(m)
+        for k in range(m.n_limits):
+            reach, way = m.reach[k], 0.0
+            for i in range(len(m.v)):
+                way += reach[i] * abs(m.velocity[i])
+            m.room[k] -= way * m.dt
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -35,41 +113,49 @@ class StopAhead:
 
 
 class Stop:
-    """The velocity of the next tick on the way to rest as a function of this one's."""
+    """The velocity of the next tick on the way to rest as a function of this one's. Not for use from two threads at once."""
 
-    def __init__(self, robot: Robot, dt: float) -> None:
-        """dt [s] is the control period."""
+    def __init__(self, robot: Robot, dt: float, n_limits: int = 1) -> None:
+        """dt [s] is the control period; n_limits [-]: those that a way is looked at for, at most."""
         self._model, self._dt = robot.model, dt
         self.acceleration = np.minimum(robot.limits.acceleration, ENDLESS)
         """(n_v,) [m/s2, rad/s2] finite."""
-        self._step = self.acceleration * dt
-        joints = bounded_joints(robot.joints, robot.limits)
-        self._idx_q = np.array([joint.idx_q for joint, _, _ in joints], dtype=int)
-        self._idx_v = np.array([joint.idx_v for joint, _, _ in joints], dtype=int)
-        self._braking = self.acceleration[self._idx_v]
-        self._bounds = np.array([bounds for _, *bounds in joints]).reshape(-1, 2).T
+        step, slower = _functions(robot, self.acceleration, dt)
+        self._slower = BufferedFunction(slower)
+        sizes: dict[str, Any] = {"n_q": robot.n_q, "n_v": robot.n_v, "n_limits": n_limits, "step": step}
+        memory, kernels = memory_of(structure_of(WayToRest, **sizes), (set_out, step_on, go_on))
+        self.way: Any = memory
+        """A `WayToRest`."""
+        self._set_out, self._step_on, self._go_on = kernels
+        self._q, self._v, self._velocity = (view(array) for array in (memory.q, memory.v, memory.velocity))
+        memory.dt = dt
+        view(memory.acceleration)[:] = self.acceleration
 
     def slower(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """v (n_v,) [m/s, rad/s] one tick nearer to rest.
 
         Joints brake harder where their position limit, not far from q (n_q,) [m, rad], asks for it.
         """
-        return self._slower(q, v, self._time(v))
+        return self._slower(q, v, self._time(v))[0]
 
     def path(self, q: np.ndarray, v: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Configuration at the end of every tick and velocity during it, until rest.
 
         From q (n_q,) [m, rad] with v (n_v,) [m/s, rad/s].
         """
-        time = self._time(v)
-        while True:
-            q = pin.integrate(self._model, q, v * self._dt)
-            yield q, v
-            v = self._slower(q, v, time)
-            time = self._time(v)
-            # Also where v is not a number.
-            if not time >= _STILL:
-                return
+        self.begin(q, v)
+        while not self.way.done:
+            self._step_on(self.way)
+            yield self._q.copy(), self._velocity.copy()
+
+    def begin(self, q: np.ndarray, v: np.ndarray) -> None:
+        """A way from q (n_q,) [m, rad] with v (n_v,) [m/s, rad/s], with the limits and rooms that `way` holds."""
+        self._q[:], self._v[:] = q, v
+        self._set_out(self.way)
+
+    def until_near(self) -> tuple[int, np.ndarray]:
+        """Go on until some room in `way` is used up: of which limit, and where (n_q,) [m, rad]; `NONE` where it rests before."""
+        return self._go_on(self.way), self._q
 
     def ahead(self, q: np.ndarray, v: np.ndarray) -> StopAhead | None:
         """The proportional stop alone, from q (n_q,) [m, rad] in one motion along v (n_v,) [m/s, rad/s]; None at rest."""
@@ -80,26 +166,27 @@ class Stop:
         configurations = tuple(pin.integrate(self._model, q, v * duration) for duration in durations)
         return StopAhead(velocity=v, durations=durations, configurations=configurations)
 
-    def _slower(self, q: np.ndarray, v: np.ndarray, time: float) -> np.ndarray:
-        """As `slower`, with the time [s] that v needs to rest."""
-        slower = v * (1.0 - self._dt / time) if time > self._dt else np.zeros_like(v)
-        down, up = self._joint_speeds(q)
-        slower[self._idx_v] = np.maximum(np.minimum(slower[self._idx_v], up), -down)
-        return np.maximum(np.minimum(slower, v + self._step), v - self._step)
-
     def _time(self, v: np.ndarray) -> float:
         """[s] that the slowest axis needs to rest."""
         return time_to_rest(self.acceleration.tolist(), v.tolist(), len(v))
 
-    def _joint_speeds(self, q: np.ndarray) -> np.ndarray:
-        """Speeds (2, n_bounded) [rad/s or m/s] down and up from which each bounded joint can still stop before its limit."""
-        room = _INWARDS * (q[self._idx_q] - self._bounds)
-        return np.asarray(stopping_speed(room, deceleration=self._braking, dt=self._dt))
+
+def _functions(robot: Robot, acceleration: np.ndarray, dt: float) -> tuple[ca.Function, ca.Function]:
+    """q, v, time to rest -> q one tick on, v then; and v alone, at q."""
+    q, v, time = ca.SX.sym("q", robot.n_q), ca.SX.sym("v", robot.n_v), ca.SX.sym("time")
+    symbolic = SymbolicModel(robot.model)
+    moved = ca.densify(symbolic.integrate(q, v * dt))
+    step = [moved, _slower(robot, acceleration, dt, moved, v, time)]
+    alone = [_slower(robot, acceleration, dt, q, v, time)]
+    return ca.Function("step_to_rest", [q, v, time], step, {"cse": True}), ca.Function("slower", [q, v, time], alone)
 
 
-def time_to_rest(acceleration: Vector, v: Vector, n: int) -> float:
-    """[s] that the slowest of n axes needs to rest from v [m/s, rad/s] at its `acceleration` [m/s2, rad/s2]. A kernel."""
-    time = 0.0
-    for i in range(n):
-        time = max(time, abs(v[i]) / acceleration[i])
-    return time
+def _slower(robot: Robot, acceleration: np.ndarray, dt: float, q: ca.SX, v: ca.SX, time: ca.SX) -> ca.SX:
+    """v one tick nearer to rest: in proportion, where no joint has to brake harder before its limit."""
+    slower = ca.if_else(time > dt, v * (1.0 - dt / time), 0.0 * v)
+    for joint, lower, upper in bounded_joints(robot.joints, robot.limits):
+        i, at = joint.idx_v, q[joint.idx_q]
+        down, up = (stopping_speed(room, deceleration=acceleration[i], dt=dt) for room in (at - lower, upper - at))
+        slower[i] = ca.fmax(ca.fmin(slower[i], up), -down)
+    reach = ca.DM(acceleration * dt)
+    return ca.densify(ca.fmax(ca.fmin(slower, v + reach), v - reach))

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from uvms_ocp.control.velocity.stop import Stop, time_to_rest
+from uvms_ocp.control.velocity.stop import NONE, Stop, time_to_rest
 from uvms_ocp.functions.kernels.binding import bind_kernels
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, structure_of, view
 from uvms_ocp.model.limits import PositionLimit
@@ -116,8 +116,9 @@ class Viability:
 
         memory: a `RuleMemory` of the caller's, with a place for each of the `guards_of` the tasks.
         """
-        self.stop, self._dt = Stop(robot, dt), dt
-        self._guards = guards_of(robot, tasks, quantity_names)
+        self._guards, self._dt = guards_of(robot, tasks, quantity_names), dt
+        self.stop = Stop(robot, dt, max(1, len(self._guards)))
+        self._rooms, self._reaches = view(self.stop.way.room), view(self.stop.way.reach)
         if memory is None:
             memory = structure_of(RuleMemory, n_v=robot.n_v, n_guards=len(self._guards))()
         (self._comes_near,) = bind_kernels((comes_near,), (type(memory),))
@@ -171,15 +172,17 @@ class Viability:
         Ticks that no position can have reached its floor at since it was last looked at are passed over
         (conservative advancement).
         """
-        rooms = [barrier.room for barrier in barriers]
-        for configuration, velocity in self.stop.path(q, v):
-            moved = np.abs(velocity) * self._dt
-            for k, barrier in enumerate(barriers):
-                rooms[k] -= float(barrier.reach @ moved)
-                if rooms[k] < 0.0:
-                    rooms[k] = float((barrier.slack(configuration) - barrier.floor).min(initial=np.inf))
-                    if rooms[k] < 0.0:
-                        return False
+        way = self.stop.way
+        way.n_limits = len(barriers)
+        for k, barrier in enumerate(barriers):
+            self._rooms[k], self._reaches[k] = barrier.room, barrier.reach
+        self.stop.begin(q, v)
+        k, there = self.stop.until_near()
+        while k != NONE:
+            self._rooms[k] = (barriers[k].slack(there) - barriers[k].floor).min(initial=np.inf)
+            if self._rooms[k] < 0.0:
+                return False
+            k, there = self.stop.until_near()
         return True
 
 
