@@ -27,3 +27,12 @@ def test_a_dvl_that_is_off_is_found_out_by_position_fixes() -> None:
     assert cKDTree(way).query(biased["q"][:, :3])[0].max() < 5.0
     estimated, true = biased["q_measured"][:, :3], biased["q"][:, :3]
     assert np.abs(estimated - true)[biased["t"] > ONSET + 8.0].max() < 0.2
+
+
+def test_encoders_that_are_late_shake_neither_arm_nor_vehicle() -> None:
+    """Fed back at full bandwidth, joints that are known 50 ms late swing up as soon as the arm is to move."""
+    usual = {"noise": True, "duration": 55.0}
+    way = case1(**usual).run()["q"][:, :3]
+    late = case1(**usual, faults=(parse_fault("joint_positions:late=0.05@28.6"),)).run()
+    assert cKDTree(way).query(late["q"][:, :3])[0].max() < 1.0
+    assert np.abs(late["v"][:, 6:]).max() < 0.6

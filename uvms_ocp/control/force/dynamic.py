@@ -28,7 +28,7 @@ _command, _strain = trusted(Command), trusted(Strain)
 
 SEARCH = ActuatorHealthTuning()
 """For faulty thrusters and joints, by default."""
-_ENCODER_SILENCE = 0.05  # [s] after which joints are no longer fed back; a joint falls faster than a vehicle drifts
+_ENCODER_SILENCE = 0.1  # [s] after which joints are no longer fed back; a joint falls faster than a vehicle drifts
 _ENCODERS = ("joint_positions", "joint_velocities")
 
 
@@ -105,7 +105,8 @@ class DynamicController:
         # On an axis that is not to be trusted feed-forward goes on alone: feedback from a frozen velocity would accelerate
         # the robot without end.
         joints = not command.brakes and sound.joint_age <= _ENCODER_SILENCE
-        self._tick.observe(sound.q, sound.v, command, tick.restriction.feedback, joints)
+        feedback = tick.restriction.feedback, tick.restriction.joint_feedback
+        self._tick.observe(sound.q, sound.v, command, feedback, joints)
         if self.monitor is not None:
             self._watch(self.monitor, tick)
         self._tick.want()

@@ -62,14 +62,17 @@ class ForceTick:
         )
         self._places = tuple(places_of(Told, sizes).values())
 
-    def observe(self, q: np.ndarray, v: np.ndarray, command: Command, feedback: float, joints: bool) -> None:
+    def observe(
+        self, q: np.ndarray, v: np.ndarray, command: Command, feedback: tuple[float, float], joints: bool
+    ) -> None:
         """Find what pushes the robot at q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s] as measured.
 
-        command: of the velocities. feedback [-] and joints as `Given` has them.
+        command: of the velocities. feedback [-]: of vehicle and joints, it and joints as `Given` has them.
         """
         given = self._given.parts
         given.q[:], given.v[:], given.reference[:] = q, v, command.v
-        given.feedback[0], given.hold[0], given.stop[0], given.joints[0] = feedback, command.hold, command.stop, joints
+        given.feedback[0], given.joint_feedback[0] = feedback
+        given.hold[0], given.stop[0], given.joints[0] = command.hold, command.stop, joints
         self._observe.trigger()
 
     def want(self) -> None:

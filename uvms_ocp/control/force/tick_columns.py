@@ -38,6 +38,8 @@ class Given:
     """(n_v,) [m/s, rad/s] velocity that is asked for."""
     feedback: Array
     """(1,) [-] share of their bandwidth that the loops of the vehicle come to."""
+    joint_feedback: Array
+    """(1,) [-] the same of the joints."""
     hold: Array
     """(1,) [-] 1: the vehicle's velocity is not to be trusted."""
     stop: Array
@@ -135,7 +137,9 @@ def sizes_of(robot: Robot) -> dict[str, int]:
         "torque": robot.n_joints,
         "vehicle_force": robot.n_vehicle,
         **dict.fromkeys(("wrench", "reached", "unreachable"), 6),
-        **dict.fromkeys(("feedback", "hold", "stop", "joints", "follows", "ticks", "watch", "settled", "push"), 1),
+        **dict.fromkeys(
+            ("feedback", "joint_feedback", "hold", "stop", "joints", "follows", "ticks", "watch", "settled", "push"), 1
+        ),
     }
 
 

@@ -71,7 +71,9 @@ def observe_function(laws: TickLaws) -> ca.Function:
     """Function ``given, effect, known -> now``: what it knows once it has looked, but for what it asks in this tick."""
     x, (given, effect, known) = _symbols(laws, given=Given, effect=Effect, known=Known)
     gain = min(1.0, laws.velocity.dt / _EASE)
-    share = _by_part(laws, known.share + gain * (given.feedback - known.share), known.share)
+    share = known.share + gain * (
+        _by_part(laws, ca.repmat(given.feedback, laws.robot.n_v), given.joint_feedback) - known.share
+    )
     integral = _by_part(laws, ca.if_else(given.stop, 0.0, known.integral), known.integral)
     now = replace(known, share=share, integral=integral)
     now = now if laws.observer is None else _observed(laws, laws.observer, given, effect, now)

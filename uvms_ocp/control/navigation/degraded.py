@@ -40,6 +40,8 @@ class Mode:
     """Without feedback of the vehicle's velocity."""
     feedback: float = 1.0
     """[-] more than 0; share of the usual bandwidth of the velocity loop: a velocity that is known late bears less."""
+    joint_feedback: float = 1.0
+    """[-] more than 0; the same of the joints."""
     bears: float = math.inf
     """[s] after which the mission is given up."""
     climbs: bool = True
@@ -58,6 +60,8 @@ class Restriction:
     blind: bool = False
     feedback: float = 1.0
     """[-] as that of `Mode`."""
+    joint_feedback: float = 1.0
+    """[-]"""
     climbs: bool = True
     """As the fields of `Mode`."""
     abort: str = ""
@@ -96,7 +100,7 @@ MODES = (
     _mode("angular_velocity", trust=Trust.SUSPECT, known="the change of attitude", speed=_SLOW),
     _mode("attitude", trust=Trust.SUSPECT, known="angular velocity, integrated", speed=_SLOW),
     _mode("attitude", known="angular velocity, integrated", hold=True, bears=10.0, climbs=False),
-    _mode(ENCODERS, trust=Trust.SUSPECT, known="commands, integrated", speed=_SLOW),
+    _mode(ENCODERS, trust=Trust.SUSPECT, known="commands, integrated", speed=_SLOW, joint_feedback=_SOFT),
     _mode(ENCODERS, known="where the brakes hold the arm", joints_held=True, bears=10.0),
     *(
         _mode(*pair, known="too little", hold=True, blind=True, bears=3.0, climbs=False)
@@ -125,6 +129,8 @@ class RestrictionMemory(Layout):
     """(n_modes,) [-]"""
     mode_feedback: Annotated[Vector, Sized(_N_MODES)]
     """(n_modes,) [-]"""
+    mode_joint_feedback: Annotated[Vector, Sized(_N_MODES)]
+    """(n_modes,) [-]"""
     bears: Annotated[Vector, Sized(_N_MODES)]
     """(n_modes,) [s]"""
     flags: Annotated[list[list[int]], Sized(_N_MODES, 5)]
@@ -140,6 +146,8 @@ class RestrictionMemory(Layout):
     speed: float
     """[-] as all that follows of `Restriction`."""
     feedback: float
+    """[-]"""
+    joint_feedback: float
     """[-]"""
     no_descent: bool
     joints_held: bool
@@ -171,6 +179,7 @@ def restrict(r: RestrictionMemory, t: float, altitude_matters: bool) -> None:
 def _nothing(r: RestrictionMemory) -> None:
     r.speed = 1.0
     r.feedback = 1.0
+    r.joint_feedback = 1.0
     r.climbs = True
     r.no_descent = False
     r.joints_held = False
@@ -192,6 +201,7 @@ def _apply(r: RestrictionMemory, k: int, t: float, altitude_matters: bool) -> No
     needs, flags, since = r.needs[k], r.flags[k], -math.inf
     r.speed = min(r.speed, r.mode_speed[k])
     r.feedback = min(r.feedback, r.mode_feedback[k])
+    r.joint_feedback = min(r.joint_feedback, r.mode_joint_feedback[k])
     r.no_descent = r.no_descent or flags[0] != 0
     r.joints_held = r.joints_held or flags[1] != 0
     r.hold = r.hold or flags[2] != 0
@@ -214,8 +224,9 @@ def write_modes(memory: Any) -> None:
             memory.needs[k][c] = channel in mode.without
         memory.trust[k], memory.of_altitude[k] = mode.trust, mode.without == {ALTIMETER}
         memory.mode_speed[k], memory.mode_feedback[k], memory.bears[k] = mode.speed, mode.feedback, mode.bears
+        memory.mode_joint_feedback[k] = mode.joint_feedback
         memory.flags[k][:] = mode.no_descent, mode.joints_held, mode.hold, mode.blind, mode.climbs
-    memory.speed, memory.feedback, memory.climbs = 1.0, 1.0, True
+    memory.speed, memory.feedback, memory.joint_feedback, memory.climbs = 1.0, 1.0, 1.0, True
 
 
 def write_channels(memory: Any, bad: Sequence[ChannelHealth]) -> None:
@@ -239,6 +250,7 @@ def restriction_in(memory: Any, bad: Sequence[ChannelHealth]) -> Restriction:
         hold=bool(memory.hold),
         blind=bool(memory.blind),
         feedback=memory.feedback,
+        joint_feedback=memory.joint_feedback,
         climbs=bool(memory.climbs),
         abort=told(sorted(to_blame, key=lambda item: item.channel)),
         bad=tuple(bad),
