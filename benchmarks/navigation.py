@@ -27,7 +27,7 @@ filter.
 Mission: Case 1 with default sensors and noise, whose vehicle is not driven by white jerk; *ratio* is the mean squared error over
 the mean variance. One row per seed in `navigation_mission.csv`; here root mean squares over all seeds.
 
-Time of a tick: the whole estimator, readings in and measurement out, and its core in C alone.
+Time of a tick, of the processor: the whole estimator, readings in and measurement out, and its core in C alone.
 """
 FIGURES = {"of": "", "mean": ".3f", "least": ".3f", "most": ".3f", "n": "", "inside": ""}
 

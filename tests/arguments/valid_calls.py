@@ -23,6 +23,7 @@ from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.control.velocity import levels
 from uvms_ocp.control.velocity.distress import Strain
 from uvms_ocp.control.velocity.tick_state import TickState
+from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.model.kinematics import Kinematics
 from uvms_ocp.model.loading import load_robot
@@ -520,7 +521,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "Outcome": lambda: control.Outcome(t=1.0, squared=2.0, degrees=3, accepted=True),
     "Nmpc": nmpc,
     "Watchdog": Watchdog,
-    "BufferedFunction": lambda: dynamics()._mass,
+    "BufferedFunction": lambda: BufferedFunction(dynamics().symbolic.mass_matrix_function()),
     "ca.Function": levels_function,
     "ca.SX": lambda: ca.SX.sym("a", robot().n_v),
     "Setup": lambda: scenario().setup(),

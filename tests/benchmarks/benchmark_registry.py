@@ -60,6 +60,7 @@ ALONE = tuple(
         "ocp_reach",
         "ocp_whole_mission",
         "random_missions",
+        "simulation",
         "table2",
         "trajectories",
         "viability",

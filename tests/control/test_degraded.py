@@ -42,7 +42,7 @@ def run(scenario: Scenario, monkeypatch: pytest.MonkeyPatch) -> Run:
     """A run of Case 1, or of another scenario, with broken sensors."""
 
     def of(given: Scenario = scenario, **broken: object) -> Record:
-        monkeypatch.setattr(Scenario, "_estimator", lambda self: BrokenSensors(robot=self.robot, **broken))
+        monkeypatch.setattr(Scenario, "estimator", lambda self: BrokenSensors(robot=self.robot, **broken))
         return given.run()
 
     return of

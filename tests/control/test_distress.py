@@ -132,7 +132,7 @@ def test_in_water_a_lost_channel_leads_up_with_the_arm_held(
     scenario = case1(dt=DT, start=pose_at((10.7, 37.25, -39.2), (0.0, 0.0, 0.15)))
     scenario = replace(scenario, mission=replace(scenario.mission, phases=scenario.mission.phases[phase:]))
     monkeypatch.setattr(
-        Scenario, "_estimator", lambda self: BrokenSensors(robot=self.robot, channels=(lost,), start=2.0)
+        Scenario, "estimator", lambda self: BrokenSensors(robot=self.robot, channels=(lost,), start=2.0)
     )
     record = scenario.run()
     cause, after = cause_of_end(record), record["t"] > 4.0
