@@ -124,9 +124,9 @@ class Estimator:
         _number(channel)
         self._refused = self._refused | {channel} if refused else self._refused - {channel}
 
-    def doubt_velocity(self) -> None:
-        """Take linear velocity and acceleration for unknown: what told them proved wrong."""
-        doubt_velocity(self.memory)
+    def doubt_velocity(self, *, rests: bool = False) -> None:
+        """Take linear velocity and acceleration for unknown: what told them proved wrong. rests: and for zero, at a guess."""
+        doubt_velocity(self.memory, rests=rests)
 
     @property
     def spread(self) -> np.ndarray:

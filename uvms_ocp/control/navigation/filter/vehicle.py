@@ -169,9 +169,14 @@ def is_unknown(m: Memory, first: int, n: int) -> bool:
     return bool((np.diag(m.P)[entries] > CONSTANTS.unknown * m.limit[entries] ** 2).any())
 
 
-def doubt_velocity(m: Memory) -> None:
-    """Linear velocity and acceleration may be anything that vehicles do. Rare, and so in NumPy for both cores."""
+def doubt_velocity(m: Memory, *, rests: bool) -> None:
+    """Linear velocity and acceleration may be anything that vehicles do. Rare, and so in NumPy for both cores.
+
+    rests: they are taken for zero from here on, as what was carried on without readings leads ever farther astray.
+    """
     m.owner[:] = -1.0
+    if rests:
+        part(m, Part.SPEED)[:] = part(m, Part.ACCELERATION)[:] = 0.0
     for first in (Part.SPEED, Part.ACCELERATION):
         axes = np.arange(first, first + 3)
         m.P[axes, axes] += CONSTANTS.exposed**2

@@ -37,8 +37,8 @@ class Gating(Protocol):
         the first. In the order of `filter.memory.Channel`.
         """
 
-    def doubt_velocity(self) -> None:
-        """Take the linear velocity for unknown."""
+    def doubt_velocity(self, *, rests: bool = False) -> None:
+        """Take the linear velocity for unknown; rests: and for zero, at a guess."""
 
 
 @checked
@@ -78,8 +78,8 @@ class GuardedEstimator:
         vetted = monitor.vet(readings, t, command)
         if not self._begun and not self._begin(vetted):
             return changed(self._nothing, health=monitor.judge(self._nothing, t))
-        if self._gating is not None and monitor.velocity_exposed:
-            self._gating.doubt_velocity()
+        if self._gating is not None and (monitor.velocity_exposed or monitor.adrift):
+            self._gating.doubt_velocity(rests=monitor.adrift)
         measured = self.estimator(vetted, t, command)
         health, oldest = monitor.conclude(measured, support, self._outcomes, t), support.oldest
         return _measurement(

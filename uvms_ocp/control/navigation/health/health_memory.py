@@ -137,6 +137,10 @@ class HealthMemory(Layout):
     """[s]"""
     exposed: bool
     """What told the velocity has been found out in this tick."""
+    adrift: bool
+    """Nothing has told it for too long, by this tick."""
+    adrift_at: float
+    """[s] when that was so last, 0 before."""
     now: Estimate
     history: History
     belief: Belief

@@ -16,6 +16,7 @@ from uvms_ocp.control.navigation.health.support import Support, age_by_support, 
 from uvms_ocp.functions.kernels.layout import Vector
 
 _TOLD = 4  # numbers of an outcome
+_ADRIFT = 1.0  # [s] for which a velocity may be carried on by itself
 
 
 def vet(m: HealthMemory, t: float, moving: bool) -> int:
@@ -35,7 +36,21 @@ def vet(m: HealthMemory, t: float, moving: bool) -> int:
             _vet_newest(m, c)
         if c.behind:
             behind += 1
+    m.adrift = _is_adrift(m)
+    if m.adrift:
+        m.adrift_at = t
     return behind
+
+
+def _is_adrift(m: HealthMemory) -> bool:
+    """Whether neither fixes nor a DVL have told the velocity for a while, since that was last so."""
+    last = max(_last_told(m.channels[Channel.POSITION]), _last_told(m.channels[Channel.LINEAR_VELOCITY]))
+    return last >= 0.0 and m.t - max(last, m.adrift_at) > _ADRIFT
+
+
+def _last_told(c: ChannelMemory) -> float:
+    """When [s], -1 before the first and without the channel."""
+    return -1.0 if not c.present or math.isnan(c.taken) else c.taken
 
 
 def judge(m: HealthMemory, t: float, known: bool) -> int:

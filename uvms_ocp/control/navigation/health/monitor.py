@@ -87,6 +87,11 @@ class HealthMonitor:
         """What told the velocity has been found out in this tick."""
         return bool(self.memory.exposed)
 
+    @property
+    def adrift(self) -> bool:
+        """Neither fixes nor a DVL have told for a second, or for another one: the velocity that was carried on means nothing."""
+        return bool(self.memory.adrift)
+
     @late
     def trust(self, channel: str) -> Trust:
         """The verdict on a channel."""
