@@ -24,10 +24,7 @@ def vet(m: HealthMemory, t: float, moving: bool) -> int:
 
     Returns how many channels the filter sees an older reading of than the newest [-].
     """
-    m.dt = max(t - m.t, 0.0) if m.started else 0.0
-    m.t = t
-    m.started = True
-    m.exposed = False
+    _begin(m, t)
     ask(m.encoders, moving, m.dt)
     behind = 0
     for k in range(m.n):
@@ -37,9 +34,15 @@ def vet(m: HealthMemory, t: float, moving: bool) -> int:
         if c.behind:
             behind += 1
     m.adrift = _is_adrift(m)
-    if m.adrift:
-        m.adrift_at = t
+    m.adrift_at = t if m.adrift else m.adrift_at
     return behind
+
+
+def _begin(m: HealthMemory, t: float) -> None:
+    m.dt = max(t - m.t, 0.0) if m.started else 0.0
+    m.t = t
+    m.started = True
+    m.exposed = False
 
 
 def _is_adrift(m: HealthMemory) -> bool:
