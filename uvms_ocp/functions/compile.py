@@ -142,7 +142,7 @@ def _warn_once(what: str, detail: str = "") -> None:
 @lru_cache(maxsize=1)
 def _announce(directory: Path) -> None:
     # A warning, as Python shows it by default: a silent half minute looks like a hang.
-    _log.warning("compiling C code for the first time, about half a minute; kept in %s", directory)
+    _log.warning("compiling C code for the first time, which takes a while; kept in %s", directory)
 
 
 def _digest(data: bytes) -> str:
