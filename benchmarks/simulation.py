@@ -42,7 +42,7 @@ PARTS: dict[str, tuple[type, str]] = {
     "record": (Recorder, "append"),
 }
 PROSE = """
-One process, control at {rate:.0f} Hz, the plant in the steps that it takes by default; the median of {runs} runs of each, after one that
+One process, control at {rate:.0f} Hz, the plant in its usual steps; the median of {runs} runs of each, after one that
 compiled. *real_time*: simulated time for one second of the loop, preparation aside. *prepare_s*: time of the processor before
 and after the loop, with CasADi's expressions, what has been compiled is loaded. *tick*: levels, solve, viability and mission,
 from Python; *controller*: all from measurement to thrust and torque.
