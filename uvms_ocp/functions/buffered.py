@@ -100,9 +100,7 @@ class BoundFunction:
 
         Raises `InvalidInput` for another size or order.
         """
-        sizes = [function.numel_in(i) for i in range(function.n_in())]
-        sizes += [function.numel_out(i) for i in range(function.n_out())]
-        given = [*arguments, *results]
+        sizes, given = sizes_of(function), [*arguments, *results]
         if [a.size for a in given] != sizes or not all(a.flags.f_contiguous and a.dtype == np.float64 for a in given):
             shapes = ", ".join(str(a.shape) for a in given)
             raise InvalidInput(
@@ -114,6 +112,16 @@ class BoundFunction:
         for i, result in enumerate(results):
             buffer.set_res(i, result.T.data)
         self._kept = function, buffer, given
+
+    def __call__(self) -> None:
+        """Evaluate."""
+        self.evaluate()
+
+
+def sizes_of(function: ca.Function) -> list[int]:
+    """Numbers [-] of every argument, then of every result."""
+    taken = [function.numel_in(i) for i in range(function.n_in())]
+    return taken + [function.numel_out(i) for i in range(function.n_out())]
 
 
 def _memory(size: tuple[int, int]) -> Array:

@@ -103,11 +103,12 @@ def external_function(name: str, source: str, flags: Sequence[str] = ()) -> ca.F
 def compiled_symbol(function: ca.Function) -> int | None:
     """Address of the machine code of ``function``, for other machine code to call; None where it cannot be compiled."""
     path = _HOMES.get(function) or _HOMES.get(compile_function(function))
-    return None if path is None else ctypes.cast(_loaded(path)[function.name()], ctypes.c_void_p).value
+    return None if path is None else ctypes.cast(loaded_library(path)[function.name()], ctypes.c_void_p).value
 
 
 @cache
-def _loaded(path: Path) -> ctypes.CDLL:
+def loaded_library(path: Path) -> ctypes.CDLL:
+    """The library at `path`, as `compile_library` gives it; loaded once."""
     return ctypes.CDLL(str(path))
 
 

@@ -30,7 +30,7 @@ class Dynamics:
     """By the name of their term, made when first asked for: few callers need them all."""
 
     def __post_init__(self) -> None:
-        self._function("link_positions")  # the least of them: what has no equations is refused here
+        len(self.symbolic.links)  # what has no equations is refused here, not when they are asked for
 
     def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
         """Generalized force tau (n_v,) [N, N m] for the acceleration a (n_v,) [m/s2, rad/s2].

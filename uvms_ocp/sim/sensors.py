@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from uvms_ocp.arguments import Count, Shape, checked, late, trusted
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions.buffered import BufferedFunction
+from uvms_ocp.functions.buffered import BoundFunction, BufferedFunction
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import CHANNELS, SensorSpec, SensorSpecs
 from uvms_ocp.model.spatial import quaternion_exp, quaternion_multiply, quaternion_to_matrix
@@ -44,19 +44,15 @@ class Altimeter:
     def __init__(self, robot: Robot, seafloor: Seafloor, frame: str = "altimeter") -> None:
         """frame: that of the sensor. Raises `FrameNotFound` for an unknown one."""
         self.robot = robot
-        self._seafloor, self._beam = seafloor, _beam_function(robot, frame)
+        self._seafloor = seafloor
         self._q, self._origin, self._direction = np.zeros(robot.n_q), np.zeros(3), np.zeros(3)
-        buffer, self._look = self._beam.buffer()
-        buffer.set_arg(0, self._q.data)
-        buffer.set_res(0, self._origin.data)
-        buffer.set_res(1, self._direction.data)
-        self._buffer = buffer  # which the call does not keep alive
+        self._look = BoundFunction(_beam_function(robot, frame), [self._q], [self._origin, self._direction])
 
     @late
     def measure(self, q: Annotated[np.ndarray, Shape("self.robot.n_q")]) -> float:
         """Range [m] at configuration q (n_q,) [m, rad]; nan without an echo."""
         self._q[:] = q
-        self._look()
+        self._look.evaluate()
         return self._seafloor.range_along(self._origin, self._direction)
 
 

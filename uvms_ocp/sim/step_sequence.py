@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping
 
 import casadi as ca
 import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions.buffered import BoundFunction
 from uvms_ocp.sim.dynamic_step import CARRIED
 
 
@@ -36,7 +36,7 @@ class StepSequence:
     Not for use from two threads at once.
     """
 
-    __slots__ = ("_buffer", "_result", "_trigger", "carried", "given")
+    __slots__ = ("_period", "_result", "carried", "given")
 
     def __init__(self, step: ca.Function, n_steps: int) -> None:
         """step: `step_function`, compiled or not. n_steps [-]: at least 1, in a period. Raises `InvalidInput` for fewer."""
@@ -48,14 +48,11 @@ class StepSequence:
         self.carried = memory[: parts_of(step)["torque"].start]
         """(n_carried,) view of the inputs that the first results are: for the next period."""
         self._result = np.zeros(function.numel_out(0))
-        self._buffer: Any
-        self._trigger: Any
-        self._buffer, self._trigger = function.buffer()
-        _connect(self._buffer, [*self.given.values()], self._result)
+        self._period = BoundFunction(function, [view.T for view in self.given.values()], [self._result])
 
     def __call__(self) -> np.ndarray:
         """The column (n,) [units of its parts] after one period of what is `given`."""
-        self._trigger()
+        self._period.evaluate()
         return self._result.copy()
 
 
@@ -75,10 +72,3 @@ def _memory(function: ca.Function) -> tuple[np.ndarray, Mapping[str, np.ndarray]
         part = block[ends[i] - rows * columns : ends[i]]
         views[function.name_in(i)] = part if columns == 1 else part.reshape(columns, rows)  # CasADi reads by columns
     return block, views
-
-
-def _connect(buffer: Any, given: Sequence[np.ndarray], result: np.ndarray) -> None:
-    """Let CasADi read and write where the arrays are."""
-    for i, view in enumerate(given):
-        buffer.set_arg(i, view.data)
-    buffer.set_res(0, result.data)

@@ -47,7 +47,9 @@ _BANDS = ("#E8F1FA", "#FDF0E1", "#E6F4EC", "#F6EAF2", "#EFEFEF")
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
+_AT_DRAWING = {"text.parse_math": False}  # names are no formulas
 _STYLE: dict[str, Any] = {
+    **_AT_DRAWING,
     "font.family": "sans-serif",
     "font.size": 8.5,
     "mathtext.fontset": "dejavusans",
@@ -72,13 +74,9 @@ _STYLE: dict[str, Any] = {
     "ytick.labelsize": 7.5,
     "xtick.direction": "out",
     "ytick.direction": "out",
-    "text.parse_math": False,  # names are no formulas
     "savefig.facecolor": "white",
     "figure.facecolor": "white",
 }
-
-
-_AT_DRAWING = {key: _STYLE[key] for key in ("text.parse_math",)}
 
 
 class _PlainPowers(LogFormatterSciNotation):

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -19,6 +18,7 @@ from uvms_ocp.control.force.tick_functions import (
     observe_function,
     want_function,
 )
+from uvms_ocp.functions.buffered import BoundFunction
 from uvms_ocp.functions.compile import compile_function
 from uvms_ocp.model.state import Command
 
@@ -54,10 +54,10 @@ class ForceTick:
         """What is known since `observe`; it may be changed before `want`."""
         columns = self._given, self._effect, self._known, self._now, self._wanted, self._allocated, self._told
         given, effect, known, now, wanted, allocated, told = (column.numbers for column in columns)
-        self._observe = _Wired(compile_function(observe_function(laws)), [given, effect, known], [now])
-        self._want = _Wired(compile_function(want_function(laws)), [given, now], [wanted])
+        self._observe = BoundFunction(compile_function(observe_function(laws)), [given, effect, known], [now])
+        self._want = BoundFunction(compile_function(want_function(laws)), [given, now], [wanted])
         self._allocate = self._wired(compile_function(self._whole.function))
-        self._follow = _Wired(
+        self._follow = BoundFunction(
             compile_function(follow_function(laws)), [given, effect, now, wanted, allocated], [known, told]
         )
         self._places = tuple(places_of(Told, sizes).values())
@@ -73,15 +73,15 @@ class ForceTick:
         given.q[:], given.v[:], given.reference[:] = q, v, command.v
         given.feedback[0], given.joint_feedback[0] = feedback
         given.hold[0], given.stop[0], given.joints[0] = command.hold, command.stop, joints
-        self._observe.trigger()
+        self._observe.evaluate()
 
     def want(self) -> None:
         """Find the force for the reference velocity."""
-        self._want.trigger()
+        self._want.evaluate()
 
     def allocate(self) -> bool:
         """Share it out among thrusters; whether their limits keep them from it. Raises `InvalidInput` unless it is finite."""
-        self._allocate.trigger()
+        self._allocate.evaluate()
         found = self._allocated.parts
         if found.settled[0]:
             return False
@@ -91,7 +91,7 @@ class ForceTick:
 
     def follow(self) -> list[np.ndarray]:
         """The parts of `Told`, which the caller owns; what is known is that of the next tick from now on."""
-        self._follow.trigger()
+        self._follow.evaluate()
         told = self._told.numbers.copy()
         return [told[place] for place in self._places]
 
@@ -105,23 +105,8 @@ class ForceTick:
         # Once in a mission, which does not wait for a compiler.
         self._allocate = self._wired(self._allocation.function)
 
-    def _wired(self, function: ca.Function) -> _Wired:
+    def _wired(self, function: ca.Function) -> BoundFunction:
         """An allocation."""
         found = self._allocated.parts
         results = [found.thrust, found.reached, found.unreachable, found.settled]
-        return _Wired(function, [self._wanted.parts.wrench], results)
-
-
-class _Wired:
-    """A function that reads and writes fixed memory."""
-
-    __slots__ = ("_buffer", "trigger")
-
-    def __init__(self, function: ca.Function, arguments: Sequence[np.ndarray], results: Sequence[np.ndarray]) -> None:
-        self._buffer: Any
-        self.trigger: Callable[[], None]
-        self._buffer, self.trigger = function.buffer()
-        for i, argument in enumerate(arguments):
-            self._buffer.set_arg(i, argument.data)
-        for i, result in enumerate(results):
-            self._buffer.set_res(i, result.data)
+        return BoundFunction(function, [self._wanted.parts.wrench], results)

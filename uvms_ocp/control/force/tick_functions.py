@@ -71,9 +71,7 @@ def observe_function(laws: TickLaws) -> ca.Function:
     """Function ``given, effect, known -> now``: what it knows once it has looked, but for what it asks in this tick."""
     x, (given, effect, known) = _symbols(laws, given=Given, effect=Effect, known=Known)
     gain = min(1.0, laws.velocity.dt / _EASE)
-    share = known.share + gain * (
-        _by_part(laws, ca.repmat(given.feedback, laws.robot.n_v), given.joint_feedback) - known.share
-    )
+    share = known.share + gain * (_by_part(laws, given.feedback, given.joint_feedback) - known.share)
     integral = _by_part(laws, ca.if_else(given.stop, 0.0, known.integral), known.integral)
     now = replace(known, share=share, integral=integral)
     now = now if laws.observer is None else _observed(laws, laws.observer, given, effect, now)
@@ -84,7 +82,7 @@ def observe_function(laws: TickLaws) -> ca.Function:
 def want_function(laws: TickLaws) -> ca.Function:
     """Function ``given, now -> wanted``."""
     x, (given, now) = _symbols(laws, given=Given, now=Known)
-    trusted = _by_part(laws, ca.SX.ones(laws.robot.n_v) * (1.0 - given.hold), given.joints)
+    trusted = _by_part(laws, 1.0 - given.hold, given.joints)
     error = ca.if_else(trusted, given.reference - given.v, 0.0)
     tau = laws.velocity.force(given.q, given.reference, now.before, error, now.integral, now.share) - now.estimate
     force = _by_part(laws, ca.if_else(given.stop, 0.0, tau), tau)
@@ -166,9 +164,10 @@ def _symbols(laws: TickLaws, **kinds: type[Any]) -> tuple[dict[str, ca.SX], tupl
 
 
 def _by_part(laws: TickLaws, vehicle: ca.SX, joints: ca.SX) -> ca.SX:
-    """(n_v,) of the axes of the vehicle the one, of the joints the other, which may be one number for all."""
-    n, m = laws.robot.n_vehicle, laws.robot.n_joints
-    return ca.vertcat(vehicle[:n], ca.repmat(joints, m) if joints.is_scalar() else joints[n:])
+    """(n_v,) of the axes of the vehicle the one, of the joints the other; either may be one number for all."""
+    n_v, n = laws.robot.n_v, laws.robot.n_vehicle
+    vehicle, joints = (ca.repmat(part, n_v) if part.is_scalar() else part for part in (vehicle, joints))
+    return ca.vertcat(vehicle[:n], joints[n:])
 
 
 def _up(q: ca.SX) -> ca.SX:

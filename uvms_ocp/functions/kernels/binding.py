@@ -8,7 +8,7 @@ from functools import lru_cache
 from inspect import signature
 from typing import Any, get_type_hints
 
-from uvms_ocp.functions.compile import compile_library
+from uvms_ocp.functions.compile import compile_library, loaded_library
 from uvms_ocp.functions.kernels.expressions import PREFIX
 from uvms_ocp.functions.kernels.layout import Layout
 from uvms_ocp.functions.kernels.program import c_program
@@ -46,7 +46,7 @@ def _bound(
     path = compile_library(c_program(kernels, structures), name=", ".join(kernel.__name__ for kernel in kernels))
     if path is None:
         return kernels
-    library = ctypes.CDLL(str(path))
+    library = loaded_library(path)
     by_name = {structure.__name__: structure for structure in structures}
     return tuple(_function(library, kernel, by_name) for kernel in kernels)
 

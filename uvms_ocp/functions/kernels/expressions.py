@@ -218,17 +218,20 @@ def _call(node: ast.Call, scope: Scope) -> C:
         of = number(node.args[0], scope)
         return C(f"{'abs' if of.type == INT else 'fabs'}({of.text})", of.type)
     if function in (int, float, bool):
-        of = number(node.args[0], scope)
-        return C(
-            f"({of.text} != 0)" if function is bool else f"(({'int' if function is int else 'double'}){of.text})",
-            DOUBLE if function is float else INT,
-        )
+        return _converted(number(node.args[0], scope), function)
     if function in _OF_NUMBERS or function in _TESTS:
         arguments = ", ".join(number(argument, scope).text for argument in node.args)
         return C(
             f"{_OF_NUMBERS.get(function) or _TESTS[function]}({arguments})", DOUBLE if function in _OF_NUMBERS else INT
         )
     return _kernel_call(node, function, scope)
+
+
+def _converted(of: C, to: type) -> C:
+    if to is bool:
+        return C(f"({of.text} != 0)", INT)
+    kind = INT if to is int else DOUBLE
+    return C(f"(({kind.name}){of.text})", kind)
 
 
 _BUILTINS: dict[str, Any] = {f.__name__: f for f in (len, min, max, abs, int, float, bool)}

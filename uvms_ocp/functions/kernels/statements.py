@@ -6,8 +6,7 @@ import ast
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import casadi as ca
-
+from uvms_ocp.functions.buffered import sizes_of
 from uvms_ocp.functions.kernels.c_types import DOUBLE, INT, NOTHING, CType, kernel_error
 from uvms_ocp.functions.kernels.expressions import C, Scope, c_name, constant, expression, length, number
 from uvms_ocp.functions.kernels.layout import zeros
@@ -154,7 +153,7 @@ def _smooth_call(call: ast.Call, target: C, scope: Scope) -> list[str]:
     if not (isinstance(target.type.structure, type) and issubclass(target.type.structure, SmoothStructure)):
         raise kernel_error(call, "calls what is no function")
     function = target.type.structure.function
-    n, sizes = function.n_in(), _sizes(function)
+    n, sizes = function.n_in(), sizes_of(function)
     if len(call.args) != len(sizes):
         raise kernel_error(call, f"has to give {n} vectors to read and {len(sizes) - n} to fill")
     given = [
@@ -164,12 +163,6 @@ def _smooth_call(call: ast.Call, target: C, scope: Scope) -> list[str]:
     filled = [f"  f->{place} = {vector};" for place, vector in zip(places, given, strict=True)]
     head = f"  {target.type.name} *f = {target.text};"
     return ["{", head, *filled, "  f->call(f->arg, f->res, f->iw, f->w, 0);", "}"]
-
-
-def _sizes(function: ca.Function) -> list[int]:
-    """Numbers [-] of every argument, then of every result."""
-    taken = [function.numel_in(i) for i in range(function.n_in())]
-    return taken + [function.numel_out(i) for i in range(function.n_out())]
 
 
 def _vector(node: ast.expr, size: int, read: bool, scope: Scope) -> str:

@@ -30,6 +30,7 @@ from uvms_ocp.control.navigation.filter.memory import (
     places,
 )
 from uvms_ocp.control.navigation.filter.sights import look
+from uvms_ocp.functions.buffered import BoundFunction
 from uvms_ocp.functions.compile import external_function
 
 _INCLUDES = "#include <math.h>\n#include <string.h>\n"
@@ -52,23 +53,8 @@ def bound_tick(memory: Memory, *, compiled: bool = True) -> Callable[[], None]:
     core = _core(memory.n_joints) if compiled else None
     if core is None:
         return partial(numpy_tick, memory)
-    buffer, trigger = core.buffer()
     # In and out are one: a covariance of this size is not copied at every tick.
-    buffer.set_arg(0, memory.numbers.data)
-    buffer.set_res(0, memory.numbers.data)
-    return _Tick(buffer, trigger)
-
-
-class _Tick:
-    """A trigger and the buffer that it needs alive."""
-
-    __slots__ = ("_buffer", "_trigger")
-
-    def __init__(self, buffer: object, trigger: Callable[[], None]) -> None:
-        self._buffer, self._trigger = buffer, trigger
-
-    def __call__(self) -> None:
-        self._trigger()
+    return BoundFunction(core, [memory.numbers], [memory.numbers])
 
 
 def numpy_tick(m: Memory) -> None:
