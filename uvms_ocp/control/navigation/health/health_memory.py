@@ -76,6 +76,8 @@ class ChannelMemory(Layout):
     """[s] stamp of the last reading whose outcome was heard."""
     agreed: int
     """[-] readings in a row that agreed with the estimate."""
+    off_in_a_row: int
+    """[-] readings in a row that did not."""
     empty: bool
     """The sensor works but has nothing to tell."""
     gated: bool

@@ -10,7 +10,7 @@ from uvms_ocp.control.navigation.health.cross_checks import compare
 from uvms_ocp.control.navigation.health.health_memory import ChannelMemory, HealthMemory
 from uvms_ocp.control.navigation.health.laws.history import remember, slot_at
 from uvms_ocp.control.navigation.health.laws.still_encoders import ask
-from uvms_ocp.control.navigation.health.reading_checks import is_empty, look_at
+from uvms_ocp.control.navigation.health.reading_checks import is_empty, is_stubborn, look_at
 from uvms_ocp.control.navigation.health.reasons import Reason
 from uvms_ocp.control.navigation.health.support import Support, age_by_support, tell_echo
 from uvms_ocp.functions.kernels.layout import Vector
@@ -103,8 +103,8 @@ def _vet_new(m: HealthMemory, c: ChannelMemory) -> None:
         use(c, m.t)
     if b.used and b.why.code != Reason.NONE:
         doubt(c, b.why, m.t)
-    # Fixes are heard even where the estimate contradicts them: it may err.
-    heard = b.used or (b.sane and (barred or c.number == Channel.POSITION))
+    # Fixes are heard even where the estimate contradicts them, as it may err, and so is a DVL that insists.
+    heard = b.used or (b.sane and (barred or c.number == Channel.POSITION or is_stubborn(c)))
     if heard and slot >= 0 and not is_empty(c):
         compare(m, c, m.history.kept[slot])
 

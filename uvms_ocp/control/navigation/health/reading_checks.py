@@ -24,6 +24,8 @@ from uvms_ocp.model.kinematics import STEEP
 
 _CONFIRMED = 5
 """Readings in a row that must agree before one that does not is refused: an estimate is made of those before."""
+_STUBBORN = 3
+"""Readings in a row that were refused: by then it is no spike."""
 
 
 def look_at(m: HealthMemory, c: ChannelMemory, slot: int) -> None:
@@ -81,12 +83,26 @@ def _compare_with_estimate(m: HealthMemory, c: ChannelMemory, estimate: Estimate
 
 def _agrees(m: HealthMemory, c: ChannelMemory, estimate: Estimate, why: Why) -> bool:
     gate = c.gate
-    rate = gate.supported if _is_good(m, gate.by) or _is_good(m, gate.or_by) else gate.alone
+    carried = _is_good(m, gate.by) or _is_good(m, gate.or_by)
+    rate = gate.supported if carried else gate.alone
     growth = 0.0 if math.isnan(c.taken) else rate * max(c.stamp - c.taken, 0.0)
+    if carried and is_stubborn(c):
+        growth -= 0.5 * gate.base
     if is_off(gate, c.value, estimate, abs(c.stamp - estimate.t), growth, why):
+        c.off_in_a_row += 1
         return False
     c.agreed += 1
+    c.off_in_a_row = 0
     return True
+
+
+def is_stubborn(c: ChannelMemory) -> bool:
+    """Whether a DVL insists on what cannot be.
+
+    While fixes carry the velocity it is taken again at half its gate: one reading of a biased one that noise brings just
+    inside would move velocity and acceleration, and all that follows from them.
+    """
+    return c.number == Channel.LINEAR_VELOCITY and c.off_in_a_row >= _STUBBORN
 
 
 def _is_good(m: HealthMemory, channel: int) -> bool:
