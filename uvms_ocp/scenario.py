@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from time import perf_counter
+from typing import Any, Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -17,13 +18,14 @@ from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimato
 from uvms_ocp.control.navigation.health.monitor import HealthMonitor
 from uvms_ocp.control.navigation.pass_through import PassThrough
 from uvms_ocp.control.velocity.kinematic import HierarchySolver, KinematicController
+from uvms_ocp.control.watched import WatchedController
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.meta_values import FaultMeta
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
-from uvms_ocp.model.state import Measurement, State
+from uvms_ocp.model.state import Command, Measurement, State
 from uvms_ocp.preflight.checks import check_mission
 from uvms_ocp.preflight.findings import PreflightReport
 from uvms_ocp.preflight.setup import Setup
@@ -40,6 +42,45 @@ from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 
 PLANTS = ("dynamic", "kinematic")
+
+
+class MissionController(Protocol):
+    """What controls a run."""
+
+    @property
+    def kinematic(self) -> KinematicController:
+        """The layer that knows the mission, its events and its quantities."""
+
+    def __call__(self, measurement: Measurement, t: float) -> Command:
+        """The command for the tick at time t [s]."""
+
+
+def our_controller(scenario: Scenario) -> MissionController:
+    """The hierarchy's, fresh."""
+    kinematic = scenario.kinematic_controller()
+    if scenario.plant == "kinematic":
+        return kinematic
+    model = robot_dynamics(scenario.robot)
+    return DynamicController(robot=scenario.robot, dynamics=model, kinematic=kinematic, gains=scenario.gains)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ControllerOf:
+    """What makes the controllers of one scenario."""
+
+    maker: Callable[[Scenario], Any]
+    """Of any scenario's."""
+    scenario: Scenario = field(repr=False)
+
+    def __call__(self) -> MissionController:
+        """A fresh one. Raises `InvalidInput` where the maker makes no callable."""
+        made = self.maker(self.scenario)
+        if self.maker is our_controller:
+            return made
+        if not callable(made):
+            raise InvalidInput(f"controller made {type(made).__name__}; make a callable (Measurement, t) -> Command")
+        n = None if self.scenario.plant == "kinematic" else len(self.scenario.robot.description.thrusters)
+        return WatchedController(controller=made, kinematic=self.scenario.kinematic_controller(), n_thrusters=n)
 
 
 @checked
@@ -61,6 +102,12 @@ class Scenario:
     solver: HierarchySolver = field(default_factory=LexicographicActiveSet)
     plant: str = "dynamic"
     sensors: SensorSpecs = IDEAL_SENSORS
+    controller: Callable[..., Any] = our_controller
+    """What makes a controller for a run: takes the scenario, returns a callable ``(Measurement, t) -> Command``.
+
+    ``scenario.controller()`` calls it. By default it makes the hierarchy's, with thrust and torque unless the plant is kinematic;
+    any other is watched by the mission, see `WatchedController`.
+    """
     gains: VelocityGains = field(default_factory=VelocityGains)
     """Of the dynamic layer; the kinematic plant has none."""
     plant_robot: Robot | None = None
@@ -98,20 +145,10 @@ class Scenario:
             self.robot.frame_id(self.altimeter_frame)
         if self.robot.n_vehicle:
             self._require_above_floor()
+        object.__setattr__(self, "controller", ControllerOf(maker=_maker_of(self.controller), scenario=self))
         if self.faults:
             require_possible(self.faults, self.plant_robot or self.robot, kinematic=self.plant == "kinematic")
             self._sensor_suite()
-
-    def controller(self) -> KinematicController | DynamicController:
-        """A fresh controller, ``(Measurement, t) -> Command``: with thrust and torque unless the plant is kinematic.
-
-        Its mission, events and quantities are those of its `kinematic` layer.
-        """
-        kinematic = self.kinematic_controller()
-        if self.plant == "kinematic":
-            return kinematic
-        model = robot_dynamics(self.robot)
-        return DynamicController(robot=self.robot, dynamics=model, kinematic=kinematic, gains=self.gains)
 
     def kinematic_controller(self) -> KinematicController:
         """Its layer of velocities alone, fresh."""
@@ -140,9 +177,7 @@ class Scenario:
             sensors=self.sensors,
         )
 
-    def run(
-        self, progress: Progress | None = None, controller: KinematicController | DynamicController | None = None
-    ) -> Record:
+    def run(self, progress: Progress | None = None, controller: MissionController | None = None) -> Record:
         """Simulate until the mission is complete or `duration` is over.
 
         controller: a fresh one, as `controller` makes them, for who wants to look into it meanwhile.
@@ -216,6 +251,15 @@ class Scenario:
         if z <= floor:
             text = f"start position of the vehicle z = {z:g} m is below the seafloor z = {floor:g} m; raise it"
             raise InvalidInput(text)
+
+
+def _maker_of(given: Callable[..., Any]) -> Callable[..., Any]:
+    """What was given, also to the scenario that a changed one is made of."""
+    if isinstance(given, ControllerOf):
+        return given.maker
+    if not callable(given):
+        raise InvalidInput(f"controller = {given!r}; give a callable that takes the scenario and makes a controller")
+    return given
 
 
 def _told(fault: Fault) -> FaultMeta:

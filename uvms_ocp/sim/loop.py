@@ -86,7 +86,9 @@ def _row(t: float, plant: Plant, measurement: Measurement, command: Command, spe
     row["command"] = command.v
     if measurement.health:  # where somebody judges
         row["health"] = np.frombuffer(bytes([channel.trust for channel in measurement.health]), dtype=np.int8)
-    row["controller_time"] = spent
-    row.update(command.telemetry)
+    told = {"controller_time": spent, **command.telemetry}
+    if not row.keys().isdisjoint(told):
+        raise InvalidInput(f"telemetry {sorted(row.keys() & told)} is what the loop records; rename it")
+    row.update(told)
     row.update(plant.telemetry())
     return row

@@ -31,6 +31,7 @@ from uvms_ocp.control.velocity.tick_kernels import is_unknown, observe, settle, 
 from uvms_ocp.control.velocity.tick_memory import altimeter_of, arrays_of, inputs_of, tick_memory
 from uvms_ocp.control.velocity.tick_state import TickState
 from uvms_ocp.control.velocity.viability import Viability
+from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.kernels.binding import bind_kernels
 from uvms_ocp.mission.mission import Mission, went_on
 from uvms_ocp.mission.phase import Event, MissionState
@@ -42,7 +43,6 @@ from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.solvers.hierarchy.tick import SharedTick, Tick, TickResult
 
 _command = trusted(Command)
-
 _FRESHNESS = tuple(Freshness)
 _STATUS_CODE = {status: code for code, status in enumerate(Status)}
 
@@ -82,21 +82,16 @@ class KinematicController:
         self.left: list[MissionState] = []
         """Where the mission was at each event, just before."""
         self.watchdog = watchdog or Watchdog()
-        names = self.problem.quantity_names
+        names, tasks = self.problem.quantity_names, mission.hierarchy.tasks
         self._memory = memory = tick_memory(robot, mission, self.problem, self.watchdog)
         self._arrays = arrays_of(memory, n_tasks=mission.n_tasks, n_quantities=len(names))
-        tick, inputs = (
-            solver.bind(self.problem.function, self.problem.sizes),
-            inputs_of(self._arrays, self._parameters.values),
-        )
+        tick = solver.bind(self.problem.function, self.problem.sizes)
+        inputs = inputs_of(self._arrays, self._parameters.values)
         self._solve = tick.adopt(*inputs) if isinstance(tick, SharedTick) else partial(tick, *inputs)
-        kernels = bind_kernels((observe, settle, take), (type(memory),))
-        self._observe, self._settle, self._take = kernels
-        self._viability = Viability(
-            robot=robot, tasks=mission.hierarchy.tasks, quantity_names=names, dt=dt, memory=memory.rule
-        )
+        self._observe, self._settle, self._take = bind_kernels((observe, settle, take), (type(memory),))
+        self._viability = Viability(robot=robot, tasks=tasks, quantity_names=names, dt=dt, memory=memory.rule)
         self._sound = LastSound(robot)
-        self._echo = LastEcho(robot, altimeter_of(robot, mission.hierarchy.tasks), memory.beam, self._arrays.q)
+        self._echo = LastEcho(robot, altimeter_of(robot, tasks), memory.beam, self._arrays.q)
         self._distress = Distress(mission, names, memory)
         self._strain = self._felt = Strain()
         self._jammed = self._felt.jammed
@@ -184,6 +179,14 @@ class KinematicController:
             finished=self._state.over,
             telemetry=_telemetry(tick, result, arrays.reported.copy(), share),
         )
+
+    @late
+    def follow(self, command: Command) -> None:
+        """Take what somebody else commands for the velocity of this tick. Raises `InvalidInput` for one of another size."""
+        if command.v.shape != self._arrays.wanted.shape:
+            raise InvalidInput(f"command.v has shape {command.v.shape}; give ({self.robot.n_v},)")
+        self._arrays.wanted[:], self._memory.wanted_pace = command.v, 1.0
+        self._take(self._memory)
 
     def pending(self) -> str:
         """What the current phase still waits for, with the last measured values, and which channels hold it back."""

@@ -1,0 +1,75 @@
+"""Somebody else's controller, with the mission watching."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.arguments import trusted
+from uvms_ocp.control.velocity.kinematic import KinematicController
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.state import Command, Measurement
+
+_command = trusted(Command)
+
+
+class WatchedController:
+    """A callable ``(Measurement, t) -> Command`` that asks another one, and tells what the mission makes of it.
+
+    A kinematic layer of its own measures all quantities, goes through the phases and ends the run; what it would command goes
+    nowhere. So a PID, a learned policy or the exported controller gets the record, report and figures of our own.
+    """
+
+    def __init__(
+        self,
+        *,
+        controller: Callable[[Measurement, float], Command],
+        kinematic: KinematicController,
+        n_thrusters: int | None,
+    ) -> None:
+        """n_thrusters [-]: of the plant; `None` for one that takes velocities, without thrust and torque."""
+        self.kinematic = kinematic
+        """Which watches."""
+        self._theirs, robot = controller, kinematic.robot
+        self._shapes: dict[str, tuple[int, ...]] = {"v": (robot.n_v,)}
+        if n_thrusters is not None:
+            self._shapes |= {"thrust": (n_thrusters,), "torque": (robot.n_joints,)}
+
+    def __call__(self, measurement: Measurement, t: float) -> Command:
+        """Their command for the tick at time t [s]. Raises `InvalidInput` for one that the plant cannot take."""
+        watched = self.kinematic.command(self.kinematic.observe(measurement, t))
+        begin = perf_counter()
+        command = self._theirs(measurement, t)
+        spent = perf_counter() - begin
+        self._require(command, watched)
+        self.kinematic.follow(command)
+        times = {"solve_time": 0.0, "tick_time": spent, "controller_time": spent}
+        return _command(
+            v=command.v,
+            thrust=command.thrust,
+            torque=command.torque,
+            hold=command.hold,
+            stop=command.stop,
+            brakes=command.brakes,
+            finished=watched.finished or command.finished,
+            telemetry={**watched.telemetry, **times, **command.telemetry},
+        )
+
+    def _require(self, command: Any, watched: Command) -> None:
+        if not isinstance(command, Command):
+            raise InvalidInput(f"the controller returned {type(command).__name__}; return a Command")
+        for name, shape in self._shapes.items():
+            _require_numbers(name, getattr(command, name), shape)
+        if taken := command.telemetry.keys() & watched.telemetry.keys():
+            raise InvalidInput(
+                f"telemetry of the controller has {sorted(taken)[0]!r}, which the mission tells; rename it"
+            )
+
+
+def _require_numbers(name: str, value: np.ndarray | None, shape: tuple[int, ...]) -> None:
+    if value is None or value.shape != shape or not np.isfinite(value).all():
+        given = "None" if value is None else f"of shape {value.shape}" if value.shape != shape else "not finite"
+        raise InvalidInput(f"the controller's command has {name} {given}; give {shape[0]} finite numbers")
