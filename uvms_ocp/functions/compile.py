@@ -34,12 +34,13 @@ _FLAGS = ("-O3", "-shared", "-fPIC", "-ffp-contract=off")
 # Code without loops gains nothing from more optimisation but the time that takes.
 _STRAIGHT = ("-O1", "-fstrict-aliasing", "-finline-small-functions", "-fno-semantic-interposition")
 # fmax and fmin are calls into libm, hundreds in a tick; like them these return what is a number where one of both is.
-_MATH = """#include <math.h>
+MATH = """#include <math.h>
 static inline double larger(double x, double y) { return x >= y || y != y ? x : y; }
 static inline double smaller(double x, double y) { return x <= y || y != y ? x : y; }
 #define fmax larger
 #define fmin smaller
 """
+"""Before the code of CasADi functions."""
 _VERSION_TIMEOUT = 30.0  # [s]
 _HUNG: set[str] = set()  # compilers, which are not called again
 _SAID: set[str] = set()
@@ -81,7 +82,7 @@ def compile_function(function: ca.Function) -> ca.Function:
     """``function`` in machine code with the same names and sparsities; itself where it cannot be compiled."""
     generator = ca.CodeGenerator("function.c")
     generator.add(function)
-    compiled = external_function(function.name(), _MATH + generator.dump(), _STRAIGHT)
+    compiled = external_function(function.name(), MATH + generator.dump(), _STRAIGHT)
     return function if compiled is None else compiled
 
 

@@ -43,7 +43,8 @@ def memory_of(
 def _bound(
     kernels: tuple[Callable[..., Any], ...], structures: tuple[type[ctypes.Structure], ...]
 ) -> tuple[Callable[..., Any], ...]:
-    path = compile_library(c_program(kernels, structures), name=", ".join(kernel.__name__ for kernel in kernels))
+    program, name = c_program(kernels, structures), ", ".join(kernel.__name__ for kernel in kernels)
+    path = compile_library(program.types + program.code, name=name)
     if path is None:
         return kernels
     library = loaded_library(path)

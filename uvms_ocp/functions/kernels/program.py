@@ -8,6 +8,7 @@ import inspect
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any, get_type_hints
 
 from uvms_ocp.exceptions import InvalidInput
@@ -28,8 +29,18 @@ static inline int larger_int(int x, int y) { return y > x ? y : x; }
 _PLAIN = {float: DOUBLE, int: INT, bool: INT, Vector: VECTOR, type(None): NOTHING}
 
 
-def c_program(kernels: Sequence[Callable[..., Any]], structures: Iterable[type[ctypes.Structure]]) -> str:
-    """C99 source of the `kernels`, under their names behind ``k_``, and of what they call; needs libm only.
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CProgram:
+    """C99 source in two parts, which needs libm only."""
+
+    types: str
+    """What it works on."""
+    code: str
+    """What it does, after its types."""
+
+
+def c_program(kernels: Sequence[Callable[..., Any]], structures: Iterable[type[ctypes.Structure]]) -> CProgram:
+    """The `kernels`, under their names behind ``k_``, and what they call.
 
     structures: those that their parameters are annotated with, as `structure_of` makes them. Raises `InvalidInput` for a
     function that is no kernel, with the line.
@@ -42,7 +53,8 @@ def c_program(kernels: Sequence[Callable[..., Any]], structures: Iterable[type[c
     public = {kernel.__name__ for kernel in kernels}
     heads = [f"{'' if name in public else 'static '}{head}" for name, head in program.heads.items()]
     bodies = [f"{head} {{\n{program.bodies[name]}}}\n" for name, head in zip(program.heads, heads, strict=True)]
-    return "\n".join([_HEAD, *program.declared, *(f"{head};" for head in heads), "", *bodies])
+    code = "\n".join([_HEAD, *(f"{head};" for head in heads), "", *bodies])
+    return CProgram(types="\n".join(program.declared), code=code)
 
 
 class _Program:
@@ -98,6 +110,7 @@ class _Program:
             for name, kind in scope.local.items()
             if name not in signature.parameters
         ]
+        own += [f"  (void){name};" for name in scope.local if name == "_"]  # which compilers take for forgotten
         self.bodies[kernel.__name__] = "".join(f"{line}\n" for line in own + lines)
 
     def _type(self, what: str, hint: Any) -> CType:

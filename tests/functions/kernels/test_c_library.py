@@ -1,0 +1,91 @@
+"""What is written as C does what Python does, from the same memory."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import shutil
+import subprocess
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+from sample_kernels import Memory, Motion, advance, tick
+
+from uvms_ocp.functions.kernels.c_library import c_library
+from uvms_ocp.functions.kernels.initial_value import initial_value
+from uvms_ocp.functions.kernels.layout import structure_of
+
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wno-unused-parameter")
+COMPILER = shutil.which("gcc") or shutil.which("cc")
+needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+
+
+def run_c(folder: Path, sources: dict[str, str]) -> list[float]:
+    """What the program prints, one number per line."""
+    for name, text in sources.items():
+        (folder / name).write_text(text)
+    program = folder / "program"
+    built = [COMPILER, *STRICT, "-o", program, *(folder / name for name in sources), "-lm"]
+    subprocess.run([str(part) for part in built], check=True, capture_output=True, text=True, timeout=100.0)
+    said = subprocess.run([str(program)], check=True, capture_output=True, text=True, timeout=100.0).stdout
+    return [float(line) for line in said.split()]
+
+
+def pendulum() -> ca.Function:
+    x, push = ca.SX.sym("x", 2), ca.SX.sym("push")
+    rate = ca.vertcat(x[1], push - ca.sin(x[0]))
+    return ca.Function("pendulum", [x, push], [rate, ca.densify(ca.jacobian(rate, x)), x[1] ** 2 / 2 - ca.cos(x[0])])
+
+
+@needs_compiler
+def test_a_memory_with_a_function_goes_on_in_c_where_python_left_it(tmp_path: Path) -> None:
+    memory = structure_of(Motion, dynamics=pendulum())()
+    memory.x[:] = 0.3, -0.1
+    library = c_library((advance,), memory)
+    main = f"""#include <stdio.h>
+{library.types}{library.declarations}{library.kernels}
+static const Motion INITIAL = {library.initial};
+int main(void) {{
+  Motion m = INITIAL;
+  printf("%.17g\\n", k_advance(&m, 0.2, 50));
+  printf("%.17g %.17g\\n", m.x[0], m.x[1]);
+  return 0;
+}}
+"""
+    energy, *x = run_c(tmp_path, {"functions.c": library.functions, "main.c": main})
+    assert energy == advance(memory, 0.2, 50)
+    np.testing.assert_array_equal(x, list(memory.x))
+
+
+@needs_compiler
+def test_what_a_memory_holds_is_written_to_the_last_bit(tmp_path: Path) -> None:
+    structure = structure_of(Memory, n=3)
+    memory = structure()
+    for x in (0.1, -7.0, math.pi):
+        tick(memory, x, False)
+    memory.now, memory.double[1][2], memory.double[2][0] = math.nan, -math.inf, -0.0
+    memory.out[3] = 5e-324
+    library = c_library((tick,), memory)
+    main = f"""#include <stdio.h>
+{library.types}{library.kernels}
+static const Memory INITIAL = {library.initial};
+int main(void) {{
+  const unsigned char *bytes = (const unsigned char *)&INITIAL;
+  for (size_t i = 0; i < sizeof INITIAL; i++) printf("%d\\n", bytes[i]);
+  return 0;
+}}
+"""
+    assert bytes(map(int, run_c(tmp_path, {"main.c": main}))) == bytes(memory)
+
+
+def test_a_memory_of_zeros_is_written_as_nothing() -> None:
+    assert initial_value(structure_of(Memory, n=3)()) == "{0}"
+
+
+def test_signs_of_zeros_are_kept() -> None:
+    class Plain(ctypes.Structure):
+        _fields_ = (("x", ctypes.c_double), ("y", ctypes.c_double))
+
+    assert initial_value(Plain(x=-0.0, y=0.0)) == "{.x = -0x0.0p+0}"
