@@ -45,7 +45,7 @@ def test_a_controller_whose_kernels_are_python_gives_the_same_bits(
 ) -> None:
     quick = scenario.controller()
     with monkeypatch.context() as without:
-        without.setattr("uvms_ocp.control.velocity.kinematic.bind_kernels", lambda kernels, structures: kernels)
+        without.setattr("uvms_ocp.control.velocity.kinematic.bind_to", lambda memory, kernels: kernels)
         slow = scenario.controller()
     assert slow._settle is tick_kernels.settle
     assert quick._settle is not tick_kernels.settle

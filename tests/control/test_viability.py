@@ -11,8 +11,9 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.campaign.random_limits import limit_violations, random_limits
+from uvms_ocp.control.velocity import viability
+from uvms_ocp.control.velocity.guards import Viability
 from uvms_ocp.control.velocity.stop import Stop
-from uvms_ocp.control.velocity.viability import Viability
 from uvms_ocp.model.limits import PositionLimit
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
@@ -130,6 +131,40 @@ def test_a_reach_that_nobody_knows_guards_all_the_same(unknown: float) -> None:
     kept = rule.kept(q=np.zeros(5), previous=np.zeros(5), wanted=wanted, gates=np.ones(1), quantities=np.array([upper]))
     assert kept.near
     assert max(q[1] for q, _ in rule.stop.path(np.zeros(5), kept.v)) <= upper
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_what_a_limit_raises_is_raised_by_the_rule(compiled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(q: np.ndarray, rows: np.ndarray | None) -> np.ndarray:
+        raise ValueError("no such place")
+
+    if not compiled:
+        monkeypatch.setattr("uvms_ocp.control.velocity.guards.bind_to", lambda memory, kernels: kernels)
+    planar, limit = load_robot("planar5"), PositionLimit(quantity="room", lower=0.0, values=refuse, reach=np.ones(5))
+    task = SimpleNamespace(name="y", position_limit=lambda robot: limit)
+    rule = Viability(robot=planar, tasks=(task,), quantity_names=("y.room",), dt=DT)
+    given = {"q": np.zeros(5), "previous": np.zeros(5), "wanted": np.ones(5), "gates": np.ones(1)}
+    assert rule.kept(**given, quantities=np.full(1, 1e3)).v.any()
+    for _ in range(2):
+        with pytest.raises(ValueError, match="no such place"):
+            rule.kept(**given, quantities=np.zeros(1))
+
+
+def test_the_rule_without_compiler_gives_the_same_bits(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    quick = Guarded(robot)
+    with monkeypatch.context() as without:
+        without.setattr("uvms_ocp.control.velocity.guards.bind_to", lambda memory, kernels: kernels)
+        slow = Guarded(robot)
+    assert slow.rule._keep is viability.keep
+    assert quick.rule._keep is not viability.keep
+    rng, q, slowed = np.random.default_rng(0), robot.configuration(position=(-0.3, 0.0, 0.0)), 0
+    for _ in range(40):
+        wanted = rng.uniform(-1.0, 1.0, robot.n_v) * robot.limits.velocity
+        previous = wanted - rng.uniform(-1.0, 1.0, robot.n_v) * robot.limits.acceleration * DT
+        first, second = (guarded.kept(q, previous, wanted, (1.0, 1.0)) for guarded in (quick, slow))
+        np.testing.assert_array_equal(first, second)
+        slowed += bool((first != wanted).any())
+    assert 0 < slowed < 40
 
 
 def test_a_limit_that_is_off_or_far_away_changes_nothing(robot: Robot) -> None:

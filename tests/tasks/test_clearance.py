@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import coal
 import numpy as np
 import pinocchio as pin
@@ -10,6 +11,7 @@ from task_values import evaluate, random_configuration
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.kinematics import Kinematics
+from uvms_ocp.model.limits import PositionLimit
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.collision_model import CollisionModel, self_pairs
@@ -110,6 +112,12 @@ def test_no_gradient_exceeds_the_reach_of_its_axis(robot: Robot) -> None:
             assert (np.abs(pairs.distances(q).gradient) <= pairs.reach + 1e-9).all()
 
 
+def positions(limit: PositionLimit, q: np.ndarray) -> np.ndarray:
+    """All of them [m]."""
+    is_smooth = isinstance(limit.values, ca.Function)
+    return np.array(limit.values(q)).ravel() if is_smooth else limit.values(q, None)
+
+
 @pytest.mark.parametrize("task", ["CL", "MAC"])
 def test_a_position_limit_reads_the_quantity_of_its_task(robot: Robot, task: str) -> None:
     model = CollisionModel(robot, [ball(1.5, 0.0, -0.5)], self_collision=False)
@@ -124,11 +132,12 @@ def test_a_position_limit_reads_the_quantity_of_its_task(robot: Robot, task: str
         evaluate(robot, given, q, altimeter_range=(h + 9.0) / c)[limit.quantity].item()
         for q, h, c in zip(places, heights, beams, strict=True)
     ]
-    values = np.array([limit.values(q, None).min() for q in places])
+    values = np.array([positions(limit, q).min() for q in places])
     offset = measured - values
     np.testing.assert_allclose(offset, 9.0 if limit.relative else 0.0, atol=1e-6)
+    assert [positions(limit, q).size for q in places] == [limit.n] * 5
     # What the limit says of a small motion is within its reach.
     for q in places:
         v = rng.normal(size=robot.n_v)
-        moved = limit.values(pin.integrate(robot.model, q, 1e-3 * v), None) - limit.values(q, None)
+        moved = positions(limit, pin.integrate(robot.model, q, 1e-3 * v)) - positions(limit, q)
         assert (np.abs(moved) <= 1e-3 * limit.reach @ np.abs(v) * 1.01 + 1e-9).all()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 
@@ -66,8 +67,10 @@ class PositionLimit:
     """Name of the smallest of the positions, as measured."""
     lower: float
     """[m] the bound."""
-    values: Callable[[np.ndarray, np.ndarray | None], np.ndarray]
-    """Function of q (n_q,) [m, rad] and of which positions, None for all: the positions (m,) [m]."""
+    values: ca.Function | Callable[[np.ndarray, np.ndarray | None], np.ndarray]
+    """Function of q (n_q,) [m, rad]: the positions (m,) [m]. One that is not CasADi's is told which of them, None for all."""
+    n: int = 1
+    """[-] m"""
     relative: bool = False
     """The measured quantity is the truth at the present q; `values` tell how it changes from there."""
     reach: np.ndarray

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
 import casadi as ca
-import numpy as np
 
 from uvms_ocp.arguments import Finite, checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.axis_reach import point_reach
-from uvms_ocp.model.kinematics import AltimeterBeam
 from uvms_ocp.model.limits import PositionLimit
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.symbolic.tree import SymbolicModel
 from uvms_ocp.tasks.activation import Bell
 from uvms_ocp.tasks.limits import approach_speed, row_acceleration, saturate
 from uvms_ocp.tasks.task import (
@@ -51,15 +49,11 @@ def altimeter_of(task: str, symbols: TickSymbols, frame: str | None) -> str:
     return found
 
 
-def height_of(robot: Robot, frame: str) -> Callable[[np.ndarray, np.ndarray | None], np.ndarray]:
-    """Values of a `PositionLimit`: z [m] of a frame's origin in W."""
-    beam = AltimeterBeam(robot, frame)
-
-    def height(q: np.ndarray, rows: np.ndarray | None) -> np.ndarray:
-        value = beam.at(q).origin[2:]
-        return value if rows is None else value[rows]
-
-    return height
+def height_of(robot: Robot, frame: str) -> ca.Function:
+    """Values of a `PositionLimit`: z [m] of a frame's origin in W. Raises `FrameNotFound`."""
+    q = ca.SX.sym("q", robot.n_q)
+    _, p_WS = SymbolicModel(robot.model).forward_kinematics(q).pose(frame)
+    return ca.Function("height", [q], [ca.densify(p_WS[2])])
 
 
 @checked

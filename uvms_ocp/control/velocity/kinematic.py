@@ -9,7 +9,6 @@ from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
-import pinocchio as pin
 
 from uvms_ocp.arguments import Period, checked, late, trusted
 from uvms_ocp.control.navigation.degraded import (
@@ -24,15 +23,15 @@ from uvms_ocp.control.navigation.degraded import (
 from uvms_ocp.control.navigation.last_known import LastEcho, LastSound
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.control.velocity.distress import Distress, Strain, Why, climb_goal
+from uvms_ocp.control.velocity.guards import Guarding, guards_of
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.parameters import MissionParameters, mission_parameters
 from uvms_ocp.control.velocity.stop import StopAhead
 from uvms_ocp.control.velocity.tick_kernels import is_unknown, observe, settle, take
 from uvms_ocp.control.velocity.tick_memory import altimeter_of, arrays_of, inputs_of, tick_memory
 from uvms_ocp.control.velocity.tick_state import TickState
-from uvms_ocp.control.velocity.viability import Viability
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions.kernels.binding import bind_kernels
+from uvms_ocp.functions.kernels.binding import bind_to
 from uvms_ocp.mission.mission import Mission, went_on
 from uvms_ocp.mission.phase import Event, MissionState
 from uvms_ocp.mission.progress import write_state
@@ -83,21 +82,20 @@ class KinematicController:
         """Where the mission was at each event, just before."""
         self.watchdog = watchdog or Watchdog()
         names, tasks = self.problem.quantity_names, mission.hierarchy.tasks
-        self._memory = memory = tick_memory(robot, mission, self.problem, self.watchdog)
+        guards = guards_of(robot, tasks, names)
+        self._memory = memory = tick_memory(robot, mission, self.problem, self.watchdog, guards, dt)
         self._arrays = arrays_of(memory, n_tasks=mission.n_tasks, n_quantities=len(names))
         tick = solver.bind(self.problem.function, self.problem.sizes)
         inputs = inputs_of(self._arrays, self._parameters.values)
         self._solve = tick.adopt(*inputs) if isinstance(tick, SharedTick) else partial(tick, *inputs)
-        self._observe, self._settle, self._take = bind_kernels((observe, settle, take), (type(memory),))
-        self._viability = Viability(robot=robot, tasks=tasks, quantity_names=names, dt=dt, memory=memory.rule)
+        self._observe, self._settle, self._take = bind_to(memory, (observe, settle, take))
+        self._guarding = Guarding(robot, guards, dt, memory.rule)
         self._sound = LastSound(robot)
         self._echo = LastEcho(robot, altimeter_of(robot, tasks), memory.beam, self._arrays.q)
         self._distress = Distress(mission, names, memory)
         self._strain = self._felt = Strain()
         self._jammed = self._felt.jammed
         self._restriction = FREE
-        self._q = robot.configuration()
-        """Configuration as far as it is known: measured, or along the stop since."""
         self._state = mission.start()
         self._go_on(self._state)
 
@@ -168,7 +166,7 @@ class KinematicController:
         if self._strain is not self._felt:
             self._feel()
         self._settle(memory)
-        share = self._moved(q)
+        self._guarding.answer.check()
         if memory.eventful:
             self._advance(tick)
         return _command(
@@ -177,15 +175,15 @@ class KinematicController:
             stop=tick.stopped,
             brakes=tick.restriction.joints_held,
             finished=self._state.over,
-            telemetry=_telemetry(tick, result, arrays.reported.copy(), share),
+            telemetry=_telemetry(tick, result, arrays.reported.copy(), memory.share),
         )
 
     @late
     def follow(self, command: Command) -> None:
         """Take what somebody else commands for the velocity of this tick. Raises `InvalidInput` for one of another size."""
-        if command.v.shape != self._arrays.wanted.shape:
+        if command.v.shape != self._arrays.command.shape:
             raise InvalidInput(f"command.v has shape {command.v.shape}; give ({self.robot.n_v},)")
-        self._arrays.wanted[:], self._memory.wanted_pace = command.v, 1.0
+        self._memory.wanted[:], self._memory.wanted_pace = command.v.tolist(), 1.0
         self._take(self._memory)
 
     def pending(self) -> str:
@@ -233,32 +231,7 @@ class KinematicController:
     def _stop_ahead(self, q: np.ndarray) -> StopAhead | None:
         """Where distances are measured on the way to rest."""
         asked = self._parameters.measures and self._memory.near
-        return self._viability.stop.ahead(q, self._arrays.command.copy()) if asked else None
-
-    def _moved(self, q: np.ndarray) -> float:
-        """Take the velocity for the tick, and tell the share [-] of it that the hierarchy wanted."""
-        memory, arrays = self._memory, self._arrays
-        if memory.holds:
-            self._stop()
-            return 0.0
-        self._q = q
-        if not memory.near:
-            return 1.0
-        wanted, previous = arrays.wanted.copy(), arrays.command.copy()
-        kept = self._viability.kept(
-            q=q, wanted=wanted, previous=previous, gates=arrays.gates, quantities=arrays.quantities
-        )
-        arrays.wanted[:] = kept.v
-        self._take(memory)
-        return kept.share
-
-    def _stop(self) -> None:
-        """Along the stop that the last tick with a measurement has found clear."""
-        v = self._arrays.command.copy()
-        self._q = pin.integrate(self.robot.model, self._q, v * self.dt)
-        slower = self._viability.stop.slower(self._q, v)
-        self._arrays.change[:] = (slower - v) / self._memory.pace
-        self._arrays.command[:] = slower
+        return self._guarding.stop.ahead(q, self._arrays.command.copy()) if asked else None
 
     def _advance(self, tick: TickState) -> None:
         """Go on with the mission, or give it up, as the kernels have found."""

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Annotated, Any
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.functions.buffered import BufferedFunction
-from uvms_ocp.functions.kernels.binding import memory_of
-from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, structure_of, view
+from uvms_ocp.functions.kernels.binding import bind_to
+from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, doubles, structure_of, view
 from uvms_ocp.functions.kernels.smooth import Smooth
 from uvms_ocp.model.limits import bounded_joints
 from uvms_ocp.model.robot import Robot
@@ -34,6 +34,8 @@ class WayToRest(Layout):
 
     step: Smooth
     """q, v and the time to rest from it [s], to q one tick on and v then."""
+    slower: Smooth
+    """q, v and the same time, to v one tick nearer to rest at q itself."""
     acceleration: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s2, rad/s2] finite."""
     dt: float
@@ -66,8 +68,17 @@ def time_to_rest(acceleration: Vector, v: Vector, n: int) -> float:
     return time
 
 
-def set_out(m: WayToRest) -> None:
-    """Begin at the q and v that the memory holds. A kernel."""
+def slow_down(m: WayToRest, q: Vector, v: Vector, slower: Vector) -> None:
+    """v [m/s, rad/s] one tick nearer to rest, at q [m, rad]. A kernel."""
+    m.slower(q, v, time_to_rest(m.acceleration, v, len(m.v)), slower)
+
+
+def set_out(m: WayToRest, q: Vector, v: Vector) -> None:
+    """Begin at q [m, rad] with v [m/s, rad/s]. A kernel."""
+    for i in range(len(m.q)):
+        m.q[i] = q[i]
+    for i in range(len(m.v)):
+        m.v[i] = v[i]
     m.time = time_to_rest(m.acceleration, m.v, len(m.v))
     m.done = False
 
@@ -112,22 +123,25 @@ class StopAhead:
     """k of (n_q,) [m, rad]."""
 
 
+def stop_sizes(robot: Robot, dt: float) -> dict[str, Any]:
+    """Of a `WayToRest` at control period dt [s], but for `n_limits`."""
+    step, slower = _functions(robot, dt)
+    return {"n_q": robot.n_q, "n_v": robot.n_v, "step": step, "slower": slower}
+
+
 class Stop:
     """The velocity of the next tick on the way to rest as a function of this one's. Not for use from two threads at once."""
 
-    def __init__(self, robot: Robot, dt: float, n_limits: int = 1) -> None:
-        """dt [s] is the control period; n_limits [-]: those that a way is looked at for, at most."""
+    def __init__(self, robot: Robot, dt: float, memory: Any = None) -> None:
+        """dt [s] is the control period; memory: a `WayToRest` of the caller's, which is set up."""
         self._model, self._dt = robot.model, dt
+        if memory is None:
+            memory = structure_of(WayToRest, n_limits=1, **stop_sizes(robot, dt))()
+        self._slow_down, self._set_out, self._step_on = bind_to(memory, (slow_down, set_out, step_on))
+        self.way: Any = memory
+        """The `WayToRest`."""
         self.acceleration = np.minimum(robot.limits.acceleration, ENDLESS)
         """(n_v,) [m/s2, rad/s2] finite."""
-        step, slower = _functions(robot, self.acceleration, dt)
-        self._slower = BufferedFunction(slower)
-        sizes: dict[str, Any] = {"n_q": robot.n_q, "n_v": robot.n_v, "n_limits": n_limits, "step": step}
-        memory, kernels = memory_of(structure_of(WayToRest, **sizes), (set_out, step_on, go_on))
-        self.way: Any = memory
-        """A `WayToRest`."""
-        self._set_out, self._step_on, self._go_on = kernels
-        self._q, self._v, self._velocity = (view(array) for array in (memory.q, memory.v, memory.velocity))
         memory.dt = dt
         view(memory.acceleration)[:] = self.acceleration
 
@@ -136,26 +150,19 @@ class Stop:
 
         Joints brake harder where their position limit, not far from q (n_q,) [m, rad], asks for it.
         """
-        return self._slower(q, v, self._time(v))[0]
+        found = doubles(np.zeros(len(v)))
+        self._slow_down(self.way, doubles(q), doubles(v), found)
+        return np.array(found)
 
     def path(self, q: np.ndarray, v: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Configuration at the end of every tick and velocity during it, until rest.
 
         From q (n_q,) [m, rad] with v (n_v,) [m/s, rad/s].
         """
-        self.begin(q, v)
+        self._set_out(self.way, doubles(q), doubles(v))
         while not self.way.done:
             self._step_on(self.way)
-            yield self._q.copy(), self._velocity.copy()
-
-    def begin(self, q: np.ndarray, v: np.ndarray) -> None:
-        """A way from q (n_q,) [m, rad] with v (n_v,) [m/s, rad/s], with the limits and rooms that `way` holds."""
-        self._q[:], self._v[:] = q, v
-        self._set_out(self.way)
-
-    def until_near(self) -> tuple[int, np.ndarray]:
-        """Go on until some room in `way` is used up: of which limit, and where (n_q,) [m, rad]; `NONE` where it rests before."""
-        return self._go_on(self.way), self._q
+            yield np.array(self.way.q), np.array(self.way.velocity)
 
     def ahead(self, q: np.ndarray, v: np.ndarray) -> StopAhead | None:
         """The proportional stop alone, from q (n_q,) [m, rad] in one motion along v (n_v,) [m/s, rad/s]; None at rest."""
@@ -171,8 +178,10 @@ class Stop:
         return time_to_rest(self.acceleration.tolist(), v.tolist(), len(v))
 
 
-def _functions(robot: Robot, acceleration: np.ndarray, dt: float) -> tuple[ca.Function, ca.Function]:
+@lru_cache(maxsize=8)
+def _functions(robot: Robot, dt: float) -> tuple[ca.Function, ca.Function]:
     """q, v, time to rest -> q one tick on, v then; and v alone, at q."""
+    acceleration = np.minimum(robot.limits.acceleration, ENDLESS)
     q, v, time = ca.SX.sym("q", robot.n_q), ca.SX.sym("v", robot.n_v), ca.SX.sym("time")
     symbolic = SymbolicModel(robot.model)
     moved = ca.densify(symbolic.integrate(q, v * dt))

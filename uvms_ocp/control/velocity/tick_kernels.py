@@ -1,7 +1,6 @@
 """One tick of the kinematic layer but for the hierarchy: what is known, as `observe` finds it, and what comes of it, `settle`.
 
-Between the two the hierarchy is solved; after `settle`, Python looks along the stop where `near` says so, and `take` takes
-the velocity that is left.
+Between the two the hierarchy is solved.
 """
 
 from __future__ import annotations
@@ -14,7 +13,8 @@ from uvms_ocp.control.navigation.last_known import EchoMemory, echo_range
 from uvms_ocp.control.navigation.watchdog import Freshness, verdict_on
 from uvms_ocp.control.velocity.distress import DistressMemory, Why, distress_of
 from uvms_ocp.control.velocity.restraint import RestraintMemory, restrain
-from uvms_ocp.control.velocity.viability import RuleMemory, comes_near
+from uvms_ocp.control.velocity.stop import set_out, step_on
+from uvms_ocp.control.velocity.viability import RuleMemory, comes_near, keep
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector
 from uvms_ocp.mission.progress import NONE, MissionMemory, gates_at, transition_due
 from uvms_ocp.model.health import Trust
@@ -119,8 +119,12 @@ class TickMemory(Layout):
     """[-] in (0, 1], that it is at of what the hierarchy has."""
     near: bool
     """A stop from it could come to a limit on positions."""
+    share: float
+    """[-] of it that the limits on positions leave; 0 where the robot comes to rest."""
 
     # the motion of the last tick
+    place: Annotated[Vector, Sized("n_q")]
+    """(n_q,) [m, rad] as far as it is known: measured, or along the stop since."""
     command: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] the last velocity that was taken."""
     pace: float
@@ -169,7 +173,9 @@ def observe(m: TickMemory) -> None:
 def settle(m: TickMemory) -> None:
     """What the tick comes to, after the hierarchy is solved: what is told, the velocity, and where the mission goes."""
     _report(m)
-    if not m.holds:
+    if m.holds:
+        _come_to_rest(m)
+    else:
         _choose(m)
     m.why = Why.NOTHING
     m.due = NONE
@@ -222,8 +228,31 @@ def _report(m: TickMemory) -> None:
             m.last_told[i] = m.told[i]
 
 
+def _come_to_rest(m: TickMemory) -> None:
+    """Along the stop that the last tick with a measurement has found clear."""
+    way = m.rule.stop
+    set_out(way, m.place, m.command)
+    step_on(way)
+    for i in range(len(m.place)):
+        m.place[i] = way.q[i]
+    for i in range(len(m.command)):
+        m.change[i] = (way.v[i] - m.command[i]) / m.pace
+        m.command[i] = way.v[i]
+    m.share = 0.0
+
+
 def _choose(m: TickMemory) -> None:
-    """The velocity that is wanted, and taken unless its stop comes near a limit."""
+    """The velocity that is wanted, as far as the limits on positions let it be taken."""
+    for i in range(len(m.place)):
+        m.place[i] = m.q[i]
+    _want(m)
+    m.near = comes_near(m.rule, m.wanted, m.gates, m.quantities)
+    m.share = keep(m.rule, m.q, m.command, m.wanted, m.gates, m.quantities) if m.near else 1.0
+    take(m)
+
+
+def _want(m: TickMemory) -> None:
+    """The velocity that the tasks ask for, within what the limits of each axis and the restrictions leave."""
     m.wanted_pace = m.pace
     if m.usable:
         _shorten(m)
@@ -235,9 +264,6 @@ def _choose(m: TickMemory) -> None:
         # From rest at every tick: the hierarchy counts on no more than one tick's acceleration of such a joint.
         if m.jammed[i] != 0:
             m.wanted[i] = 0.0
-    m.near = comes_near(m.rule, m.wanted, m.gates, m.quantities)
-    if not m.near:
-        take(m)
 
 
 def _shorten(m: TickMemory) -> None:

@@ -11,9 +11,9 @@ import numpy as np
 
 from uvms_ocp.control.navigation.degraded import ALTIMETER, CHANNELS, write_modes
 from uvms_ocp.control.navigation.watchdog import Watchdog
+from uvms_ocp.control.velocity.guards import Guard, rule_sizes
 from uvms_ocp.control.velocity.levels import LevelsProblem
 from uvms_ocp.control.velocity.tick_kernels import TickMemory
-from uvms_ocp.control.velocity.viability import guards_of
 from uvms_ocp.functions.kernels.layout import structure_of, view
 from uvms_ocp.mission.mission import Mission, write_mission
 from uvms_ocp.mission.progress import sizes_of
@@ -47,28 +47,30 @@ class TickArrays:
     """(n_quantities,) [their units]"""
     last_told: np.ndarray
     """(n_quantities,) [their units]"""
-    wanted: np.ndarray
-    """(n_v,) [m/s, rad/s]"""
     command: np.ndarray
     """(n_v,) [m/s, rad/s]"""
 
 
-def tick_memory(robot: Robot, mission: Mission, problem: LevelsProblem, watchdog: Watchdog) -> Any:
-    """A `TickMemory` at rest, before the first measurement; what tells of distress, echoes and limits is not in it yet."""
+def tick_memory(
+    robot: Robot, mission: Mission, problem: LevelsProblem, watchdog: Watchdog, guards: Sequence[Guard], dt: float
+) -> Any:
+    """A `TickMemory` at rest, before the first measurement; what tells of distress, echoes and limits is not in it yet.
+
+    guards: the limits on positions; dt [s]: control period.
+    """
     tasks, names = mission.hierarchy.tasks, problem.quantity_names
     memory = structure_of(
         TickMemory,
-        n_q=robot.n_q,
-        n_v=robot.n_v,
         n_tasks=len(tasks),
         n_quantities=len(names),
         n_channels=len(problem.rests_on),
-        n_guards=len(guards_of(robot, tasks, names)),
+        **rule_sizes(robot, guards, dt),
         **sizes_of(mission.all_phases),
     )()
     write_mission(memory.mission, mission, names)
     memory.hold_after, memory.stop_after = watchdog.hold_after, watchdog.stop_after
     memory.pace, memory.near = 1.0, True
+    view(memory.place)[:] = robot.configuration()
     write_modes(memory.restriction)
     view(memory.last_told)[:] = math.nan
     view(memory.velocity_limit)[:] = robot.limits.velocity

@@ -36,7 +36,14 @@ def memory_of(
     Where one of its functions cannot be compiled the kernels stay in Python.
     """
     memory = structure()
-    return memory, bind_kernels(kernels, (structure,), compiled=compiled and connect(memory))
+    return memory, bind_to(memory, kernels, compiled=compiled)
+
+
+def bind_to(
+    memory: ctypes.Structure, kernels: Sequence[Callable[..., Any]], *, compiled: bool = True
+) -> tuple[Callable[..., Any], ...]:
+    """The `kernels` for a memory, as `memory_of` gives them, once its functions are at their places."""
+    return bind_kernels(kernels, (type(memory),), compiled=compiled and connect(memory))
 
 
 @lru_cache(maxsize=64)

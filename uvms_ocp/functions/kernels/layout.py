@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions.kernels.ask import Ask, AskStructure
 from uvms_ocp.functions.kernels.smooth import Smooth, smooth_structure
 
 Vector: TypeAlias = MutableSequence[float]
@@ -29,7 +30,7 @@ class Sized:
 
 
 class Layout:
-    """Base of classes that only declare: fields of ``float``, ``int``, ``bool``, sized arrays of them, other layouts, `Smooth`.
+    """Base of classes that only declare: ``float``, ``int``, ``bool``, sized arrays of them, other layouts, `Smooth`, `Ask`.
 
     ``structure_of(Class, n_joints=4)`` is the type whose instances kernels work on; all of it is zero at first.
     """
@@ -60,6 +61,8 @@ def _field(name: str, hint: Any, sizes: Mapping[str, Any]) -> Any:
         return _NUMBERS[hint]
     if isinstance(hint, type) and issubclass(hint, Layout):
         return structure_of(hint, **sizes)
+    if hint is Ask:
+        return AskStructure
     if hint is Smooth:
         return smooth_structure(_known(name, name.rpartition(".")[2], sizes))
     item = _item(hint)
@@ -93,6 +96,11 @@ def _item(hint: Any) -> Any:
 def zeros(n: int) -> list[float]:
     """A local array of a kernel: n numbers [-], which is a constant, or the `len` of an array in a layout."""
     return [0.0] * n
+
+
+def doubles(values: np.ndarray) -> Any:
+    """The values (n,) [any] as a vector of a kernel's, on memory of their own."""
+    return (ctypes.c_double * len(values))(*values.tolist())
 
 
 def view(array: Any) -> np.ndarray:

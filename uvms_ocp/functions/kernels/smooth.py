@@ -69,7 +69,7 @@ def connect(memory: ctypes.Structure) -> bool:
     done = True
     for name, kind in type(memory)._fields_:  # type: ignore[misc]
         part = getattr(memory, name)
-        if isinstance(part, SmoothStructure):
+        if isinstance(part, SmoothStructure) and part.function.n_out():
             part.call = compiled_symbol(part.function)
             done &= part.call is not None
         elif issubclass(kind, ctypes.Structure):
