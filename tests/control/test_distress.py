@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from broken_sensors import BrokenSensors
 
 from uvms_ocp.control.navigation.pass_through import PassThrough
-from uvms_ocp.control.velocity.distress import Distress, Strain, climb_goal
+from uvms_ocp.control.velocity.climb import ClimbMemory, aim, climb_goal, climb_sizes
+from uvms_ocp.control.velocity.distress import Distress, Strain
+from uvms_ocp.functions.kernels.layout import doubles, structure_of
 from uvms_ocp.mission.abort import Abort
 from uvms_ocp.model.state import Command, Measurement, Readings
 from uvms_ocp.record import Record
@@ -71,13 +74,15 @@ def test_a_mission_that_comes_nearer_or_waits_for_nothing_is_not_stalled(
 
 @pytest.mark.parametrize("beyond", [1e-3, 30.0])
 def test_a_robot_that_takes_its_joints_for_beyond_their_limits_still_climbs(still: Scenario, beyond: float) -> None:
-    q = still.start.copy()
+    yaw = 2.5
+    q = still.robot.configuration(position=(1.0, 2.0, -9.0), rpy=(0.3, -0.4, yaw)).copy()
     q[still.robot.joint_q] = still.robot.limits.position_upper + beyond
-    tick = still.kinematic_controller().observe(Measurement(q=q, v=np.zeros(still.robot.n_v), altimeter_range=3.0), 0.0)
-    goal = climb_goal(still.mission, tick, robot=still.robot, floor=np.nan)
-    assert goal is not None
-    assert still.mission.abort is not None
-    np.testing.assert_allclose(goal.translation - q[:3], [0.0, 0.0, still.mission.abort.altitude])
+    memory = structure_of(ClimbMemory, **climb_sizes(still.robot, still.mission))(altitude=2.5)
+    for floor, rise in ((np.nan, 2.5), (q[2] - 1.0, 1.5), (q[2] - 3.0, 0.0)):
+        aim(memory, doubles(q), floor)
+        goal = climb_goal(memory)
+        np.testing.assert_allclose(goal.translation - q[:3], [0.0, 0.0, rise], atol=1e-12)
+        np.testing.assert_allclose(goal.rotation, pin.rpy.rpyToMatrix(0.0, 0.0, yaw), atol=1e-12)
 
 
 def test_pushing_counts_only_while_a_minimum_altitude_is_asked_for(still: Scenario) -> None:

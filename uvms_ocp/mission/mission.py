@@ -10,18 +10,20 @@ from typing import Annotated, Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import Shape, changed, checked, late, unchecked
+from uvms_ocp.arguments import Shape, checked, late, unchecked
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.functions.kernels.layout import structure_of, view
 from uvms_ocp.mission.abort import Abort
-from uvms_ocp.mission.conditions import ABORT, DONE, Transition, measured
+from uvms_ocp.mission.conditions import ABORT, DONE, measured
 from uvms_ocp.mission.diagram import closure, mermaid, successors, text_table
+from uvms_ocp.mission.outcome import gave_up, went_on
 from uvms_ocp.mission.phase import Event, GoalFunctions, MissionState, Phase
 from uvms_ocp.mission.progress import (
     NONE,
     MissionMemory,
+    follow,
     gates_at,
-    held_since,
+    give_up,
     quantities_read,
     sizes_of,
     transition_due,
@@ -101,7 +103,8 @@ class Mission:
 
     def start(self) -> MissionState:
         """The state at t = 0: every gate rises from zero."""
-        return self._enter(0, 0.0, np.zeros(len(self.hierarchy.tasks)))
+        waiting = (None,) * len(self.all_phases[0].transitions)
+        return MissionState(phase=0, since=0.0, gates_before=np.zeros(self.n_tasks), held_since=waiting)
 
     @late
     def gates(self, state: MissionState, t: float) -> np.ndarray:
@@ -140,7 +143,9 @@ class Mission:
         read = {c.quantity: measured(c.quantity, quantities) for tr in phase.transitions for c in tr.when}
         memory = self._memory(state)
         due = transition_due(memory, t, [read.get(name, math.nan) for name in names])
-        return went_on(self, state, memory, due, t, quantities)
+        if due != NONE:
+            follow(memory, t, due)
+        return went_on(self.all_phases, state, memory, due, t, quantities)
 
     def _memory(self, state: MissionState) -> Any:
         """Of a state, asked with the quantities that conditions read."""
@@ -158,15 +163,17 @@ class Mission:
         climb_to: the goal of the task that climbs in the abort phase, which begins. Without, without such a phase, or already
         in it, the mission ends.
         """
-        source = self.all_phases[state.phase].name
-        if self.abort is None or climb_to is None or state.why:
-            event = Event(t=t, source=source, target=ABORT, reason=why, conditions=())
-            return changed(state, aborted=state.why or why), event
-        index, phase, climb = len(self.phases), self.abort.phase, self.abort.climb
-        tasks = [task.with_goal(climb_to) if task.name == climb else task for task in self._tasks[index]]
-        entered = self._enter(index, t, self.gates(state, t), state.fired)
-        event = Event(t=t, source=source, target=phase.name, reason=why, conditions=())
-        return changed(entered, why=why, goals=_references(phase, tasks)), event
+        memory = self._memory(state)
+        give_up(memory, t, climb_to is not None)
+        return gave_up(self.all_phases, state, memory, t, why, self.climb_goals(climb_to))
+
+    def climb_goals(self, climb_to: pin.SE3 | None) -> GoalFunctions:
+        """Of all tasks in the abort phase, which climbs to a pose; none without such a phase or pose."""
+        if self.abort is None or climb_to is None:
+            return ()
+        climb = self.abort.climb
+        tasks = [task.with_goal(climb_to) if task.name == climb else task for task in self._tasks[-1]]
+        return _references(self.abort.phase, tasks)
 
     def pending(self, state: MissionState, quantities: Mapping[str, float]) -> str:
         """What the phase still waits for, with the quantities [in their units], or why the mission was given up."""
@@ -201,30 +208,6 @@ class Mission:
         """The phases and transitions as a state diagram in Mermaid's notation."""
         return mermaid(self.phases, None if self.abort is None else self.abort.phase)
 
-    def _follow(
-        self, state: MissionState, index: int, t: float, quantities: Mapping[str, float]
-    ) -> tuple[MissionState, Event]:
-        """Take the transition `index` of the current phase, or give up where it has no retries left."""
-        phase = self.all_phases[state.phase]
-        transition, n_fired = phase.transitions[index], state.fired.get((state.phase, index), 0)
-        reason, target = _reason(transition, quantities), transition.to
-        if transition.retries is not None and n_fired >= transition.retries:
-            reason, target = f"{n_fired} retries are used up: {reason}", ABORT
-        values = tuple((condition, quantities[condition.quantity]) for condition in transition.when)
-        event = Event(t=t, source=phase.name, target=target, reason=reason, conditions=values)
-        if target == DONE:
-            return changed(state, completed=True), event
-        if target == ABORT:
-            return changed(state, aborted=state.why or reason), event
-        fired = {**state.fired, (state.phase, index): n_fired + 1}
-        return self._enter(self.phase_names.index(target), t, self.gates(state, t), fired), event
-
-    def _enter(
-        self, phase: int, t: float, gates: np.ndarray, fired: Mapping[tuple[int, int], int] | None = None
-    ) -> MissionState:
-        waiting = (None,) * len(self.all_phases[phase].transitions)
-        return MissionState(phase=phase, since=t, gates_before=gates, held_since=waiting, fired=fired or {})
-
     def _gates_of(self, phase: Phase) -> np.ndarray:
         gates = np.zeros(len(self.hierarchy.tasks))
         for name, gate in phase.gates.items():
@@ -251,18 +234,10 @@ class Mission:
                     raise NameNotFound("phase", transition.to, (*names, DONE))
 
 
-def went_on(
-    mission: Mission, state: MissionState, memory: Any, due: int, t: float, quantities: Mapping[str, float]
-) -> tuple[MissionState, Event | None]:
-    """What `Mission.step` returns after `transition_due` has found `due` with the quantities [in their units] at t [s]."""
-    if due != NONE:
-        return mission._follow(state, due, t, quantities)
-    return changed(state, held_since=held_since(memory)) if memory.changed else state, None
-
-
 def write_mission(memory: Any, mission: Mission, names: Sequence[str]) -> None:
     """A mission into a `MissionMemory`; names: of the vector of quantities that it is asked with."""
     memory.ramp = mission.ramp
+    memory.abort_phase = NONE if mission.abort is None else len(mission.phases)
     view(memory.targets)[:, : mission.n_tasks] = mission._targets
     write_conditions(memory, mission.all_phases, names)
 
@@ -282,8 +257,3 @@ def is_still(reference: Callable[[float], np.ndarray]) -> bool:
     """Whether a function of `GoalFunctions` never changes, as `Task.still` says."""
     task = getattr(reference, "__self__", None)
     return isinstance(task, Task) and task.still
-
-
-def _reason(transition: Transition, quantities: Mapping[str, float]) -> str:
-    held = f" for {transition.hold:g} s" if transition.hold else ""
-    return transition.describe(quantities) + held

@@ -1,4 +1,4 @@
-"""Where a mission is and what ends its phases, as numbers: what `Mission` asks at every tick, as kernels.
+"""Where a mission is, what ends its phases and where that leads, as numbers: what `Mission` asks at every tick, as kernels.
 
 Transitions are those of all phases one after the other, conditions those of all transitions.
 """
@@ -7,15 +7,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from enum import IntEnum
 from typing import Annotated, Any
 
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, view
-from uvms_ocp.mission.conditions import Below, Condition, is_met
+from uvms_ocp.mission.conditions import ABORT, DONE, Below, Condition, Transition, is_met
 from uvms_ocp.mission.phase import MissionState, Phase
 
 _SAME_TIME = 1e-9  # [s] rounding of times
 NONE = -1
-"""Instead of the index of a transition."""
+"""Instead of the index of a transition or phase."""
+
+
+class End(IntEnum):
+    """Where a transition leads to, if to no phase."""
+
+    DONE = -1
+    ABORT = -2
 
 
 class MissionMemory(Layout):
@@ -35,6 +43,10 @@ class MissionMemory(Layout):
     """(n_transitions,) the one after its last."""
     hold: Annotated[Vector, Sized("n_transitions")]
     """(n_transitions,) [s] as that of `Transition`."""
+    to: Annotated[list[int], Sized("n_transitions")]
+    """(n_transitions,) the phase that each leads to, or an `End`."""
+    retries: Annotated[list[int], Sized("n_transitions")]
+    """(n_transitions,) [-] as those of `Transition`; below 0: as often as it likes."""
     quantity: Annotated[list[int], Sized("n_conditions")]
     """(n_conditions,) index of what each is about."""
     below: Annotated[list[int], Sized("n_conditions")]
@@ -43,6 +55,8 @@ class MissionMemory(Layout):
     """(n_conditions,) [unit of the quantity]"""
     release: Annotated[Vector, Sized("n_conditions")]
     """(n_conditions,) [unit of the quantity] its limit while the transition holds."""
+    abort_phase: int
+    """That of `Abort`, or `NONE`."""
     phase: int
     """Where it is."""
     since: float
@@ -53,10 +67,14 @@ class MissionMemory(Layout):
     """(n_transitions,) [s] since when each holds; NaN where it does not."""
     changed: bool
     """Whether any of these has, in the last look."""
-    over: bool
-    """It has ended."""
+    fired: Annotated[list[int], Sized("n_transitions")]
+    """(n_transitions,) [-] how often each was taken."""
+    completed: bool
+    """It has ended as wanted."""
+    aborted: bool
+    """It has ended otherwise."""
     given_up: bool
-    """It is in the abort phase."""
+    """It is, or was at its end, in the abort phase."""
 
 
 def gates_at(m: MissionMemory, t: float, gates: Vector) -> None:
@@ -87,6 +105,43 @@ def transition_due(m: MissionMemory, t: float, quantities: Vector) -> int:
     return due
 
 
+def follow(m: MissionMemory, t: float, due: int) -> None:
+    """Take a transition of the phase at t [s], or end where it has no retries left."""
+    i = m.first[m.phase] + due
+    to = End.ABORT if is_used_up(m.fired[i], m.retries[i]) else m.to[i]
+    m.completed = to == End.DONE
+    m.aborted = to == End.ABORT
+    if to >= 0:
+        m.fired[i] += 1
+        _enter(m, to, t)
+
+
+def is_used_up(fired: int, retries: int) -> bool:
+    """Whether a transition that has `fired` so often [-] may not do so again. A kernel."""
+    return 0 <= retries <= fired
+
+
+def give_up(m: MissionMemory, t: float, climbs: bool) -> None:
+    """Give the mission up at t [s]: the abort phase begins, or where there is none, or nothing to climb to, all ends."""
+    m.aborted = not climbs or m.given_up or m.abort_phase == NONE
+    if not m.aborted:
+        _enter(m, m.abort_phase, t)
+        m.given_up = True
+
+
+def is_over(m: MissionMemory) -> bool:
+    """It has ended, one way or the other. A kernel."""
+    return m.completed or m.aborted
+
+
+def _enter(m: MissionMemory, phase: int, t: float) -> None:
+    gates_at(m, t, m.gates_before)
+    m.phase = phase
+    m.since = t
+    for i in range(len(m.held_since)):
+        m.held_since[i] = math.nan
+
+
 def sizes_of(phases: Sequence[Phase]) -> dict[str, int]:
     """Of a `MissionMemory`, but for the number of tasks."""
     transitions = [transition for phase in phases for transition in phase.transitions]
@@ -101,17 +156,24 @@ def quantities_read(phases: Sequence[Phase]) -> tuple[str, ...]:
 
 def write_conditions(memory: Any, phases: Sequence[Phase], names: Sequence[str]) -> None:
     """Those of all phases into a `MissionMemory`; names: of the vector of quantities that they are asked with."""
+    leads_to = {DONE: End.DONE, ABORT: End.ABORT, **{phase.name: k for k, phase in enumerate(phases)}}
     transitions = conditions = 0
     for index, phase in enumerate(phases):
         memory.first[index] = transitions
         for transition in phase.transitions:
-            memory.first_condition[transitions], memory.hold[transitions] = conditions, transition.hold
+            memory.first_condition[transitions] = conditions
+            _write_transition(memory, transitions, transition, leads_to[transition.to])
             for condition in transition.when:
                 _write_condition(memory, conditions, condition, names)
                 conditions += 1
             memory.end_condition[transitions] = conditions
             transitions += 1
         memory.end[index] = transitions
+
+
+def _write_transition(memory: Any, at: int, transition: Transition, to: int) -> None:
+    memory.hold[at], memory.to[at] = transition.hold, to
+    memory.retries[at] = -1 if transition.retries is None else transition.retries
 
 
 def _write_condition(memory: Any, at: int, condition: Condition, names: Sequence[str]) -> None:
@@ -123,14 +185,11 @@ def _write_condition(memory: Any, at: int, condition: Condition, names: Sequence
 def write_state(memory: Any, state: MissionState) -> None:
     """Where a mission is."""
     memory.phase, memory.since = state.phase, state.since
-    memory.over, memory.given_up = state.over, bool(state.why)
+    memory.completed, memory.aborted, memory.given_up = state.completed, bool(state.aborted), bool(state.why)
     view(memory.gates_before)[: len(state.gates_before)] = state.gates_before
-    first = memory.first[state.phase]
-    for k, since in enumerate(state.held_since, first):
+    view(memory.fired)[:] = 0
+    for (phase, index), n in state.fired.items():
+        memory.fired[memory.first[phase] + index] = n
+    view(memory.held_since)[:] = math.nan
+    for k, since in enumerate(state.held_since, memory.first[state.phase]):
         memory.held_since[k] = math.nan if since is None else since
-
-
-def held_since(memory: Any) -> tuple[float | None, ...]:
-    """As `MissionState` has it."""
-    times = [memory.held_since[k] for k in range(memory.first[memory.phase], memory.end[memory.phase])]
-    return tuple(None if math.isnan(since) else since for since in times)

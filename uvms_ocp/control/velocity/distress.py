@@ -8,16 +8,12 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Annotated, Any
 
-import numpy as np
-import pinocchio as pin
-
-from uvms_ocp.control.navigation.degraded import ALTIMETER, told
+from uvms_ocp.control.navigation.degraded import told
 from uvms_ocp.control.velocity.tick_state import TickState
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, structure_of
 from uvms_ocp.mission.abort import Abort
 from uvms_ocp.mission.mission import Mission, write_mission
 from uvms_ocp.mission.progress import MissionMemory, quantities_read, sizes_of, write_state
-from uvms_ocp.model.robot import Robot
 from uvms_ocp.tasks.altitude import MinimumAltitude
 
 _PROGRESS = 0.02  # share of what is missing to a limit that counts as progress
@@ -189,11 +185,6 @@ class Distress:
         words = self._told(why, tick, quantities, strain)
         return f"{words}; {strain.handicap}" if words and strain.handicap not in words else words
 
-    @property
-    def pushed(self) -> bool:
-        """Something under the vehicle bears it where it should be well above the floor."""
-        return bool(self._memory.distress.pushed)
-
     def _told(self, why: Why, tick: TickState, quantities: Mapping[str, float], strain: Strain) -> str:
         abort = self._mission.abort
         if why is Why.NOTHING or why is Why.FAULT or abort is None:
@@ -230,21 +221,3 @@ class Distress:
             memory.time_limit, memory.stall_after = abort.time_limit, abort.stall_after
             memory.thrust_after = abort.thrust_after
             memory.contact, memory.contact_after = abort.contact, abort.contact_after
-
-
-def climb_goal(mission: Mission, tick: TickState, *, robot: Robot, floor: float) -> pin.SE3 | None:
-    """Where the abort phase climbs to from where the robot is: straight up, upright; None where that cannot be known.
-
-    floor [m]: z in W of the highest that is known, NaN where none is to be believed.
-    """
-    if mission.abort is None or tick.stopped:
-        return None
-    # No `Kinematics`: what sends the robot here may show joints beyond their limits.
-    data, frame = robot.model.createData(), robot.frame_id(mission.climb_frame)
-    pin.framesForwardKinematics(robot.model, data, tick.measurement.q)
-    X_WF = data.oMf[frame]
-    here, altitude = float(X_WF.translation[2]), mission.abort.altitude
-    believed = math.isfinite(floor) and ALTIMETER not in tick.restriction.doubted
-    z = max(here, floor + altitude) if believed else here + altitude
-    yaw = float(pin.rpy.matrixToRpy(X_WF.rotation)[2])
-    return pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, yaw), np.array([*X_WF.translation[:2], z]))

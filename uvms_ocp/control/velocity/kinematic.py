@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import partial
 from time import perf_counter
 from typing import Any, Protocol
@@ -22,19 +21,21 @@ from uvms_ocp.control.navigation.degraded import (
 )
 from uvms_ocp.control.navigation.last_known import LastEcho, LastSound
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
-from uvms_ocp.control.velocity.distress import Distress, Strain, Why, climb_goal
+from uvms_ocp.control.velocity.climb import climb_goal
+from uvms_ocp.control.velocity.distress import Distress, Strain, Why
 from uvms_ocp.control.velocity.guards import Guarding, guards_of
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.parameters import MissionParameters, mission_parameters
 from uvms_ocp.control.velocity.stop import StopAhead
-from uvms_ocp.control.velocity.tick_kernels import is_unknown, observe, settle, take
-from uvms_ocp.control.velocity.tick_memory import altimeter_of, arrays_of, inputs_of, tick_memory
+from uvms_ocp.control.velocity.tick.kernels import is_unknown, observe, settle, take
+from uvms_ocp.control.velocity.tick.memory import altimeter_of, arrays_of, inputs_of, tick_memory
 from uvms_ocp.control.velocity.tick_state import TickState
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.kernels.binding import bind_to
-from uvms_ocp.mission.mission import Mission, went_on
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.mission.outcome import gave_up, went_on
 from uvms_ocp.mission.phase import Event, MissionState
-from uvms_ocp.mission.progress import write_state
+from uvms_ocp.mission.progress import is_over, write_state
 from uvms_ocp.model.health import ChannelHealth
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, Measurement
@@ -97,7 +98,7 @@ class KinematicController:
         self._jammed = self._felt.jammed
         self._restriction = FREE
         self._state = mission.start()
-        self._go_on(self._state)
+        write_state(memory.mission, self._state)
 
     @property
     def state(self) -> MissionState:
@@ -234,24 +235,19 @@ class KinematicController:
         return self._guarding.stop.ahead(q, self._arrays.command.copy()) if asked else None
 
     def _advance(self, tick: TickState) -> None:
-        """Go on with the mission, or give it up, as the kernels have found."""
+        """What the kernels have made of the mission, in words."""
         memory, state, quantities = self._memory, self._state, self._named(self._arrays.told)
+        phases, known = self.mission.all_phases, memory.mission
         if memory.why:
             why = self._distress.told(Why(memory.why), tick, quantities, self._strain)
-            floor = math.nan if self._distress.pushed else self._echo.highest
-            goal = climb_goal(self.mission, tick, robot=self.robot, floor=floor)
-            went: tuple[MissionState, Event | None] = self.mission.abandon(state, tick.t, why, goal)
+            goals = () if is_over(known) else self.mission.climb_goals(climb_goal(memory.climb))
+            went: tuple[MissionState, Event | None] = gave_up(phases, state, known, tick.t, why, goals)
         else:
-            went = went_on(self.mission, state, memory.mission, memory.due, tick.t, quantities)
-        after, event = went
-        self._go_on(after)
+            went = went_on(phases, state, known, memory.due, tick.t, quantities)
+        self._state, event = went
         if event is not None:
             self.events.append(event)
             self.left.append(state)
-
-    def _go_on(self, state: MissionState) -> None:
-        self._state = state
-        write_state(self._memory.mission, state)
 
     def _named(self, quantities: np.ndarray) -> dict[str, float]:
         return dict(zip(self.problem.quantity_names, quantities.tolist(), strict=True))

@@ -11,9 +11,10 @@ import numpy as np
 
 from uvms_ocp.control.navigation.degraded import ALTIMETER, CHANNELS, write_modes
 from uvms_ocp.control.navigation.watchdog import Watchdog
+from uvms_ocp.control.velocity.climb import climb_sizes
 from uvms_ocp.control.velocity.guards import Guard, rule_sizes
 from uvms_ocp.control.velocity.levels import LevelsProblem
-from uvms_ocp.control.velocity.tick_kernels import TickMemory
+from uvms_ocp.control.velocity.tick.layout import TickMemory
 from uvms_ocp.functions.kernels.layout import structure_of, view
 from uvms_ocp.mission.mission import Mission, write_mission
 from uvms_ocp.mission.progress import sizes_of
@@ -65,9 +66,11 @@ def tick_memory(
         n_quantities=len(names),
         n_channels=len(problem.rests_on),
         **rule_sizes(robot, guards, dt),
+        **climb_sizes(robot, mission),
         **sizes_of(mission.all_phases),
     )()
     write_mission(memory.mission, mission, names)
+    memory.climb.altitude = math.nan if mission.abort is None else mission.abort.altitude
     memory.hold_after, memory.stop_after = watchdog.hold_after, watchdog.stop_after
     memory.pace, memory.near = 1.0, True
     view(memory.place)[:] = robot.configuration()

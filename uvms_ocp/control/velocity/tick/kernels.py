@@ -6,129 +6,18 @@ Between the two the hierarchy is solved.
 from __future__ import annotations
 
 import math
-from typing import Annotated
 
-from uvms_ocp.control.navigation.degraded import RestrictionMemory, restrict
-from uvms_ocp.control.navigation.last_known import EchoMemory, echo_range
+from uvms_ocp.control.navigation.degraded import restrict
+from uvms_ocp.control.navigation.last_known import echo_range
 from uvms_ocp.control.navigation.watchdog import Freshness, verdict_on
-from uvms_ocp.control.velocity.distress import DistressMemory, Why, distress_of
-from uvms_ocp.control.velocity.restraint import RestraintMemory, restrain
+from uvms_ocp.control.velocity.climb import aim
+from uvms_ocp.control.velocity.distress import Why, distress_of
+from uvms_ocp.control.velocity.restraint import restrain
 from uvms_ocp.control.velocity.stop import set_out, step_on
-from uvms_ocp.control.velocity.viability import RuleMemory, comes_near, keep
-from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector
-from uvms_ocp.mission.progress import NONE, MissionMemory, gates_at, transition_due
+from uvms_ocp.control.velocity.tick.layout import TickMemory
+from uvms_ocp.control.velocity.viability import comes_near, keep
+from uvms_ocp.mission.progress import NONE, follow, gates_at, give_up, is_over, transition_due
 from uvms_ocp.model.health import Trust
-
-
-class TickMemory(Layout):
-    """All that a tick reads and remembers."""
-
-    mission: MissionMemory
-    """Where it is."""
-    distress: DistressMemory
-    """Whether it is to be given up."""
-    rule: RuleMemory
-    """Limits on positions."""
-    restriction: RestrictionMemory
-    """What is not done because of channels that cannot be trusted."""
-    restraint: RestraintMemory
-    """What is left of a velocity."""
-    beam: EchoMemory
-    """Where the altimeter looks."""
-
-    velocity_limit: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s]"""
-    reads_altitude: Annotated[list[int], Sized("n_tasks")]
-    """(n_tasks,) which tasks read the altimeter."""
-    lands: Annotated[list[int], Sized("n_tasks")]
-    """(n_tasks,) which of them ask for one altitude."""
-    rest_altitude: Annotated[Vector, Sized("n_tasks")]
-    """(n_tasks,) [m] as that of `Task`."""
-    rests_on: Annotated[list[list[int]], Sized("n_channels", "n_quantities")]
-    """(n_channels, n_quantities) as that of `LevelsProblem`."""
-    channel: Annotated[list[int], Sized("n_channels")]
-    """(n_channels,) each of these among all `CHANNELS`."""
-    altimeter: int
-    """Among these channels."""
-    hold_after: float
-    """[s] as those of `Watchdog`."""
-    stop_after: float
-    """[s]"""
-
-    t: float
-    """[s] time of the tick."""
-    q: Annotated[Vector, Sized("n_q")]
-    """(n_q,) [m, rad] measured, the last that is sound."""
-    v: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] of the same."""
-    altimeter_range: float
-    """[m] NaN without an echo."""
-    age: float
-    """[s] as those of `Measurement`."""
-    joint_age: float
-    """[s]"""
-
-    # found by `observe`, inputs of the levels among it
-    gates: Annotated[Vector, Sized("n_tasks")]
-    """(n_tasks,) [-] external activations."""
-    altitude_matters: bool
-    """A task that is on reads the altimeter."""
-    echo: Annotated[Vector, Sized(1)]
-    """(1,) [m] range that tasks act on."""
-    altitude_known: bool
-    """As that of `TickState`."""
-    echo_is_oldest: bool
-    """Of all that is needed."""
-    oldest: float
-    """[s] age of what is."""
-    freshness: int
-    """A `Freshness`."""
-    holds: bool
-    """The robot comes to rest, whatever the tasks want."""
-    previous: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] commanded in the last tick, at full pace."""
-    change: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] of that since the tick before it: a change of pace is none of the hierarchy's, and not to be eased."""
-
-    # of the hierarchy
-    solved: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] that the hierarchy asks for."""
-    usable: bool
-    """Whether it does."""
-    quantities: Annotated[Vector, Sized("n_quantities")]
-    """(n_quantities,) [their units] of the levels."""
-
-    # found by `settle`
-    reported: Annotated[Vector, Sized("n_quantities")]
-    """(n_quantities,) [their units] NaN where not known."""
-    told: Annotated[Vector, Sized("n_quantities")]
-    """(n_quantities,) [their units] what phases may end on."""
-    last_told: Annotated[Vector, Sized("n_quantities")]
-    """(n_quantities,) [their units] the same of the last tick that did not hold."""
-    why: int
-    """A `Why`."""
-    due: int
-    """The transition of the phase that fires, or `NONE`."""
-    eventful: bool
-    """The mission is to be looked at."""
-    jammed: Annotated[list[int], Sized("n_v")]
-    """(n_v,) axes that do not move whatever is asked."""
-    wanted: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] the velocity for this tick."""
-    wanted_pace: float
-    """[-] in (0, 1], that it is at of what the hierarchy has."""
-    near: bool
-    """A stop from it could come to a limit on positions."""
-    share: float
-    """[-] of it that the limits on positions leave; 0 where the robot comes to rest."""
-
-    # the motion of the last tick
-    place: Annotated[Vector, Sized("n_q")]
-    """(n_q,) [m, rad] as far as it is known: measured, or along the stop since."""
-    command: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] the last velocity that was taken."""
-    pace: float
-    """[-] that it was at."""
 
 
 def _begin(m: TickMemory) -> None:
@@ -143,7 +32,7 @@ def observe(m: TickMemory) -> None:
     """What is known, from the measurement and the channels that are not good."""
     _begin(m)
     restrict(m.restriction, m.t, m.altitude_matters)
-    doubted = m.restriction.level[m.channel[m.altimeter]] != Trust.GOOD
+    doubted = _doubts_altimeter(m)
     lowest, lower = 0.0, False
     for i in range(len(m.gates)):
         if m.restriction.no_descent and m.lands[i] != 0:
@@ -180,16 +69,35 @@ def settle(m: TickMemory) -> None:
     m.why = Why.NOTHING
     m.due = NONE
     m.eventful = False
-    if m.mission.over:
-        return
+    if not is_over(m.mission):
+        _judge(m)
+
+
+def _judge(m: TickMemory) -> None:
+    """Go on with the mission, or give it up."""
     less = m.restriction
     stopped = m.freshness == Freshness.LOST or (less.ended and not less.climbs)
     hopeless = stopped and (less.ended or less.any_lost)
     m.why = distress_of(m.distress, m.mission, m.t, m.gates, m.told, hopeless, less.ended)
-    if m.why == Why.NOTHING and not m.holds:
+    if m.why != Why.NOTHING:
+        m.eventful = True
+        _climb(m)
+        give_up(m.mission, m.t, not stopped)
+    elif not m.holds:
         m.due = transition_due(m.mission, m.t, m.told)
         m.eventful = m.due != NONE or m.mission.changed
-    m.eventful = m.eventful or m.why != Why.NOTHING
+        if m.due != NONE:
+            follow(m.mission, m.t, m.due)
+
+
+def _climb(m: TickMemory) -> None:
+    """What would be climbed to: above the highest floor, where that is to be believed."""
+    believed = not (m.distress.pushed or _doubts_altimeter(m))
+    aim(m.climb, m.q, m.beam.highest if believed else math.nan)
+
+
+def _doubts_altimeter(m: TickMemory) -> bool:
+    return m.restriction.level[m.channel[m.altimeter]] != Trust.GOOD
 
 
 def take(m: TickMemory) -> None:
