@@ -7,9 +7,9 @@ import pytest
 from scipy.linalg import null_space
 from scipy.optimize import LinearConstraint, lsq_linear, minimize
 
-from uvms_ocp.control.force.allocation import Allocation, allocation_of, limited_thrust
-from uvms_ocp.control.force.least_power import PowerLaw
-from uvms_ocp.control.force.limited_thrust import limit_thrust, touching
+from uvms_ocp.control.force.allocation import Allocation, allocation_of
+from uvms_ocp.control.force.least_power import touching
+from uvms_ocp.control.force.thrust_sharing import share_out, take_effect
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.files.library import list_robots
 from uvms_ocp.model.loading import load_robot
@@ -203,15 +203,14 @@ def test_without_thrusters_nothing_is_reached() -> None:
 
 
 def test_parabolas_meet_the_power_at_the_largest_thrust_and_touch_it_elsewhere() -> None:
-    law = PowerLaw(
-        factor=np.array([0.4, 1.0, 3.0]), exponent=np.array([1.0, 1.5, 2.0]), largest=np.array([40.0, 5.0, 150.0])
-    )
-    full = law.largest**law.exponent * law.factor
-    np.testing.assert_allclose(law.quadratic() * law.largest**2, full, rtol=1e-12)
+    factor, exponent, most = np.array([0.4, 1.0, 3.0]), np.array([1.0, 1.5, 2.0]), np.array([40.0, 5.0, 150.0])
+    given = {"power_factor": factor, "power_exponent": exponent, "dead_zone": np.zeros(3)}
+    powers = Allocation(matrix=np.eye(6)[:, :3], lower=-most, upper=most, **given).memory.left.powers
+    np.testing.assert_allclose(powers.quadratic[:3] * most**2, most**exponent * factor, rtol=1e-12)
     for share in (0.1, 0.5, 1.0):
-        thrust = share * law.largest
-        slope = law.factor * law.exponent * thrust ** (law.exponent - 1.0)
-        weights = list(map(touching, law.factor, law.exponent, law.largest, thrust))
+        thrust = share * most
+        weights = list(map(touching, factor, exponent, most, thrust))
+        slope = factor * exponent * thrust ** (exponent - 1.0)
         np.testing.assert_allclose(2.0 * np.array(weights) * thrust, slope, rtol=1e-3)
 
 
@@ -228,14 +227,14 @@ def test_without_data_every_thruster_takes_the_same_power_at_its_larger_limit() 
     np.testing.assert_allclose(allocation.power_factor * largest**allocation.power_exponent, 1.0, rtol=1e-12)
 
 
-def test_limits_are_kept_by_the_same_bits_in_c_and_in_python(powered: Allocation, wrenches: np.ndarray) -> None:
+def test_a_wrench_is_shared_out_by_the_same_bits_in_c_and_in_python(powered: Allocation, wrenches: np.ndarray) -> None:
     dead = with_dead_zone(powered, 0.05)
-    largest = np.maximum(-dead.lower, dead.upper)
-    law = PowerLaw(factor=dead.power_factor, exponent=dead.power_exponent, largest=largest)
-    mine, in_c = limited_thrust(dead, law)
-    other, n = type(mine).from_buffer_copy(mine), len(dead.lower)
+    other = type(dead.memory)()
+    dead.write(other)
+    take_effect(other)
     for wrench in wrenches[::50]:
-        for p in (mine, other):
-            p.wrench[:], p.unbounded[:n] = wrench.tolist(), (np.linalg.pinv(dead.matrix) @ wrench).tolist()
-        assert bool(in_c(mine)) == limit_thrust(other)
-        assert mine.thrust[:] == other.thrust[:]
+        other.wrench[:] = wrench.tolist()
+        assert share_out(other)
+        result = dead.allocate(wrench)
+        assert other.thrust[: len(result.thrust)] == result.thrust.tolist()
+        assert bool(other.saturated) == result.saturated

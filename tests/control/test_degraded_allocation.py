@@ -1,12 +1,13 @@
 """Laws of allocation without thrusters that are faulty."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
 from uvms_ocp.control.actuator_health.effect import Effect
 from uvms_ocp.control.force.allocation import Allocation, allocation_of
-from uvms_ocp.control.force.degraded import DegradedAllocation
 from uvms_ocp.model.files.library import list_robots
 from uvms_ocp.model.loading import load_robot
 
@@ -48,7 +49,7 @@ def wrenches(whole: Allocation) -> np.ndarray:
 def test_what_is_asked_stays_inside_the_limits_and_nothing_is_asked_of_what_does_not_follow(
     whole: Allocation, effect: Effect, wrenches: np.ndarray
 ) -> None:
-    degraded = DegradedAllocation(whole, effect)
+    degraded = replace(whole, effect=effect)
     for wrench in wrenches:
         result = degraded.allocate(wrench)
         asked = effect.asked(result.thrust)
@@ -61,7 +62,7 @@ def test_what_is_asked_stays_inside_the_limits_and_nothing_is_asked_of_what_does
 def test_no_thrust_without_the_faulty_ones_comes_closer(
     whole: Allocation, effect: Effect, wrenches: np.ndarray
 ) -> None:
-    degraded = DegradedAllocation(whole, effect)
+    degraded = replace(whole, effect=effect)
     left = effect.share != 0.0
     ends = np.array([effect.share * whole.lower, effect.share * whole.upper])[:, left]
     known = whole.matrix @ effect.constant
@@ -79,7 +80,7 @@ def test_fewer_thrusters_never_come_closer_nor_take_less_power_for_the_same_wren
     whole: Allocation, wrenches: np.ndarray
 ) -> None:
     n = len(whole.upper)
-    degraded = DegradedAllocation(whole, Effect(share=np.r_[0.0, np.ones(n - 1)], constant=np.zeros(n)))
+    degraded = replace(whole, effect=Effect(share=np.r_[0.0, np.ones(n - 1)], constant=np.zeros(n)))
     for wrench in wrenches:
         few, all_of_them = degraded.allocate(wrench), whole.allocate(wrench)
         assert np.linalg.norm(few.unreachable) >= np.linalg.norm(all_of_them.unreachable) - 1e-9
@@ -91,7 +92,8 @@ def test_a_weak_thruster_is_spared_for_its_power() -> None:
     whole = allocation_of(load_robot("girona_maris7_full"))
     share = np.ones(8)
     share[4] = 0.5
-    thrust = DegradedAllocation(whole, Effect(share=share, constant=np.zeros(8))).allocate([0, 0, 40.0, 0, 0, 0]).thrust
+    left = replace(whole, effect=Effect(share=share, constant=np.zeros(8)))
+    thrust = left.allocate([0, 0, 40.0, 0, 0, 0]).thrust
     np.testing.assert_allclose(whole.matrix @ thrust, [0, 0, 40.0, 0, 0, 0], atol=1e-6)
     # The others can only do as much as the balance of roll and pitch allows.
     np.testing.assert_allclose(thrust[4:], [thrust[4], 20.0 - thrust[4], 20.0 - thrust[4], thrust[4]], atol=1e-6)
@@ -106,3 +108,31 @@ def test_sound_thrusters_give_what_they_are_asked_to_the_last_bit() -> None:
     effect, thrust = Effect.sound(8), np.random.default_rng(0).normal(size=8)
     np.testing.assert_array_equal(effect.given(thrust), thrust)
     np.testing.assert_array_equal(effect.asked(thrust), thrust)
+
+
+def test_without_limits_it_is_the_thrust_of_least_squares_and_least_weighted_norm(
+    whole: Allocation, effect: Effect
+) -> None:
+    left, n = effect.works, len(whole.upper)
+    factor = np.linspace(1.0, 3.0, n)
+    square = {"power_exponent": np.full(n, 2.0), "power_factor": factor, "dead_zone": np.zeros(n)}
+    free = replace(whole, lower=np.full(n, -1e6), upper=np.full(n, 1e6), effect=effect, **square)
+    root = np.sqrt(factor[left]) / np.abs(effect.share[left])
+    oracle = np.linalg.pinv(whole.matrix[:, left] / root, rcond=1e-9) / root[:, None]
+    for wrench in WRENCHES:
+        thrust = oracle @ (wrench - whole.matrix @ effect.constant)
+        scale = np.abs(thrust).max()
+        np.testing.assert_allclose(free.allocate(wrench).thrust[left], thrust, rtol=1e-9, atol=1e-9 * scale)
+
+
+def test_the_thrust_of_random_thrusters_of_any_rank_is_that_of_least_squares() -> None:
+    rng = np.random.default_rng(5)
+    for k in range(200):
+        n, rank = int(rng.integers(1, 13)), int(rng.integers(1, 7))
+        matrix = rng.normal(size=(6, rank)) @ rng.normal(size=(rank, n))
+        most = np.full(n, 1e6)
+        plain = {"power_factor": np.ones(n), "power_exponent": np.full(n, 2.0), "dead_zone": np.zeros(n)}
+        free, wrench = Allocation(matrix=matrix, lower=-most, upper=most, **plain), rng.normal(size=6)
+        thrust = np.linalg.lstsq(matrix, wrench, rcond=1e-9)[0]
+        scale = np.abs(thrust).max()
+        np.testing.assert_allclose(free.allocate(wrench).thrust, thrust, rtol=1e-7, atol=1e-7 * scale, err_msg=str(k))

@@ -56,7 +56,7 @@ def least_norm(s: Rows, m: int, n: int) -> None:
     W = L Q with an orthonormal basis Q of its rows, taken in the order of what is left of them; then L z = b by least squares
     with L = U R. Both by Gram and Schmidt, twice, which is as good as reflections.
     """
-    rank = _row_space(s, m, n)
+    rank = row_space(s, m, n)
     for k in range(rank):
         _orthonormal_column(s, m, k)
         s.z[k] = 0.0
@@ -75,8 +75,8 @@ def least_norm(s: Rows, m: int, n: int) -> None:
             s.y[j] += s.z[k] * s.basis[k][j]
 
 
-def _row_space(s: Rows, m: int, n: int) -> int:
-    """Basis and L; the rank."""
+def row_space(s: Rows, m: int, n: int) -> int:
+    """Basis and L of the m rows (m, n) of W [any]; the rank."""
     largest = 0.0
     for k in range(min(m, n)):
         row = _longest(s, m, n)
@@ -89,7 +89,7 @@ def _row_space(s: Rows, m: int, n: int) -> int:
         _orthogonal_to_the_others(s, k, n)
         for i in range(m):
             # Of rows that are in the basis nothing is left, and what they were before is added where it was taken.
-            along = _product(s.W[i], s.basis[k], n)
+            along = dot(s.W[i], s.basis[k], n)
             s.L[i][k] = along
             for j in range(n):
                 s.W[i][j] -= along * s.basis[k][j]
@@ -99,7 +99,7 @@ def _row_space(s: Rows, m: int, n: int) -> int:
 def _longest(s: Rows, m: int, n: int) -> int:
     longest = 0
     for i in range(1, m):
-        if _product(s.W[i], s.W[i], n) > _product(s.W[longest], s.W[longest], n):
+        if dot(s.W[i], s.W[i], n) > dot(s.W[longest], s.W[longest], n):
             longest = i
     return longest
 
@@ -107,7 +107,7 @@ def _longest(s: Rows, m: int, n: int) -> int:
 def _orthogonal_to_the_others(s: Rows, k: int, n: int) -> None:
     """Basis vector k, once more, to the last bit."""
     for earlier in range(k):
-        along = _product(s.basis[k], s.basis[earlier], n)
+        along = dot(s.basis[k], s.basis[earlier], n)
         for j in range(n):
             s.basis[k][j] -= along * s.basis[earlier][j]
     size = _length(s.basis[k], n)
@@ -135,7 +135,8 @@ def _orthonormal_column(s: Rows, m: int, k: int) -> None:
         s.L[i][k] /= s.R[k][k]
 
 
-def _product(x: Vector, y: Vector, n: int) -> float:
+def dot(x: Vector, y: Vector, n: int) -> float:
+    """Of the first n entries of x (n,) [any] and y (n,) [any]."""
     total = 0.0
     for j in range(n):
         total += x[j] * y[j]
@@ -143,4 +144,4 @@ def _product(x: Vector, y: Vector, n: int) -> float:
 
 
 def _length(x: Vector, n: int) -> float:
-    return math.sqrt(_product(x, x, n))
+    return math.sqrt(dot(x, x, n))

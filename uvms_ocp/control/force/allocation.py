@@ -6,23 +6,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.control.force.least_power import PowerLaw, least_power, null_space
-from uvms_ocp.control.force.limited_thrust import LimitedThrust, limit_thrust
+from uvms_ocp.control.actuator_health.effect import Effect
+from uvms_ocp.control.force.thrust_sharing import ThrustSharing, share_out, take_effect
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions.buffered import BufferedFunction
-from uvms_ocp.functions.elementwise import both, either, everywhere
 from uvms_ocp.functions.kernels.binding import bind_kernels
 from uvms_ocp.functions.kernels.layout import structure_of
 from uvms_ocp.model.files.description import Power, Thruster
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.symbolic.joint_types import sparse
 from uvms_ocp.model.thrusters import thrust_limits, thruster_matrix
-from uvms_ocp.solvers.bounded_least_squares import BoundedProblem, room_for
-from uvms_ocp.solvers.least_norm import Rows
+from uvms_ocp.solvers.bounded_least_squares import room_for
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,65 +57,39 @@ class Allocation:
     """(n,) [N]: smaller thrust cannot be commanded; it becomes 0 or the edge, whichever is nearer."""
     wrench_weight: np.ndarray = field(default_factory=lambda: np.ones(6))
     """(6,) [1/N, 1/(N m)]: what to give up first when not everything can be reached."""
-    function: ca.Function = field(init=False, repr=False)
-    """``wrench -> thrust, reached, unreachable, settled`` as `AllocationResult`, limits aside; settled [-]: 1 where neither
-    limits nor dead zones are in the way of that, else `beyond` has the answer."""
-    _quick: BufferedFunction = field(init=False, repr=False)
-    """The function, to be called."""
-    _limited: Any = field(init=False, repr=False)
-    """A `LimitedThrust`"""
-    _limit: Callable[[Any], int] = field(init=False, repr=False)
-    """What `limit_thrust` makes of it."""
+    effect: Effect | None = None
+    """What thrusters make of their commands: what follows none is left out. `None`: all do what they are asked."""
+    memory: Any = field(init=False, repr=False)
+    """A `ThrustSharing`"""
+    _share_out: Callable[[Any], int] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         self._check()
-        largest = np.maximum(np.maximum(self.upper, -self.lower), np.finfo(float).tiny)
-        power = PowerLaw(factor=self.power_factor, exponent=self.power_exponent, largest=largest)
-        object.__setattr__(self, "function", self._function(power))
-        object.__setattr__(self, "_quick", BufferedFunction(self.function))
-        limited, limit = limited_thrust(self, power)
-        object.__setattr__(self, "_limited", limited)
-        object.__setattr__(self, "_limit", limit)
+        structure = structure_of(ThrustSharing, **sharing_sizes(len(self.lower)))
+        take, share = bind_kernels((take_effect, share_out), (structure,))
+        object.__setattr__(self, "memory", structure())
+        object.__setattr__(self, "_share_out", share)
+        self.write(self.memory)
+        take(self.memory)
+
+    def write(self, memory: Any) -> None:
+        """All that `take_effect` asks into a `ThrustSharing` with room for the `sharing_sizes` of these thrusters."""
+        n, effect = len(self.lower), self.effect or Effect.sound(len(self.lower))
+        memory.count, memory.wrench_weight[:] = n, self.wrench_weight.tolist()
+        for k in range(6):
+            memory.matrix[k][:n] = self.matrix[k].tolist()
+        for name in ("lower", "upper", "power_factor", "power_exponent", "dead_zone"):
+            getattr(memory, name)[:n] = getattr(self, name).tolist()
+        memory.share[:n], memory.constant[:n] = effect.share.tolist(), effect.constant.tolist()
 
     def allocate(self, wrench: ArrayLike) -> AllocationResult:
         """Thrust for a wrench (6,) [N, N m] about the origin of B, in B. Raises `InvalidInput` unless it is finite."""
-        w = _six(wrench)
-        thrust, reached, unreachable, settled = self._quick(w)
-        return AllocationResult(thrust, reached, unreachable, False) if settled[0] else self.beyond(w)
-
-    def beyond(self, wrench: np.ndarray) -> AllocationResult:
-        """As `allocate`, slower, for a wrench (6,) [N, N m] that limits or dead zones are in the way of.
-
-        Raises `InvalidInput` unless it is finite.
-        """
-        _require_finite(wrench)
-        n, limited = len(self.lower), self._limited
-        limited.wrench[:] = wrench.tolist()
-        limited.unbounded[:n] = self._quick(wrench)[0].tolist()
-        saturated = bool(self._limit(limited))
-        thrust = np.array(limited.thrust[:n])
-        reached = self.matrix @ thrust
-        return AllocationResult(thrust, reached, wrench - reached, saturated)
-
-    def _function(self, power: PowerLaw) -> ca.Function:
-        wrench = ca.SX.sym("wrench", 6)
-        thrust = ca.densify(least_power(wrench, self.matrix, self._inverse(power.quadratic()), power))
-        reached = ca.densify(sparse(self.matrix) @ thrust)
-        results = {"thrust": thrust, "reached": reached, "unreachable": wrench - reached}
-        results["settled"] = self._settled(thrust)
-        return ca.Function("allocate", [wrench], list(results.values()), ["wrench"], list(results))
-
-    def _settled(self, thrust: ca.SX) -> ca.SX:
-        """Whether thrust can be commanded as it is; not so for NaN."""
-        lower, upper, edge = ca.DM(self.lower), ca.DM(self.upper), ca.DM(self.dead_zone)
-        outside = either(thrust == 0.0, ca.fabs(thrust) >= edge)
-        return everywhere(both(both(thrust >= lower, thrust <= upper), outside))
-
-    def _inverse(self, weight: np.ndarray) -> np.ndarray:
-        """Wrench to the thrust (n, 6) [N/N, N/(N m)] of least weighted squares without limits."""
-        scale = np.sqrt(weight)
-        weighted = self.wrench_weight[:, None] * self.matrix / scale
-        return np.linalg.pinv(weighted, rcond=1e-9) * self.wrench_weight / scale[:, None]
+        w, memory = _six(wrench), self.memory
+        memory.wrench[:] = w.tolist()
+        if not self._share_out(memory):
+            raise InvalidInput(f"wrench {w} given; allowed: six finite numbers [N, N m]")
+        found = (np.array(memory.thrust[: memory.count]), np.array(memory.reached), np.array(memory.unreachable))
+        return AllocationResult(*found, bool(memory.saturated))
 
     def _check(self) -> None:
         n = np.shape(self.matrix)[-1] if np.ndim(self.matrix) == 2 else 0
@@ -134,23 +103,9 @@ class Allocation:
         _require((self.dead_zone >= 0.0).all(), "dead_zone", "0 or more")
 
 
-def limited_thrust(allocation: Allocation, power: PowerLaw) -> tuple[Any, Callable[[Any], int]]:
-    """What an allocation is to `limit_thrust`, and that kernel; power: of all thrusters."""
-    n = len(allocation.lower)
-    sizes = {"m": 6, "n": room_for(n)}
-    parts = [structure_of(layout, **sizes) for layout in (Rows, BoundedProblem, LimitedThrust)]
-    p: Any = parts[-1]()
-    p.problem.rows, p.problem.columns = 6, n
-    p.redundant = null_space(allocation.matrix).size > 0
-    p.wrench_weight[:] = allocation.wrench_weight.tolist()
-    for k in range(6):
-        p.matrix[k][:n] = allocation.matrix[k].tolist()
-    for name in ("lower", "upper", "dead_zone"):
-        getattr(p, name)[:n] = getattr(allocation, name).tolist()
-    for name, values in (("factor", power.factor), ("exponent", power.exponent), ("largest", power.largest)):
-        getattr(p, name)[:n] = values.tolist()
-    p.quadratic[:n] = power.quadratic().tolist()
-    return p, bind_kernels((limit_thrust,), parts)[0]
+def sharing_sizes(n: int) -> dict[str, int]:
+    """Of a `ThrustSharing` [-] with room for n [-] thrusters."""
+    return {"m": 6, "n": room_for(n)}
 
 
 _SHAPES = {
@@ -196,11 +151,6 @@ def _six(wrench: ArrayLike) -> np.ndarray:
     if w.shape != (6,):
         raise InvalidInput(f"wrench of shape {w.shape} given; allowed: (6,) [N, N m]")
     return w
-
-
-def _require_finite(w: np.ndarray) -> None:
-    if not np.isfinite(w).all():
-        raise InvalidInput(f"wrench {w} given; allowed: six finite numbers [N, N m]")
 
 
 def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:

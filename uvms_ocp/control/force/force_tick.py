@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Generic, TypeVar
 
-import casadi as ca
 import numpy as np
 
 from uvms_ocp.control.actuator_health.effect import Effect
-from uvms_ocp.control.force.allocation import Allocation, allocation_of
-from uvms_ocp.control.force.degraded import DegradedAllocation
+from uvms_ocp.control.force.allocation import allocation_of
 from uvms_ocp.control.force.tick_columns import Allocated, Given, Known, Told, Wanted, parts_of, places_of, size_of
 from uvms_ocp.control.force.tick_functions import (
     TickLaws,
@@ -44,7 +43,7 @@ class ForceTick:
     def __init__(self, laws: TickLaws) -> None:
         sizes = laws.sizes
         self._whole = allocation_of(laws.robot)
-        self._allocation: Allocation | DegradedAllocation = self._whole
+        self._allocation = self._whole
         self._given, self._wanted = _Column(Given, sizes), _Column(Wanted, sizes)
         self._known, self._now = _Column(Known, sizes), _Column(Known, sizes)
         self._allocated, self._told = _Column(Allocated, sizes), _Column(Told, sizes)
@@ -56,7 +55,6 @@ class ForceTick:
         given, effect, known, now, wanted, allocated, told = (column.numbers for column in columns)
         self._observe = BoundFunction(compile_function(observe_function(laws)), [given, effect, known], [now])
         self._want = BoundFunction(compile_function(want_function(laws)), [given, now], [wanted])
-        self._allocate = self._wired(compile_function(self._whole.function))
         self._follow = BoundFunction(
             compile_function(follow_function(laws)), [given, effect, now, wanted, allocated], [known, told]
         )
@@ -81,11 +79,7 @@ class ForceTick:
 
     def allocate(self) -> bool:
         """Share it out among thrusters; whether their limits keep them from it. Raises `InvalidInput` unless it is finite."""
-        self._allocate.evaluate()
-        found = self._allocated.parts
-        if found.settled[0]:
-            return False
-        result = self._allocation.beyond(self._wanted.parts.wrench)
+        found, result = self._allocated.parts, self._allocation.allocate(self._wanted.parts.wrench)
         found.thrust[:], found.reached[:], found.unreachable[:] = result.thrust, result.reached, result.unreachable
         return result.saturated
 
@@ -101,12 +95,6 @@ class ForceTick:
         lost = self._whole.matrix @ (old.given(self.now.thrust) - effect.given(self.now.thrust))
         self.now.estimate[:n] += lost[:n]
         old.share[:], old.constant[:] = effect.share, effect.constant
-        self._allocation = DegradedAllocation(self._whole, effect)
-        # Once in a mission, which does not wait for a compiler.
-        self._allocate = self._wired(self._allocation.function)
-
-    def _wired(self, function: ca.Function) -> BoundFunction:
-        """An allocation."""
-        found = self._allocated.parts
-        results = [found.thrust, found.reached, found.unreachable, found.settled]
-        return BoundFunction(function, [self._wanted.parts.wrench], results)
+        self._allocation = replace(
+            self._whole, effect=Effect(share=effect.share.copy(), constant=effect.constant.copy())
+        )

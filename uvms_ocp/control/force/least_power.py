@@ -1,4 +1,4 @@
-"""Thrust of least electrical power among all that give the same wrench.
+"""Thrust of least electrical power among all that give the same wrench, as a kernel.
 
 Power is ``sum factor |T|^exponent``. Reweighted least squares: replacing ``|T|^p`` by a parabola that touches it
 and lies above it (p <= 2) gives a linear step in the null space of the thruster matrix, which lowers the power; the
@@ -7,68 +7,156 @@ step is stretched to nearly Newton's, so that a few suffice.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from typing import Annotated
 
-import casadi as ca
-import numpy as np
-import scipy.linalg
-
-from uvms_ocp.control.force.limited_thrust import SMALL
-from uvms_ocp.model.symbolic.joint_types import sparse
+from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, zeros
+from uvms_ocp.solvers.least_norm import Rows, dot, least_norm, row_space, solve_positive
 
 _STEPS = 6
+_ROUNDING = 1e-14  # below it there is nothing
+_SMALLEST = 2.2250738585072014e-308  # that is not rounded
+_USUAL = 1.5  # exponent of power over thrust; two roots cost less than a power
+SMALL = 1e-3
+"""Share of the largest thrust below which |T|^p is rounded off, so that its curvature stays finite."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class PowerLaw:
-    """Electrical power ``factor |T|^exponent`` of n thrusters."""
+class Powers(Layout):
+    """Of thrusters. Room for n of them, of which `count` are used."""
 
-    factor: np.ndarray
-    """(n,) [W/N^exponent], more than 0."""
-    exponent: np.ndarray
-    """(n,) [-], 1 to 3."""
-    largest: np.ndarray
-    """(n,) [N] largest thrust."""
+    count: int
+    matrix: Annotated[list[Vector], Sized("m", "n")]
+    """(6, n) [N/N, N m/N]"""
+    wrench_weight: Annotated[Vector, Sized("m")]
+    """(6,) [1/N, 1/(N m)]"""
+    factor: Annotated[Vector, Sized("n")]
+    """(n,) [W/N^exponent]"""
+    exponent: Annotated[Vector, Sized("n")]
+    """(n,) [-]"""
+    largest: Annotated[Vector, Sized("n")]
+    """(n,) [N] thrust."""
+    # found by `prepare_powers`
+    quadratic: Annotated[Vector, Sized("n")]
+    """(n,) [W/N^2] weights of the parabolas that meet the power at the largest thrust."""
+    inverse: Annotated[list[Vector], Sized("n", "m")]
+    """(n, 6) [N/N, N/(N m)] wrench to the thrust of least weighted squares without limits."""
+    spare: Annotated[list[Vector], Sized("n", "n")]
+    """(n_spare, n) [-] orthonormal rows of thrust that gives no wrench."""
+    n_spare: int
+    stretch: float
+    """[-] of a step."""
+    inner: Rows
 
-    def quadratic(self) -> np.ndarray:
-        """Weights (n,) [W/N^2] of the parabolas that meet the power at the largest thrust."""
-        return self.factor * self.largest ** (self.exponent - 2.0)
+
+def prepare_powers(p: Powers) -> None:
+    """Find what is the same for every wrench."""
+    exponent = 1.0
+    for i in range(p.count):
+        p.largest[i] = max(p.largest[i], _SMALLEST)
+        p.quadratic[i] = p.factor[i] * math.exp((p.exponent[i] - 2.0) * math.log(p.largest[i]))
+        exponent = max(exponent, p.exponent[i])
+    p.stretch = min(1.8, 0.9 / max(exponent - 1.0, 1e-9))
+    for k in range(len(p.matrix)):
+        _invert(p, k)
+    _find_spare(p)
 
 
-def least_power(wrench: ca.SX, matrix: np.ndarray, inverse: np.ndarray, power: PowerLaw) -> ca.SX:
-    """Thrust (n,) [N] for a wrench (6,) [N, N m].
+def least_power(p: Powers, wrench: Vector, thrust: Vector) -> None:
+    """Find the thrust (n,) [N] for a wrench (6,) [N, N m]: that of the inverse, moved in the null space of the matrix."""
+    for i in range(p.count):
+        thrust[i] = 0.0
+        for k in range(len(p.matrix)):
+            thrust[i] += p.inverse[i][k] * wrench[k]
+    for _ in range(_STEPS if p.n_spare > 0 else 0):
+        _save(p, thrust)
 
-    It is that of `inverse` (n, 6) [N/N, N/(N m)], moved in the null space of `matrix` (6, n) [N/N, N m/N].
+
+def touching(factor: float, exponent: float, largest: float, thrust: float) -> float:
+    """Weight [W/N^2] of the parabola that has the slope of the power ``factor |T|^exponent`` at a thrust T [N].
+
+    factor [W/N^exponent]; exponent [-]; largest [N] thrust.
     """
-    thrust = ca.mtimes(sparse(inverse), wrench)
-    N = null_space(matrix)
-    stretch = min(1.8, 0.9 / max(float(power.exponent.max(initial=1.0)) - 1.0, 1e-9))
-    for _ in range(_STEPS if N.size else 0):
-        thrust -= stretch * _newton_like(sparse(N), _touching(power, thrust), thrust)
-    return thrust
+    size = max(thrust * thrust + (SMALL * largest) * (SMALL * largest), _SMALLEST)
+    if exponent == _USUAL:
+        return 0.5 * factor * exponent / math.sqrt(math.sqrt(size))
+    return 0.5 * factor * exponent * math.exp((0.5 * exponent - 1.0) * math.log(size))
 
 
-def _newton_like(N: ca.DM, weight: ca.SX, thrust: ca.SX) -> ca.SX:
-    curvature = ca.mtimes(N.T, ca.repmat(weight, 1, N.shape[1]) * N)
-    return ca.mtimes(N, ca.solve(curvature, ca.mtimes(N.T, weight * thrust)))
+def _invert(p: Powers, k: int) -> None:
+    """Column k of the inverse."""
+    for row in range(len(p.matrix)):
+        p.inner.b[row] = 1.0 if row == k else 0.0
+        for i in range(p.count):
+            p.inner.W[row][i] = p.wrench_weight[row] * p.matrix[row][i] / math.sqrt(p.quadratic[i])
+    least_norm(p.inner, len(p.matrix), p.count)
+    for i in range(p.count):
+        value = p.inner.y[i] * p.wrench_weight[k] / math.sqrt(p.quadratic[i])
+        p.inverse[i][k] = value if abs(value) > _ROUNDING else 0.0
 
 
-def _touching(power: PowerLaw, thrust: ca.SX) -> ca.SX:
-    size = thrust**2 + (SMALL * power.largest) ** 2
-    factor = ca.DM(0.5 * power.factor * power.exponent)
-    if np.all(power.exponent == 1.5):  # two roots cost less than a power
-        return factor / ca.sqrt(ca.sqrt(size))
-    return factor * size ** ca.DM(0.5 * power.exponent - 1.0)
+def _find_spare(p: Powers) -> None:
+    """From the thrusters one by one, always that of which most is neither in the rows of the matrix nor spare yet."""
+    for row in range(len(p.matrix)):
+        for i in range(p.count):
+            p.inner.W[row][i] = p.matrix[row][i]
+    rank = row_space(p.inner, len(p.matrix), p.count)
+    p.n_spare = 0
+    while p.n_spare < p.count - rank:
+        best, most = 0, -1.0
+        for i in range(p.count):
+            rest = _rest(p, rank, i)
+            if rest > most:
+                best, most = i, rest
+        _add_spare(p, rank, best)
 
 
-def null_space(matrix: np.ndarray) -> np.ndarray:
-    """Basis (n, n - rank) [-] of what `matrix` (6, n) [N/N, N m/N] takes to 0, with an identity in some rows.
+def _rest(p: Powers, rank: int, i: int) -> float:
+    rest = 1.0
+    for k in range(rank):
+        rest -= p.inner.basis[k][i] * p.inner.basis[k][i]
+    for k in range(p.n_spare):
+        rest -= p.spare[k][i] * p.spare[k][i]
+    return rest
 
-    That needs fewer products than an orthonormal one.
-    """
-    basis = scipy.linalg.null_space(matrix, rcond=1e-9)
-    if not basis.shape[1]:
-        return basis
-    _, _, pivots = scipy.linalg.qr(basis.T, mode="economic", pivoting=True)
-    simple = basis @ np.linalg.inv(basis[pivots[: basis.shape[1]]])
-    return np.where(np.abs(simple) < 1e-12, 0.0, simple)
+
+def _add_spare(p: Powers, rank: int, start: int) -> None:
+    new = p.spare[p.n_spare]
+    for i in range(p.count):
+        new[i] = 1.0 if i == start else 0.0
+    for _ in range(2):  # to the last bit
+        for k in range(rank):
+            _take_from(new, p.inner.basis[k], p.count)
+        for k in range(p.n_spare):
+            _take_from(new, p.spare[k], p.count)
+    size = math.sqrt(dot(new, new, p.count))
+    for i in range(p.count):
+        new[i] = new[i] / size if abs(new[i]) > _ROUNDING else 0.0
+    p.n_spare += 1
+
+
+def _take_from(x: Vector, direction: Vector, n: int) -> None:
+    along = dot(x, direction, n)
+    for i in range(n):
+        x[i] -= along * direction[i]
+
+
+def _save(p: Powers, thrust: Vector) -> None:
+    """One step to less power."""
+    weight = zeros(len(p.factor))
+    for i in range(p.count):
+        weight[i] = touching(p.factor[i], p.exponent[i], p.largest[i], thrust[i])
+    for k in range(p.n_spare):
+        p.inner.y[k] = _weighted(p.spare[k], weight, thrust, p.count)
+        for j in range(k + 1):
+            p.inner.K[k][j] = _weighted(p.spare[k], weight, p.spare[j], p.count)
+    solve_positive(p.inner, p.n_spare)
+    for k in range(p.n_spare):
+        for i in range(p.count):
+            thrust[i] -= p.stretch * p.spare[k][i] * p.inner.y[k]
+
+
+def _weighted(x: Vector, weight: Vector, y: Vector, n: int) -> float:
+    total = 0.0
+    for i in range(n):
+        total += x[i] * weight[i] * y[i]
+    return total

@@ -1,44 +1,36 @@
-"""Thrust for a wrench that limits or dead zones are in the way of, as a kernel: `Allocation.beyond` in numbers."""
+"""Thrust for a wrench that limits or dead zones are in the way of, as a kernel."""
 
 from __future__ import annotations
 
 import math
 from typing import Annotated
 
+from uvms_ocp.control.force.least_power import Powers, touching
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, zeros
 from uvms_ocp.solvers.bounded_least_squares import BoundedProblem, solve_bounded
 
 _REWEIGHTINGS = 3  # of the power at the limits; each divides what is left to save by four
 _SETTLED = 1e-4  # share of the largest thrust
 _EXACT = 1e-9  # relative loss of wrench that counts as none
-SMALL = 1e-3
-"""Share of the largest thrust below which |T|^p is rounded off, so that its curvature stays finite."""
 
 
 class LimitedThrust(Layout):
-    """Of an `Allocation`, whose fields are described there. Room for n thrusters, as many as `problem.columns` are used."""
+    """Of an `Allocation`, whose fields are described there. Room for n thrusters, as many as `powers.count` are used."""
 
+    powers: Powers
     problem: BoundedProblem
-    matrix: Annotated[list[Vector], Sized("m", "n")]
     lower: Annotated[Vector, Sized("n")]
+    """(n,) [N]"""
     upper: Annotated[Vector, Sized("n")]
+    """(n,) [N]"""
     dead_zone: Annotated[Vector, Sized("n")]
-    factor: Annotated[Vector, Sized("n")]
-    """[W/N^exponent]"""
-    exponent: Annotated[Vector, Sized("n")]
-    largest: Annotated[Vector, Sized("n")]
-    """[N] largest thrust."""
-    quadratic: Annotated[Vector, Sized("n")]
-    """[W/N^2] as `PowerLaw.quadratic`."""
-    wrench_weight: Annotated[Vector, Sized("m")]
-    redundant: bool
-    """Several thrusts give one wrench."""
+    """(n,) [N]"""
     wrench: Annotated[Vector, Sized("m")]
-    """[N, N m] asked for."""
+    """(6,) [N, N m] asked for."""
     unbounded: Annotated[Vector, Sized("n")]
-    """[N] thrust of least power for it, limits aside."""
+    """(n,) [N] thrust of least power for it, limits aside."""
     thrust: Annotated[Vector, Sized("n")]
-    """[N] the answer."""
+    """(n,) [N] the answer."""
 
 
 def limit_thrust(p: LimitedThrust) -> bool:
@@ -54,24 +46,15 @@ def limit_thrust(p: LimitedThrust) -> bool:
     return saturated
 
 
-def touching(factor: float, exponent: float, largest: float, thrust: float) -> float:
-    """Weight [W/N^2] of the parabola that has the slope of the power ``factor |T|^exponent`` at a thrust T [N].
-
-    factor [W/N^exponent]; exponent [-]; largest [N] thrust.
-    """
-    size = thrust * thrust + (SMALL * largest) * (SMALL * largest)
-    return 0.5 * factor * exponent * math.exp((0.5 * exponent - 1.0) * math.log(size))
-
-
 def _bounded(p: LimitedThrust) -> None:
     """Inside the limits: of least quadratic power, then step by step of least power."""
     n, before = p.problem.columns, zeros(len(p.thrust))
     for i in range(n):
-        p.problem.weight[i] = p.quadratic[i]
+        p.problem.weight[i] = p.powers.quadratic[i]
         p.problem.lower[i] = p.lower[i]
         p.problem.upper[i] = p.upper[i]
     _solve(p, False)
-    for _ in range(_REWEIGHTINGS if p.redundant else 0):
+    for _ in range(_REWEIGHTINGS if p.powers.n_spare > 0 else 0):
         for i in range(n):
             before[i] = p.thrust[i]
         _touch(p)
@@ -79,22 +62,22 @@ def _bounded(p: LimitedThrust) -> None:
         moved, most = 0.0, 0.0
         for i in range(n):
             moved = max(moved, abs(p.thrust[i] - before[i]))
-            most = max(most, p.largest[i])
+            most = max(most, p.powers.largest[i])
         if moved < _SETTLED * most:
             break
 
 
 def _touch(p: LimitedThrust) -> None:
     for i in range(p.problem.columns):
-        p.problem.weight[i] = touching(p.factor[i], p.exponent[i], p.largest[i], p.thrust[i])
+        p.problem.weight[i] = touching(p.powers.factor[i], p.powers.exponent[i], p.powers.largest[i], p.thrust[i])
 
 
 def _solve(p: LimitedThrust, started: bool) -> None:
     """The thrust for the weights and limits in the problem; started: from the thrust that there is."""
     for k in range(p.problem.rows):
-        p.problem.b[k] = p.wrench_weight[k] * p.wrench[k]
+        p.problem.b[k] = p.powers.wrench_weight[k] * p.wrench[k]
         for i in range(p.problem.columns):
-            p.problem.A[k][i] = p.wrench_weight[k] * p.matrix[k][i]
+            p.problem.A[k][i] = p.powers.wrench_weight[k] * p.powers.matrix[k][i]
     for i in range(p.problem.columns):
         p.problem.x[i] = p.thrust[i]
     p.problem.started = started
@@ -109,10 +92,10 @@ def _loses(p: LimitedThrust) -> bool:
     for k in range(p.problem.rows):
         difference, whole = 0.0, 0.0
         for i in range(p.problem.columns):
-            difference += p.matrix[k][i] * (p.thrust[i] - p.unbounded[i])
-            whole += p.matrix[k][i] * p.unbounded[i]
-        difference *= p.wrench_weight[k]
-        whole *= p.wrench_weight[k]
+            difference += p.powers.matrix[k][i] * (p.thrust[i] - p.unbounded[i])
+            whole += p.powers.matrix[k][i] * p.unbounded[i]
+        difference *= p.powers.wrench_weight[k]
+        whole *= p.powers.wrench_weight[k]
         lost += difference * difference
         wanted += whole * whole
     return math.sqrt(lost) > _EXACT * math.sqrt(wanted)

@@ -104,8 +104,6 @@ class Allocated:
     """(6,) [N, N m]"""
     unreachable: Array
     """(6,) [N, N m]"""
-    settled: Array
-    """(1,) [-] as `Allocation.function` has it."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -138,7 +136,7 @@ def sizes_of(robot: Robot) -> dict[str, int]:
         "vehicle_force": robot.n_vehicle,
         **dict.fromkeys(("wrench", "reached", "unreachable"), 6),
         **dict.fromkeys(
-            ("feedback", "joint_feedback", "hold", "stop", "joints", "follows", "ticks", "watch", "settled", "push"), 1
+            ("feedback", "joint_feedback", "hold", "stop", "joints", "follows", "ticks", "watch", "push"), 1
         ),
     }
 
