@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import coal
 import numpy as np
@@ -69,6 +70,35 @@ def test_a_number_that_is_none_counts_as_a_silent_sensor(
     assert [command.hold for command in commands[:20]] == [False] * 20
     assert commands[60].hold
     assert commands[-1].stop
+
+
+def any_joints() -> SimpleNamespace:
+    """A robot with every kind of joint that has a norm in it."""
+    model, joint = pin.Model(), 0
+    for kind in (
+        pin.JointModelFreeFlyer,
+        pin.JointModelSpherical,
+        pin.JointModelPlanar,
+        pin.JointModelRUBZ,
+        pin.JointModelRX,
+    ):
+        joint = model.addJoint(joint, kind(), pin.SE3.Identity(), kind.__name__)
+    return SimpleNamespace(model=model, n_q=model.nq, n_v=model.nv, configuration=lambda: pin.neutral(model))
+
+
+def test_a_configuration_is_sound_where_every_quaternion_and_circle_in_it_has_norm_one() -> None:
+    """By Pinocchio, which knows the manifold of each joint."""
+    anything, rng, seen = any_joints(), np.random.default_rng(1), set()
+    sound, v = LastSound(anything), np.zeros(anything.n_v)  # type: ignore[arg-type]
+    assert sound.memory.n_units == 4
+    for _ in range(100):
+        q = pin.randomConfiguration(anything.model, -np.ones(anything.n_q), np.ones(anything.n_q))
+        q[rng.integers(anything.n_q)] *= 1.0 + 3e-3 * rng.normal()
+        found = sound(Measurement(q=q, v=v, altimeter_range=1.0), 0.0)
+        assert bool(sound.memory.is_sound) == pin.isNormalized(anything.model, q, 1e-3)
+        assert (found.q == q).all() == bool(sound.memory.is_sound)
+        seen.add(bool(sound.memory.is_sound))
+    assert seen == {True, False}
 
 
 def test_a_robot_that_has_never_measured_is_stopped(robot: Robot) -> None:

@@ -13,9 +13,10 @@ import pytest
 
 import uvms_ocp as uo
 from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.control.velocity.parameters import MissionParameters, measured, mission_parameters
+from uvms_ocp.control.velocity.parameters import measured, mission_parameters, take_goals
 from uvms_ocp.control.velocity.stop import Stop, StopAhead
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.mission.progress import write_state
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.collision_model import CollisionModel
@@ -209,13 +210,18 @@ def test_a_goal_that_moves_is_asked_at_every_tick_and_a_still_one_once_in_a_phas
         for name, goal in (("one", 0.1), ("two", 0.2))
     ]
     mission = uo.Mission(hierarchy=Hierarchy(tasks), phases=tuple(phases))
-    parameters, q, state = MissionParameters(mission), robot.configuration(), mission.start()
+    control = KinematicController(robot=robot, mission=mission, solver=uo.LexicographicActiveSet(), dt=DT)
+    memory, q, state = control._memory, robot.configuration(), mission.start()
+    moving.asked.clear()
     for phase, goal in ((0, 0.1), (1, 0.2), (0, 0.1)):
         now = replace(state, phase=phase)
         for t in (1.0, 2.0, 3.0):
-            found = parameters.at(now, t, gates=np.ones(2), q=q, stop=None)
-            np.testing.assert_array_equal(found, [goal, 0.0, t, 1.0])
-            np.testing.assert_array_equal(found, np.concatenate(mission.references(now, t)))
+            write_state(memory.mission, now)
+            take_goals(memory.goals, memory.mission, memory.climb)
+            control._parameters.ask(now, t, gates=np.ones(2), q=q, stop=None)
+            np.testing.assert_array_equal(memory.goals.values, [goal, 0.0, t, 1.0])
+            found = mission_parameters(mission, now, t, gates=np.ones(2), q=q, stop=None)
+            np.testing.assert_array_equal(memory.goals.values, found)
     assert moving.asked.count(2.0) == 6
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from uvms_ocp.control.velocity.distress import Strain
 from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.control.velocity.tick.kernels import settle
+from uvms_ocp.control.velocity.tick.kernels import after
 from uvms_ocp.mission.progress import gates_at
 from uvms_ocp.model.health import ChannelHealth, Trust
 from uvms_ocp.model.state import Measurement
@@ -47,8 +47,8 @@ def test_a_controller_whose_kernels_are_python_gives_the_same_bits(
     with monkeypatch.context() as without:
         without.setattr("uvms_ocp.control.velocity.kinematic.bind_to", lambda memory, kernels: kernels)
         slow = scenario.controller()
-    assert slow._settle is settle
-    assert quick._settle is not settle
+    assert slow._after is after
+    assert quick._after is not after
     fed = babble(scenario, 260)
     for k, (measurement, strain) in enumerate(fed):
         for control in (quick, slow):

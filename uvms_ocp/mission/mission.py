@@ -134,6 +134,10 @@ class Mission:
         """Of all tasks in a state, highest priority first."""
         return self._references[state.phase] if state.goals is None else state.goals
 
+    def references_of(self, phase: int) -> GoalFunctions:
+        """Goals of all tasks in a phase, highest priority first, but for one that is made as the phase begins."""
+        return self._references[phase]
+
     @late
     def step(self, state: MissionState, t: float, quantities: Mapping[str, float]) -> tuple[MissionState, Event | None]:
         """The state after the quantities [in their units] measured at t [s], and the event if a transition fired."""

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Annotated, Any
 
 import casadi as ca
 import numpy as np
-import pinocchio as pin
 
-from uvms_ocp.arguments import Shape, changed
+from uvms_ocp.arguments import changed
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions.buffered import BoundFunction
-from uvms_ocp.functions.compile import compile_function
-from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, structure_of, view
+from uvms_ocp.functions.kernels.binding import bind_to
+from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, doubles, structure_of, view
+from uvms_ocp.functions.kernels.smooth import Smooth
 from uvms_ocp.model.kinematics import STEEP
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Measurement
@@ -25,49 +25,134 @@ _UNIT = 1e-3  # by which the norm of a quaternion may differ from 1, as in recor
 _LEVEL = 1e-6  # cosine of a tilt; a beam nearer to the horizon has no range that stands for a height
 
 
+class SoundMemory(Layout):
+    """The last measurement that was sound, and what stands in for one that is not."""
+
+    n_units: int
+    """[-] parts of q that have norm 1."""
+    unit: Annotated[list[list[int]], Sized("n_v", 2)]
+    """(n_units, 2) first entry in q of each, and the one after its last."""
+    q: Annotated[Vector, Sized("n_q")]
+    """(n_q,) [m, rad]"""
+    v: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s]"""
+    since: float
+    """[s] time of its tick."""
+    was: Annotated[Vector, Sized(2)]
+    """(2,) [s] age of the measurement and of its joints then."""
+    age: float
+    """[s] of the measurement of now, or of what stands in for it."""
+    joint_age: float
+    """[s] the same of the joints."""
+    is_sound: bool
+    """The measurement of now."""
+
+
+def last_sound(m: SoundMemory, t: float, q: Vector, v: Vector, age: float, joint_age: float) -> None:
+    """A measurement of q [m, rad] and v [m/s, rad/s] at t [s], or where it is not sound, the last in its place. A kernel.
+
+    age, joint_age [s]: as those of `Measurement`; the memory holds those that hold true.
+    """
+    m.is_sound = _is_sound(m, q, v)
+    if m.is_sound:
+        _remember(m, t, q, v)
+        m.was[0] = age
+        m.was[1] = joint_age
+        m.age = age
+        m.joint_age = joint_age
+        return
+    for i in range(len(m.q)):
+        q[i] = m.q[i]
+    for i in range(len(m.v)):
+        v[i] = m.v[i]
+    m.age = max(age, m.was[0] + t - m.since)
+    m.joint_age = max(joint_age, m.was[1] + t - m.since)
+
+
+def _remember(m: SoundMemory, t: float, q: Vector, v: Vector) -> None:
+    for i in range(len(m.q)):
+        m.q[i] = q[i]
+    for i in range(len(m.v)):
+        m.v[i] = v[i]
+    m.since = t
+
+
+def _is_sound(m: SoundMemory, q: Vector, v: Vector) -> bool:
+    """All numbers are finite, and what should have norm 1 does."""
+    sound = True
+    for i in range(len(m.q)):
+        sound = sound and math.isfinite(q[i])
+    for i in range(len(m.v)):
+        sound = sound and math.isfinite(v[i])
+    for k in range(m.n_units):
+        unit, square = m.unit[k], 0.0
+        for i in range(unit[0], unit[1]):
+            square += q[i] * q[i]
+        sound = sound and abs(math.sqrt(square) - 1.0) <= _UNIT
+    return sound
+
+
 class LastSound:
     """The measurement, or where its q or v is not finite or its quaternion none, the last that was sound, with its true age."""
 
-    __slots__ = ("_last", "_model", "_no_q", "_no_v", "_since")
+    __slots__ = ("_last", "_shapes", "memory")
 
-    def __init__(self, robot: Robot) -> None:
-        rest = Measurement(q=robot.configuration(), v=np.zeros(robot.n_v), altimeter_range=np.nan)
-        self._last, self._since = rest, -np.inf
-        self._model = robot.model
-        self._no_q, self._no_v = np.zeros(robot.n_q), np.zeros(robot.n_v)
+    def __init__(self, robot: Robot, memory: Any = None) -> None:
+        """memory: a `SoundMemory` of the caller's, who asks the kernel."""
+        self.memory: Any = structure_of(SoundMemory, n_q=robot.n_q, n_v=robot.n_v)() if memory is None else memory
+        """The `SoundMemory`."""
+        self._last = Measurement(q=robot.configuration(), v=np.zeros(robot.n_v), altimeter_range=np.nan)
+        self._shapes = self._last.q.shape, self._last.v.shape
+        view(self.memory.q)[:], self.memory.since = self._last.q, -math.inf
+        units = _units(robot)
+        self.memory.n_units = len(units)
+        for k, ends in enumerate(units):
+            self.memory.unit[k][:] = ends
 
     def __call__(self, measurement: Measurement, t: float) -> Measurement:
         """t [s]: time of the tick. Raises `InvalidInput` for a q or v of another robot's size."""
-        if measurement.q.shape != self._no_q.shape or measurement.v.shape != self._no_v.shape:
+        self.check(measurement)
+        q, v = doubles(measurement.q), doubles(measurement.v)
+        last_sound(self.memory, t, q, v, measurement.age, measurement.joint_age)
+        return self.standing_for(measurement)
+
+    def check(self, measurement: Measurement) -> None:
+        """Raise `InvalidInput` for a q or v of another robot's size."""
+        if (measurement.q.shape, measurement.v.shape) != self._shapes:
             raise InvalidInput(self._misfit(measurement))
-        if self._is_sound(measurement):
-            self._last, self._since = measurement, t
+
+    def standing_for(self, measurement: Measurement) -> Measurement:
+        """The measurement that the kernel was asked with, if it is sound, or what stands in for it."""
+        if self.memory.is_sound:
+            self._last = measurement
             return measurement
-        late = t - self._since
         return changed(
             self._last,
             altimeter_range=measurement.altimeter_range,
-            age=max(measurement.age, self._last.age + late),
+            age=self.memory.age,
             oldest=measurement.oldest,
-            joint_age=max(measurement.joint_age, self._last.joint_age + late),
+            joint_age=self.memory.joint_age,
             health=measurement.health,
         )
 
-    def _is_sound(self, measurement: Measurement) -> bool:
-        q = measurement.q
-        # 0 times what is not finite is NaN; a third of the time of a look at each.
-        finite = q.dot(self._no_q) == 0.0 and measurement.v.dot(self._no_v) == 0.0
-        return bool(finite and pin.isNormalized(self._model, q, _UNIT))
-
     def _misfit(self, measurement: Measurement) -> str:
-        pairs = (("q", measurement.q, self._no_q), ("v", measurement.v, self._no_v))
-        wrong = [(name, value.shape, right.shape) for name, value, right in pairs if value.shape != right.shape]
+        pairs = zip("qv", (measurement.q, measurement.v), self._shapes, strict=True)
+        wrong = [(name, value.shape, right) for name, value, right in pairs if value.shape != right]
         return ", ".join(f"measurement.{name} has shape {shape}; give {right}" for name, shape, right in wrong)
+
+
+def _units(robot: Robot) -> list[tuple[int, int]]:
+    """Where quaternions, and cosine and sine of joints without end, are in q."""
+    lengths = {"JointModelFreeFlyer": 4, "JointModelSpherical": 4, "JointModelPlanar": 2}
+    ends = [(joint.idx_q + joint.nq, joint) for joint in robot.model.joints if joint.nq > joint.nv]
+    return [(end - lengths.get(joint.shortname(), 2), end) for end, joint in ends]
 
 
 class EchoMemory(Layout):
     """What `LastEcho` knows, and where the altimeter looks: along -z of its frame."""
 
+    look: Smooth
+    """q to `beam` and `climb`."""
     exists: bool
     """There is an altimeter."""
     beam: Annotated[Vector, Sized(4)]
@@ -82,6 +167,12 @@ class EchoMemory(Layout):
     """(2,) [m] in W of the last look."""
     since: float
     """[s] time of the last echo, 0 before the first."""
+
+
+def look_down(m: EchoMemory, q: Vector) -> None:
+    """Where the altimeter looks at q [m, rad]. A kernel."""
+    if m.exists:
+        m.look(q, m.beam, m.climb)
 
 
 def echo_range(m: EchoMemory, t: float, echo: float, unknown: float, doubted: bool) -> float:
@@ -124,59 +215,47 @@ class LastEcho:
     time, and rises with the way. An echo along a beam that does not look down tells no height.
     """
 
-    __slots__ = ("_look", "_q", "memory")
+    __slots__ = ("_look", "memory")
 
-    def __init__(
-        self, robot: Robot, frame: str | None, memory: Any = None, q: Annotated[np.ndarray, Shape("n_q")] | None = None
-    ) -> None:
+    def __init__(self, robot: Robot, frame: str | None, memory: Any = None) -> None:
         """frame: that of the altimeter; `None` or one that the robot does not have: no altitude is ever known.
 
-        memory: an `EchoMemory` of the caller's, who asks `look` where the altimeter looks at `q` (n_q,) [m, rad], its own too.
+        memory: an `EchoMemory` of the caller's, of the `echo_sizes` of the frame.
         """
-        self.memory: Any = structure_of(EchoMemory, n_v=robot.n_v)() if memory is None else memory
+        self.memory: Any = structure_of(EchoMemory, **echo_sizes(robot, frame))() if memory is None else memory
         """The `EchoMemory`."""
         self.memory.exists = frame is not None and robot.has_frame(frame)
         self.memory.floor = self.memory.highest = math.nan
-        self._q, results = np.zeros(robot.n_q) if q is None else q, (view(self.memory.beam), view(self.memory.climb))
-        beam = compile_function(_beam(robot, frame)) if self.memory.exists else None
-        self._look = None if beam is None else BoundFunction(beam, (self._q,), results)
-
-    @property
-    def highest(self) -> float:
-        """[m] z of the floor in W, the highest of late; NaN before the first echo."""
-        return float(self.memory.highest)
-
-    @property
-    def since(self) -> float:
-        """[s] time of the last echo, 0 before the first."""
-        return float(self.memory.since)
-
-    def look(self) -> None:
-        """Where the altimeter looks, into the memory."""
-        if self._look is not None:
-            self._look.evaluate()
+        (self._look,) = bind_to(self.memory, (look_down,))
 
     def range(self, measurement: Measurement, t: float, unknown: float, doubted: bool = False) -> float:
         """[m], always finite, at the tick at time t [s]; `unknown` [m] is the altitude to act on before the first echo.
 
         doubted: no echo of now is to be believed.
         """
-        self._q[:] = measurement.q
-        self.look()
+        self._look(self.memory, doubles(measurement.q))
         return echo_range(self.memory, t, measurement.altimeter_range, unknown, doubted)
 
     def at(self, measurement: Measurement) -> tuple[float, bool]:
         """Range [m], always finite, at a measurement that is not remembered, and whether its echo tells the altitude."""
-        self._q[:] = measurement.q
-        self.look()
+        self._look(self.memory, doubles(measurement.q))
         tells = tells_altitude(self.memory, measurement.altimeter_range)
         return (measurement.altimeter_range, True) if tells else (carried(self.memory, 0.0), False)
 
 
+def echo_sizes(robot: Robot, frame: str | None) -> dict[str, Any]:
+    """Of an `EchoMemory`, with the function that tells where the altimeter looks."""
+    return {"n_v": robot.n_v, "look": _beam(robot, frame if frame is not None and robot.has_frame(frame) else None)}
+
+
+@lru_cache(maxsize=8)
 def _beam(robot: Robot, frame: str | None) -> ca.Function:
     """q -> origin (3,) [m] and cosine [-] of the beam, and how the origin rises with each velocity (n_v,) [m, or 1]."""
     q = ca.SX.sym("q", robot.n_q)
-    kinematics = SymbolicModel(robot.model).forward_kinematics(q)
-    R_WS, p_WS = kinematics.pose(frame or "")
-    outputs = [ca.densify(ca.vertcat(p_WS, R_WS[2, 2])), ca.densify(kinematics.jacobian(frame or "")[2, :].T)]
+    beam, climb = ca.SX.zeros(4), ca.SX.zeros(robot.n_v)
+    if frame is not None:
+        kinematics = SymbolicModel(robot.model).forward_kinematics(q)
+        R_WS, p_WS = kinematics.pose(frame)
+        beam, climb = ca.vertcat(p_WS, R_WS[2, 2]), kinematics.jacobian(frame)[2, :].T
+    outputs = [ca.densify(beam), ca.densify(climb)]
     return ca.Function("beam", [q], outputs, ["q"], ["beam", "climb"], {"cse": True})

@@ -27,7 +27,7 @@ from uvms_ocp.control.velocity.guards import Guarding, guards_of
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.parameters import MissionParameters, mission_parameters
 from uvms_ocp.control.velocity.stop import StopAhead
-from uvms_ocp.control.velocity.tick.kernels import is_unknown, observe, settle, take
+from uvms_ocp.control.velocity.tick.kernels import after, before, is_unknown, take
 from uvms_ocp.control.velocity.tick.memory import altimeter_of, arrays_of, inputs_of, tick_memory
 from uvms_ocp.control.velocity.tick_state import TickState
 from uvms_ocp.exceptions import InvalidInput
@@ -77,7 +77,6 @@ class KinematicController:
         self.robot, self.mission, self.dt = robot, mission, dt
         self.problem: LevelsProblem = build_levels(robot, mission.hierarchy, dt)
         mission.check_quantities(self.problem.quantity_names)
-        self._parameters = MissionParameters(mission, self.problem.function.size1_in("parameters"))
         self.events: list[Event] = []
         self.left: list[MissionState] = []
         """Where the mission was at each event, just before."""
@@ -85,14 +84,17 @@ class KinematicController:
         names, tasks = self.problem.quantity_names, mission.hierarchy.tasks
         guards = guards_of(robot, tasks, names)
         self._memory = memory = tick_memory(robot, mission, self.problem, self.watchdog, guards, dt)
-        self._arrays = arrays_of(memory, n_tasks=mission.n_tasks, n_quantities=len(names))
-        tick = solver.bind(self.problem.function, self.problem.sizes)
-        inputs = inputs_of(self._arrays, self._parameters.values)
+        self._arrays = arrays_of(memory, self.problem)
+        self._parameters = MissionParameters(mission, memory.goals)
+        tick, inputs = (
+            solver.bind(self.problem.function, self.problem.sizes),
+            inputs_of(memory, self._arrays, self.problem),
+        )
         self._solve = tick.adopt(*inputs) if isinstance(tick, SharedTick) else partial(tick, *inputs)
-        self._observe, self._settle, self._take = bind_to(memory, (observe, settle, take))
+        self._before, self._after, self._take = bind_to(memory, (before, after, take))
         self._guarding = Guarding(robot, guards, dt, memory.rule)
-        self._sound = LastSound(robot)
-        self._echo = LastEcho(robot, altimeter_of(robot, tasks), memory.beam, self._arrays.q)
+        self._sound = LastSound(robot, memory.sound)
+        self._echo = LastEcho(robot, altimeter_of(robot, tasks), memory.beam)
         self._distress = Distress(mission, names, memory)
         self._strain = self._felt = Strain()
         self._jammed = self._felt.jammed
@@ -124,16 +126,16 @@ class KinematicController:
     def observe(self, measurement: Measurement, t: float) -> TickState:
         """What is known at time t [s]; what is missing of the measurement is replaced by what was known last."""
         started, memory, arrays = perf_counter(), self._memory, self._arrays
-        measurement = self._sound(measurement, t)
+        self._sound.check(measurement)
         arrays.q[:] = measurement.q
         arrays.v[:] = measurement.v
         memory.t, memory.altimeter_range = t, measurement.altimeter_range
         memory.age, memory.joint_age = measurement.age, measurement.joint_age
-        self._echo.look()
         bad = bad_of(measurement.health)
         if bad or self._restriction is not FREE:
             write_channels(memory.restriction, bad)
-        self._observe(memory)
+        self._before(memory)
+        measurement = self._sound.standing_for(measurement)
         restriction = self._restricted(bad) if bad or self._restriction is not FREE else FREE
         freshness = _FRESHNESS[memory.freshness]
         if freshness is not self.watchdog.verdict:
@@ -159,14 +161,14 @@ class KinematicController:
     def command(self, tick: TickState) -> Command:
         """The command for what `observe` has found."""
         arrays, memory, q = self._arrays, self._memory, tick.measurement.q
-        self._parameters.at(tick.mission, tick.t, gates=tick.gates, q=q, stop=self._stop_ahead(q))
+        self._parameters.ask(tick.mission, tick.t, gates=tick.gates, q=q, stop=self._stop_ahead(q))
         result = self._solve()
         arrays.solved[:] = result.v
         arrays.quantities[:] = result.extras[0]
         memory.usable = result.status.usable
         if self._strain is not self._felt:
             self._feel()
-        self._settle(memory)
+        self._after(memory)
         self._guarding.answer.check()
         if memory.eventful:
             self._advance(tick)

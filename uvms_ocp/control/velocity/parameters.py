@@ -1,26 +1,53 @@
 """Parameters of tasks at one tick: their references, ending with the distances that some of them ask for.
 
-A task on distances asks for `uvms_ocp.tasks.nearest_pairs.NearestPairs`; they are measured here, on the way to rest.
+A task on distances asks for `uvms_ocp.tasks.nearest_pairs.NearestPairs`; they are measured here, on the way to rest. Goals that
+are still are in memory, for a kernel to take; those that move are asked at every tick.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Annotated, Any
 
 import numpy as np
 
+from uvms_ocp.control.velocity.climb import ClimbMemory
 from uvms_ocp.control.velocity.stop import StopAhead
+from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, view
 from uvms_ocp.mission.mission import Mission, is_still
-from uvms_ocp.mission.phase import GoalFunctions, MissionState
+from uvms_ocp.mission.phase import MissionState
+from uvms_ocp.mission.progress import MissionMemory
 from uvms_ocp.model.axis_reach import largest_change
 from uvms_ocp.tasks.nearest_pairs import FAR, NearestPairs
 from uvms_ocp.tasks.task import Task
 
 
+class GoalsMemory(Layout):
+    """Parameters of all tasks, one after the other, and those that they have in each phase while nothing moves or is near."""
+
+    of_phase: Annotated[list[Vector], Sized("n_phases", "n_parameters")]
+    """(n_phases, n_parameters) [their units]"""
+    climb: int
+    """Where the goal of the task that climbs begins among them."""
+    values: Annotated[Vector, Sized("n_parameters")]
+    """(n_parameters,) [their units] of now."""
+
+
+def take_goals(g: GoalsMemory, m: MissionMemory, climb: ClimbMemory) -> None:
+    """Those of the phase; the abort phase climbs to where its beginning has aimed at. A kernel."""
+    goals = g.of_phase[m.phase]
+    for i in range(len(g.values)):
+        g.values[i] = goals[i]
+    if m.phase == m.abort_phase:
+        for i in range(len(climb.goal)):
+            g.values[g.climb + i] = climb.goal[i]
+
+
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Asked:
-    """A task that is asked at every tick."""
+    """A task that is asked at every tick of a phase."""
 
     index: int
     """In the hierarchy."""
@@ -29,74 +56,68 @@ class _Asked:
     """Of its own among the parameters of all tasks."""
     reference: Callable[[float], np.ndarray]
     """Its goal at a time [s]."""
+    moves: bool
+    """Whether that changes with time."""
     of_phase: bool
-    """Whether that is the time since the start of the phase."""
+    """Whether that time is the time since the start of the phase."""
 
 
 class MissionParameters:
-    """Parameters of all tasks, one after the other, tick by tick. Goals that are still are asked for once in a phase."""
+    """Those of all tasks in a `GoalsMemory`: what its kernel does not know is asked of the tasks, tick by tick."""
 
-    def __init__(self, mission: Mission, n: int | None = None) -> None:
-        """n [-]: how many there are, if that is known: then they are always in the same array `values`."""
-        self._mission = mission
-        self._of: tuple[int, GoalFunctions | None] = (-1, None)
-        self.values = np.zeros(n or 0)
-        """(n,) [their units] as last asked for."""
-        self._asked = list[_Asked]()
+    def __init__(self, mission: Mission, memory: Any) -> None:
+        """memory: a `GoalsMemory`, which is set up."""
+        self._mission, self._values = mission, view(memory.values)
+        found = [mission.references_of(phase) for phase in range(len(mission.all_phases))]
+        starts = [[reference(0.0) for reference, _ in references] for references in found]
+        ends = np.cumsum([0, *map(len, starts[0])]).tolist()
+        self._places = [slice(start, end) for start, end in pairwise(ends)]
+        for phase, values in enumerate(starts):
+            view(memory.of_phase)[phase, : ends[-1]] = np.concatenate(values)
+        if mission.abort is not None:
+            climb = self._places[mission.hierarchy.index(mission.abort.climb)]
+            memory.climb = climb.start
+            view(memory.of_phase)[-1, climb] = 0.0
+        self._asked = [self._asked_in(phase) for phase in range(len(mission.all_phases))]
         self.measures = any(task.nearest_pairs is not None for task in mission.hierarchy.tasks)
         """Whether any task asks for distances."""
 
-    def at(
-        self, state: MissionState, t: float, *, gates: np.ndarray, q: np.ndarray, stop: StopAhead | None
-    ) -> np.ndarray:
-        """Those of time t [s], valid until the next call.
+    def ask(self, state: MissionState, t: float, *, gates: np.ndarray, q: np.ndarray, stop: StopAhead | None) -> None:
+        """Complete what the kernel has taken for the tick at t [s].
 
         gates (n_tasks,) [-]: of now. Nothing is measured for tasks that are off, and stay off. q (n_q,) [m, rad]: as
         measured. stop: the stop from the present velocity, where it could come near a limit.
         """
-        if self._of[0] != state.phase or self._of[1] is not state.goals:
-            self._begin(state, t)
-        if self._asked:
-            idle = self._mission.idle(state, gates)
-            for asked in self._asked:
-                reference = asked.reference(t - state.since if asked.of_phase else t)
-                off = idle[asked.index]
-                self.values[asked.place] = reference if off else parameters_of(asked.task, reference, q, stop)
-        return self.values
+        if not self._asked[state.phase]:
+            return
+        idle = self._mission.idle(state, gates)
+        for asked in self._asked[state.phase]:
+            if asked.moves:
+                self._values[asked.place] = asked.reference(t - state.since if asked.of_phase else t)
+            if not idle[asked.index]:
+                now = self._values[asked.place]
+                now[:] = parameters_of(asked.task, now, q, stop)
 
-    def _begin(self, state: MissionState, t: float) -> None:
-        """Another phase, or other goals."""
-        goals = self._mission.goals(state)
-        found = self._mission.references(state, t)
-        ends = np.cumsum([0, *map(len, found)])
-        if len(self.values) != ends[-1]:
-            self.values = np.zeros(ends[-1])
-        self.values[:] = np.concatenate(found)
-        self._asked = [
-            _Asked(
-                index=i,
-                task=task,
-                place=slice(int(ends[i]), int(ends[i + 1])),
-                reference=_always(found[i]) if is_still(reference) else reference,
-                of_phase=of_phase,
-            )
-            for i, (task, (reference, of_phase)) in enumerate(
-                zip(self._mission.tasks_of(state.phase), goals, strict=True)
-            )
-            if task.nearest_pairs is not None or not is_still(reference)
+    def _asked_in(self, phase: int) -> tuple[_Asked, ...]:
+        tasks, references = self._mission.tasks_of(phase), self._mission.references_of(phase)
+        found = [
+            _Asked(index=i, task=task, place=place, reference=reference, moves=not is_still(reference), of_phase=own)
+            for i, (task, place, (reference, own)) in enumerate(zip(tasks, self._places, references, strict=True))
         ]
-        self._of = state.phase, state.goals
-
-
-def _always(value: np.ndarray) -> Callable[[float], np.ndarray]:
-    return lambda t: value
+        abort = self._mission.abort
+        climbs = abort.climb if abort is not None and phase == len(self._mission.phases) else None
+        return tuple(a for a in found if a.task.name != climbs and (a.moves or a.task.nearest_pairs is not None))
 
 
 def mission_parameters(
     mission: Mission, state: MissionState, t: float, *, gates: np.ndarray, q: np.ndarray, stop: StopAhead | None
 ) -> np.ndarray:
-    """As `MissionParameters.at`, of one tick alone: t [s], gates (n_tasks,) [-], q (n_q,) [m, rad]."""
-    return MissionParameters(mission).at(state, t, gates=gates, q=q, stop=stop)
+    """Parameters (n_parameters,) [their units] of all tasks at t [s], in any state.
+
+    gates (n_tasks,) [-], q (n_q,) [m, rad] and stop as in `MissionParameters.ask`.
+    """
+    found = zip(mission.tasks_of(state.phase), mission.references(state, t), mission.idle(state, gates), strict=True)
+    return np.concatenate([goal if off else parameters_of(task, goal, q, stop) for task, goal, off in found])
 
 
 def parameters_of(task: Task, reference: np.ndarray, q: np.ndarray, stop: StopAhead | None = None) -> np.ndarray:

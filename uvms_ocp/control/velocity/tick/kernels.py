@@ -1,4 +1,4 @@
-"""One tick of the kinematic layer but for the hierarchy: what is known, as `observe` finds it, and what comes of it, `settle`.
+"""One tick of the kinematic layer but for the hierarchy: what is known, `before` it, and what comes of it, `after`.
 
 Between the two the hierarchy is solved.
 """
@@ -8,10 +8,11 @@ from __future__ import annotations
 import math
 
 from uvms_ocp.control.navigation.degraded import restrict
-from uvms_ocp.control.navigation.last_known import echo_range
+from uvms_ocp.control.navigation.last_known import echo_range, last_sound, look_down
 from uvms_ocp.control.navigation.watchdog import Freshness, verdict_on
 from uvms_ocp.control.velocity.climb import aim
 from uvms_ocp.control.velocity.distress import Why, distress_of
+from uvms_ocp.control.velocity.parameters import take_goals
 from uvms_ocp.control.velocity.restraint import restrain
 from uvms_ocp.control.velocity.stop import set_out, step_on
 from uvms_ocp.control.velocity.tick.layout import TickMemory
@@ -28,9 +29,14 @@ def _begin(m: TickMemory) -> None:
         m.altitude_matters = m.altitude_matters or (m.reads_altitude[i] != 0 and m.gates[i] != 0.0)
 
 
-def observe(m: TickMemory) -> None:
+def before(m: TickMemory) -> None:
     """What is known, from the measurement and the channels that are not good."""
+    last_sound(m.sound, m.t, m.q, m.v, m.age, m.joint_age)
+    m.age = m.sound.age
+    m.joint_age = m.sound.joint_age
+    look_down(m.beam, m.q)
     _begin(m)
+    take_goals(m.goals, m.mission, m.climb)
     restrict(m.restriction, m.t, m.altitude_matters)
     doubted = _doubts_altimeter(m)
     lowest, lower = 0.0, False
@@ -59,7 +65,7 @@ def observe(m: TickMemory) -> None:
         m.previous[i] = m.command[i] / m.pace
 
 
-def settle(m: TickMemory) -> None:
+def after(m: TickMemory) -> None:
     """What the tick comes to, after the hierarchy is solved: what is told, the velocity, and where the mission goes."""
     _report(m)
     if m.holds:

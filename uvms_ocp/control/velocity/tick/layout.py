@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Annotated
 
 from uvms_ocp.control.navigation.degraded import RestrictionMemory
-from uvms_ocp.control.navigation.last_known import EchoMemory
+from uvms_ocp.control.navigation.last_known import EchoMemory, SoundMemory
 from uvms_ocp.control.velocity.climb import ClimbMemory
 from uvms_ocp.control.velocity.distress import DistressMemory
+from uvms_ocp.control.velocity.parameters import GoalsMemory
 from uvms_ocp.control.velocity.restraint import RestraintMemory
 from uvms_ocp.control.velocity.viability import RuleMemory
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector
@@ -27,10 +28,14 @@ class TickMemory(Layout):
     """What is not done because of channels that cannot be trusted."""
     restraint: RestraintMemory
     """What is left of a velocity."""
+    sound: SoundMemory
+    """What stands in for a measurement that is not sound."""
     beam: EchoMemory
     """Where the altimeter looks."""
     climb: ClimbMemory
     """Where the abort phase leads to."""
+    goals: GoalsMemory
+    """Parameters of the tasks, an input of the levels."""
 
     velocity_limit: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s]"""
@@ -54,7 +59,7 @@ class TickMemory(Layout):
     t: float
     """[s] time of the tick."""
     q: Annotated[Vector, Sized("n_q")]
-    """(n_q,) [m, rad] measured, the last that is sound."""
+    """(n_q,) [m, rad] measured; where that is not sound, the last that was, and so the next three."""
     v: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] of the same."""
     altimeter_range: float
@@ -64,7 +69,7 @@ class TickMemory(Layout):
     joint_age: float
     """[s]"""
 
-    # found by `observe`, inputs of the levels among it
+    # found by `before`, inputs of the levels among it
     gates: Annotated[Vector, Sized("n_tasks")]
     """(n_tasks,) [-] external activations."""
     altitude_matters: bool
@@ -94,7 +99,7 @@ class TickMemory(Layout):
     quantities: Annotated[Vector, Sized("n_quantities")]
     """(n_quantities,) [their units] of the levels."""
 
-    # found by `settle`
+    # found by `after`
     reported: Annotated[Vector, Sized("n_quantities")]
     """(n_quantities,) [their units] NaN where not known."""
     told: Annotated[Vector, Sized("n_quantities")]

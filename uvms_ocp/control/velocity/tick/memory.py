@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.control.navigation.degraded import ALTIMETER, CHANNELS, write_modes
+from uvms_ocp.control.navigation.last_known import echo_sizes
 from uvms_ocp.control.navigation.watchdog import Watchdog
 from uvms_ocp.control.velocity.climb import climb_sizes
 from uvms_ocp.control.velocity.guards import Guard, rule_sizes
@@ -60,15 +61,17 @@ def tick_memory(
     guards: the limits on positions; dt [s]: control period.
     """
     tasks, names = mission.hierarchy.tasks, problem.quantity_names
-    memory = structure_of(
-        TickMemory,
-        n_tasks=len(tasks),
-        n_quantities=len(names),
-        n_channels=len(problem.rests_on),
+    sizes = {
+        "n_tasks": len(tasks),
+        "n_quantities": len(names),
+        "n_channels": len(problem.rests_on),
+        "n_parameters": problem.function.size1_in("parameters"),
         **rule_sizes(robot, guards, dt),
         **climb_sizes(robot, mission),
+        **echo_sizes(robot, altimeter_of(robot, tasks)),
         **sizes_of(mission.all_phases),
-    )()
+    }
+    memory = structure_of(TickMemory, **sizes)()
     write_mission(memory.mission, mission, names)
     memory.climb.altitude = math.nan if mission.abort is None else mission.abort.altitude
     memory.hold_after, memory.stop_after = watchdog.hold_after, watchdog.stop_after
@@ -88,15 +91,17 @@ def tick_memory(
     return memory
 
 
-def arrays_of(memory: Any, *, n_tasks: int, n_quantities: int) -> TickArrays:
+def arrays_of(memory: Any, problem: LevelsProblem) -> TickArrays:
     """The arrays of a `TickMemory`, which has room for one of each where there is none."""
+    n_tasks, n_quantities = problem.function.size1_in("gates"), len(problem.quantity_names)
     sizes = {"gates": n_tasks, **dict.fromkeys(("quantities", "reported", "told", "last_told"), n_quantities)}
     names = TickArrays.__dataclass_fields__
     return TickArrays(**{name: view(getattr(memory, name))[: sizes.get(name)] for name in names})
 
 
-def inputs_of(arrays: TickArrays, parameters: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Of the levels function, with the parameters (n_parameters,) [their units] of all tasks."""
+def inputs_of(memory: Any, arrays: TickArrays, problem: LevelsProblem) -> tuple[np.ndarray, ...]:
+    """Of the levels function, in its order."""
+    parameters = view(memory.goals.values)[: problem.function.size1_in("parameters")]
     return (arrays.q, arrays.v, arrays.previous, arrays.change, arrays.echo, parameters, arrays.gates)
 
 
