@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, get_type_hints
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions.buffered import sizes_of
 from uvms_ocp.functions.kernels.c_types import DOUBLE, INT, NOTHING, VECTOR, CType, of_ctypes
 from uvms_ocp.functions.kernels.expressions import PREFIX, Scope, Signature, c_name
 from uvms_ocp.functions.kernels.layout import Layout, Vector
@@ -43,6 +44,15 @@ def c_program(kernels: Sequence[Callable[..., Any]], structures: Iterable[type[c
     heads = [f"{'' if name in public else 'static '}{head}" for name, head in program.heads.items()]
     bodies = [f"{head} {{\n{program.bodies[name]}}}\n" for name, head in zip(program.heads, heads, strict=True)]
     return "\n".join([_HEAD, *program.declared, *(f"{head};" for head in heads), "", *bodies])
+
+
+def shape_of(kind: Any) -> Any:
+    """All that a C program tells of a type of a field, or of a structure."""
+    if issubclass(kind, SmoothStructure):
+        return kind.__name__, *sizes_of(kind.function)
+    if issubclass(kind, ctypes.Structure):
+        return kind.__name__, *((name, shape_of(part)) for name, part in kind._fields_)
+    return (kind._length_, shape_of(kind._type_)) if issubclass(kind, ctypes.Array) else kind
 
 
 class _Program:
