@@ -27,6 +27,7 @@ from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.joints import JointTracking
 from uvms_ocp.tasks.nearest_pairs import FAR, NearestPairs
 from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, equality_rows
+from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 
 DT = 0.005
 ROUNDING = 1e-8  # [m] coal begins a search where its last one ended
@@ -217,12 +218,37 @@ def test_a_goal_that_moves_is_asked_at_every_tick_and_a_still_one_once_in_a_phas
         now = replace(state, phase=phase)
         for t in (1.0, 2.0, 3.0):
             write_state(memory.mission, now)
-            take_goals(memory.goals, memory.mission, memory.climb)
+            take_goals(memory.goals, memory.mission, memory.climb, t)
             control._parameters.ask(now, t, gates=np.ones(2), q=q, stop=None)
             np.testing.assert_array_equal(memory.goals.values, [goal, 0.0, t, 1.0])
             found = mission_parameters(mission, now, t, gates=np.ones(2), q=q, stop=None)
             np.testing.assert_array_equal(memory.goals.values, found)
     assert moving.asked.count(2.0) == 6
+
+
+def test_a_goal_that_ends_is_held_as_samples_and_not_asked_again(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its own and that of a phase, before their start, at ticks, between them and after their end."""
+    joint, rng = robot.joints[0].name, np.random.default_rng(2)
+    curves = [PiecewisePolynomial(breaks=[0.5, 1.0, 1.7], coefficients=rng.normal(size=(4, 2, 1))) for _ in range(2)]
+    tasks = [JointTracking(name=name, joints=(joint,), goal=np.zeros(1)) for name in ("one", "two")]
+    never = (uo.Transition(to=uo.DONE, when=(uo.Below(quantity="one.posture_error", limit=1e-9),)),)
+    phases = [
+        uo.Phase(name=name, gates={"one": 1.0, "two": 1.0}, transitions=never, goals=goals)
+        for name, goals in (("first", {"one": curves[0]}), ("second", {"one": curves[1], "two": curves[0]}))
+    ]
+    mission = uo.Mission(hierarchy=Hierarchy([tasks[0], tasks[1].with_goal(curves[1])]), phases=tuple(phases))
+    control = KinematicController(robot=robot, mission=mission, solver=uo.LexicographicActiveSet(), dt=DT)
+    memory, q = control._memory, robot.configuration()
+    states = [replace(mission.start(), phase=phase, since=100 * DT) for phase in (0, 1)]
+    ticks = [(state, k * DT) for state in states for k in (0, 100, 227, 300.25, 400, 499.5, 5000)]
+    wanted = [mission_parameters(mission, *at, gates=np.ones(2), q=q, stop=None) for at in ticks]
+    monkeypatch.setattr(PiecewisePolynomial, "__call__", lambda self, t: None)
+    for (state, t), parameters in zip(ticks, wanted, strict=True):
+        write_state(memory.mission, state)
+        take_goals(memory.goals, memory.mission, memory.climb, t)
+        control._parameters.ask(state, t, gates=np.ones(2), q=q, stop=None)
+        close = 1e-9 if t / DT == round(t / DT) else 1e-2
+        np.testing.assert_allclose(memory.goals.values, parameters, rtol=0, atol=close)
 
 
 def test_a_task_of_ones_own_is_asked_at_every_tick(robot: Robot) -> None:

@@ -171,6 +171,12 @@ class Mission:
         give_up(memory, t, climb_to is not None)
         return gave_up(self.all_phases, state, memory, t, why, self.climb_goals(climb_to))
 
+    def climbs(self, phase: int, task: int) -> bool:
+        """Whether a task has a goal that is made as a phase begins: the one that climbs in the abort phase."""
+        if self.abort is None or phase != len(self.phases):
+            return False
+        return self.hierarchy.tasks[task].name == self.abort.climb
+
     def climb_goals(self, climb_to: pin.SE3 | None) -> GoalFunctions:
         """Of all tasks in the abort phase, which climbs to a pose; none without such a phase or pose."""
         if self.abort is None or climb_to is None:

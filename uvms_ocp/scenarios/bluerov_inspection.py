@@ -38,6 +38,11 @@ class Circle:
     duration: float
     """[s] of all turns."""
 
+    @property
+    def end(self) -> float:
+        """[s]"""
+        return float(self.duration)
+
     def __call__(self, t: float) -> tuple[pin.SE3, np.ndarray]:
         """Pose, of which the orientation has no meaning, and rate (6,) at time t [s]."""
         s = min(max(t / self.duration, 0.0), 1.0)

@@ -105,6 +105,11 @@ class ToolPath:
     """(n_q,) [m, rad] configuration whose joints are replaced."""
     joints: PiecewisePolynomial
 
+    @property
+    def end(self) -> float:
+        """[s]"""
+        return self.joints.end
+
     def __call__(self, t: float) -> tuple[pin.SE3, np.ndarray]:
         """X_WT and its rate (6,) in W, linear rows first, at time t [s]."""
         value, rate = self.joints(t)

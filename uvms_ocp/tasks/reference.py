@@ -1,13 +1,14 @@
 """Goals: constants or functions of time.
 
-A goal is either a constant or a `Reference`, any callable ``t -> (value, rate)``; trajectories are references.
+A goal is either a constant or a `Reference`, any callable ``t -> (value, rate)``; trajectories are references. Those that
+tell their `end` need no Python at work.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import pinocchio as pin
@@ -18,6 +19,18 @@ VectorReference: TypeAlias = Callable[[float], tuple[np.ndarray, np.ndarray]]
 PoseReference: TypeAlias = Callable[[float], tuple[pin.SE3, np.ndarray]]
 VectorGoal: TypeAlias = np.ndarray | VectorReference
 PoseGoal: TypeAlias = pin.SE3 | PoseReference
+
+
+@runtime_checkable
+class EndingReference(Protocol):
+    """A reference that rests in the end: controllers hold it as samples, which run as C."""
+
+    @property
+    def end(self) -> float:
+        """[s] after which it rests."""
+
+    def __call__(self, t: float) -> tuple[Any, np.ndarray]:
+        """Value and rate at t [s]."""
 
 
 def evaluate_vector(name: str, goal: VectorGoal, t: float) -> tuple[np.ndarray, np.ndarray]:

@@ -139,8 +139,12 @@ class Task(ABC):
 
         Never of a class of one's own that has its own `reference`.
         """
-        ours = type(self).reference.__module__.startswith("uvms_ocp.")
-        return ours and not callable(getattr(self, "goal", None))
+        return self.is_told_by_goal and not callable(getattr(self, "goal", None))
+
+    @property
+    def is_told_by_goal(self) -> bool:
+        """Whether `reference` depends on nothing but the goal, as that of every class but one's own that has its own does."""
+        return type(self).reference.__module__.startswith("uvms_ocp.")
 
     @abstractmethod
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:

@@ -11,7 +11,6 @@ import numpy as np
 
 from uvms_ocp.arguments import changed
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.functions.kernels.binding import bind_to
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, doubles, structure_of, view
 from uvms_ocp.functions.kernels.smooth import Smooth
 from uvms_ocp.model.kinematics import STEEP
@@ -215,7 +214,7 @@ class LastEcho:
     time, and rises with the way. An echo along a beam that does not look down tells no height.
     """
 
-    __slots__ = ("_look", "memory")
+    __slots__ = ("memory",)
 
     def __init__(self, robot: Robot, frame: str | None, memory: Any = None) -> None:
         """frame: that of the altimeter; `None` or one that the robot does not have: no altitude is ever known.
@@ -226,19 +225,18 @@ class LastEcho:
         """The `EchoMemory`."""
         self.memory.exists = frame is not None and robot.has_frame(frame)
         self.memory.floor = self.memory.highest = math.nan
-        (self._look,) = bind_to(self.memory, (look_down,))
 
     def range(self, measurement: Measurement, t: float, unknown: float, doubted: bool = False) -> float:
         """[m], always finite, at the tick at time t [s]; `unknown` [m] is the altitude to act on before the first echo.
 
         doubted: no echo of now is to be believed.
         """
-        self._look(self.memory, doubles(measurement.q))
+        look_down(self.memory, doubles(measurement.q))
         return echo_range(self.memory, t, measurement.altimeter_range, unknown, doubted)
 
     def at(self, measurement: Measurement) -> tuple[float, bool]:
         """Range [m], always finite, at a measurement that is not remembered, and whether its echo tells the altitude."""
-        self._look(self.memory, doubles(measurement.q))
+        look_down(self.memory, doubles(measurement.q))
         tells = tells_altitude(self.memory, measurement.altimeter_range)
         return (measurement.altimeter_range, True) if tells else (carried(self.memory, 0.0), False)
 

@@ -23,13 +23,14 @@ from uvms_ocp.control.navigation.last_known import LastEcho, LastSound
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.control.velocity.climb import climb_goal
 from uvms_ocp.control.velocity.distress import Distress, Strain, Why
-from uvms_ocp.control.velocity.guards import Guarding, guards_of
+from uvms_ocp.control.velocity.guards import Guarding, guards_of, rule_sizes
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.parameters import MissionParameters, mission_parameters
 from uvms_ocp.control.velocity.stop import StopAhead
 from uvms_ocp.control.velocity.tick.kernels import after, before, is_unknown, take
 from uvms_ocp.control.velocity.tick.memory import altimeter_of, arrays_of, inputs_of, tick_memory
 from uvms_ocp.control.velocity.tick_state import TickState
+from uvms_ocp.control.velocity.tracks import track_sizes, tracks_of
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.kernels.binding import bind_to
 from uvms_ocp.mission.mission import Mission
@@ -83,9 +84,11 @@ class KinematicController:
         self.watchdog = watchdog or Watchdog()
         names, tasks = self.problem.quantity_names, mission.hierarchy.tasks
         guards = guards_of(robot, tasks, names)
-        self._memory = memory = tick_memory(robot, mission, self.problem, self.watchdog, guards, dt)
+        tracks = tracks_of(mission, dt)
+        sizes = {**rule_sizes(robot, guards, dt), **track_sizes(tracks)}
+        self._memory = memory = tick_memory(robot, mission, self.problem, self.watchdog, sizes)
         self._arrays = arrays_of(memory, self.problem)
-        self._parameters = MissionParameters(mission, memory.goals)
+        self._parameters = MissionParameters(mission, memory.goals, tracks, dt)
         tick, inputs = (
             solver.bind(self.problem.function, self.problem.sizes),
             inputs_of(memory, self._arrays, self.problem),

@@ -6,7 +6,7 @@ are still are in memory, for a kernel to take; those that move are asked at ever
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, Any
@@ -15,6 +15,7 @@ import numpy as np
 
 from uvms_ocp.control.velocity.climb import ClimbMemory
 from uvms_ocp.control.velocity.stop import StopAhead
+from uvms_ocp.control.velocity.tracks import Track, TracksMemory, follow_tracks, write_tracks
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, view
 from uvms_ocp.mission.mission import Mission, is_still
 from uvms_ocp.mission.phase import MissionState
@@ -31,15 +32,18 @@ class GoalsMemory(Layout):
     """(n_phases, n_parameters) [their units]"""
     climb: int
     """Where the goal of the task that climbs begins among them."""
+    tracks: TracksMemory
+    """Of those that move and rest in the end."""
     values: Annotated[Vector, Sized("n_parameters")]
     """(n_parameters,) [their units] of now."""
 
 
-def take_goals(g: GoalsMemory, m: MissionMemory, climb: ClimbMemory) -> None:
-    """Those of the phase; the abort phase climbs to where its beginning has aimed at. A kernel."""
+def take_goals(g: GoalsMemory, m: MissionMemory, climb: ClimbMemory, t: float) -> None:
+    """Those of the phase at t [s]; the abort phase climbs to where its beginning has aimed at. A kernel."""
     goals = g.of_phase[m.phase]
     for i in range(len(g.values)):
         g.values[i] = goals[i]
+    follow_tracks(g.tracks, m.phase, m.since, t, g.values)
     if m.phase == m.abort_phase:
         for i in range(len(climb.goal)):
             g.values[g.climb + i] = climb.goal[i]
@@ -65,8 +69,8 @@ class _Asked:
 class MissionParameters:
     """Those of all tasks in a `GoalsMemory`: what its kernel does not know is asked of the tasks, tick by tick."""
 
-    def __init__(self, mission: Mission, memory: Any) -> None:
-        """memory: a `GoalsMemory`, which is set up."""
+    def __init__(self, mission: Mission, memory: Any, tracks: Sequence[Track], dt: float) -> None:
+        """memory: a `GoalsMemory`, which is set up. tracks: those of the mission, every dt [s]."""
         self._mission, self._values = mission, view(memory.values)
         found = [mission.references_of(phase) for phase in range(len(mission.all_phases))]
         starts = [[reference(0.0) for reference, _ in references] for references in found]
@@ -78,6 +82,8 @@ class MissionParameters:
             climb = self._places[mission.hierarchy.index(mission.abort.climb)]
             memory.climb = climb.start
             view(memory.of_phase)[-1, climb] = 0.0
+        write_tracks(memory.tracks, tracks, self._places, dt)
+        self._tracked = {(track.phase, track.task) for track in tracks}
         self._asked = [self._asked_in(phase) for phase in range(len(mission.all_phases))]
         self.measures = any(task.nearest_pairs is not None for task in mission.hierarchy.tasks)
         """Whether any task asks for distances."""
@@ -104,9 +110,10 @@ class MissionParameters:
             _Asked(index=i, task=task, place=place, reference=reference, moves=not is_still(reference), of_phase=own)
             for i, (task, place, (reference, own)) in enumerate(zip(tasks, self._places, references, strict=True))
         ]
-        abort = self._mission.abort
-        climbs = abort.climb if abort is not None and phase == len(self._mission.phases) else None
-        return tuple(a for a in found if a.task.name != climbs and (a.moves or a.task.nearest_pairs is not None))
+        return tuple(a for a in found if (a.moves or a.task.nearest_pairs) and not self._is_known(phase, a.index))
+
+    def _is_known(self, phase: int, task: int) -> bool:
+        return self._mission.climbs(phase, task) or (phase, task) in self._tracked
 
 
 def mission_parameters(

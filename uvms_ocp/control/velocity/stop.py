@@ -15,7 +15,6 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.functions.kernels.binding import bind_to
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, doubles, structure_of, view
 from uvms_ocp.functions.kernels.smooth import Smooth
 from uvms_ocp.model.limits import bounded_joints
@@ -137,7 +136,6 @@ class Stop:
         self._model, self._dt = robot.model, dt
         if memory is None:
             memory = structure_of(WayToRest, n_limits=1, **stop_sizes(robot, dt))()
-        self._slow_down, self._set_out, self._step_on = bind_to(memory, (slow_down, set_out, step_on))
         self.way: Any = memory
         """The `WayToRest`."""
         self.acceleration = np.minimum(robot.limits.acceleration, ENDLESS)
@@ -151,7 +149,7 @@ class Stop:
         Joints brake harder where their position limit, not far from q (n_q,) [m, rad], asks for it.
         """
         found = doubles(np.zeros(len(v)))
-        self._slow_down(self.way, doubles(q), doubles(v), found)
+        slow_down(self.way, doubles(q), doubles(v), found)
         return np.array(found)
 
     def path(self, q: np.ndarray, v: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -159,9 +157,9 @@ class Stop:
 
         From q (n_q,) [m, rad] with v (n_v,) [m/s, rad/s].
         """
-        self._set_out(self.way, doubles(q), doubles(v))
+        set_out(self.way, doubles(q), doubles(v))
         while not self.way.done:
-            self._step_on(self.way)
+            step_on(self.way)
             yield np.array(self.way.q), np.array(self.way.velocity)
 
     def ahead(self, q: np.ndarray, v: np.ndarray) -> StopAhead | None:

@@ -6,12 +6,13 @@ import ctypes
 from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 from inspect import signature
+from pathlib import Path
 from typing import Any, get_type_hints
 
 from uvms_ocp.functions.compile import compile_library, loaded_library
 from uvms_ocp.functions.kernels.expressions import PREFIX
 from uvms_ocp.functions.kernels.layout import Layout
-from uvms_ocp.functions.kernels.program import c_program
+from uvms_ocp.functions.kernels.program import c_program, shape_of
 from uvms_ocp.functions.kernels.smooth import connect
 
 _PLAIN: dict[Any, Any] = {float: ctypes.c_double, int: ctypes.c_int, bool: ctypes.c_int}
@@ -50,13 +51,31 @@ def bind_to(
 def _bound(
     kernels: tuple[Callable[..., Any], ...], structures: tuple[type[ctypes.Structure], ...]
 ) -> tuple[Callable[..., Any], ...]:
-    program, name = c_program(kernels, structures), ", ".join(kernel.__name__ for kernel in kernels)
-    path = compile_library(program.types + program.code, name=name)
+    path = _compiled(kernels, _Shapes(structures))
     if path is None:
         return kernels
     library = loaded_library(path)
     by_name = {structure.__name__: structure for structure in structures}
     return tuple(_function(library, kernel, by_name) for kernel in kernels)
+
+
+class _Shapes:
+    """Structures that are equal where C sees no difference between them: functions of one name and size are exchangeable."""
+
+    def __init__(self, structures: tuple[type[ctypes.Structure], ...]) -> None:
+        self.structures, self._shapes = structures, tuple(map(shape_of, structures))
+
+    def __hash__(self) -> int:
+        return hash(self._shapes)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Shapes) and self._shapes == other._shapes
+
+
+@lru_cache(maxsize=64)
+def _compiled(kernels: tuple[Callable[..., Any], ...], shapes: _Shapes) -> Path | None:
+    program = c_program(kernels, shapes.structures)
+    return compile_library(program.types + program.code, name=", ".join(kernel.__name__ for kernel in kernels))
 
 
 def _function(

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any, get_type_hints
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions.buffered import sizes_of
 from uvms_ocp.functions.kernels.c_types import DOUBLE, INT, NOTHING, VECTOR, CType, of_ctypes
 from uvms_ocp.functions.kernels.expressions import PREFIX, Scope, Signature, c_name
 from uvms_ocp.functions.kernels.layout import Layout, Vector
@@ -55,6 +56,15 @@ def c_program(kernels: Sequence[Callable[..., Any]], structures: Iterable[type[c
     bodies = [f"{head} {{\n{program.bodies[name]}}}\n" for name, head in zip(program.heads, heads, strict=True)]
     code = "\n".join([_HEAD, *(f"{head};" for head in heads), "", *bodies])
     return CProgram(types="\n".join(program.declared), code=code)
+
+
+def shape_of(kind: Any) -> Any:
+    """All that a C program tells of a type of a field, or of a structure."""
+    if issubclass(kind, SmoothStructure):
+        return kind.__name__, *sizes_of(kind.function)
+    if issubclass(kind, ctypes.Structure):
+        return kind.__name__, *((name, shape_of(part)) for name, part in kind._fields_)
+    return (kind._length_, shape_of(kind._type_)) if issubclass(kind, ctypes.Array) else kind
 
 
 class _Program:

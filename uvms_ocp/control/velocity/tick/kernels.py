@@ -36,7 +36,7 @@ def before(m: TickMemory) -> None:
     m.joint_age = m.sound.joint_age
     look_down(m.beam, m.q)
     _begin(m)
-    take_goals(m.goals, m.mission, m.climb)
+    take_goals(m.goals, m.mission, m.climb, m.t)
     restrict(m.restriction, m.t, m.altitude_matters)
     doubted = _doubts_altimeter(m)
     lowest, lower = 0.0, False

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,6 @@ from uvms_ocp.control.navigation.degraded import ALTIMETER, CHANNELS, write_mode
 from uvms_ocp.control.navigation.last_known import echo_sizes
 from uvms_ocp.control.navigation.watchdog import Watchdog
 from uvms_ocp.control.velocity.climb import climb_sizes
-from uvms_ocp.control.velocity.guards import Guard, rule_sizes
 from uvms_ocp.control.velocity.levels import LevelsProblem
 from uvms_ocp.control.velocity.tick.layout import TickMemory
 from uvms_ocp.functions.kernels.layout import structure_of, view
@@ -54,24 +53,24 @@ class TickArrays:
 
 
 def tick_memory(
-    robot: Robot, mission: Mission, problem: LevelsProblem, watchdog: Watchdog, guards: Sequence[Guard], dt: float
+    robot: Robot, mission: Mission, problem: LevelsProblem, watchdog: Watchdog, sizes: Mapping[str, Any]
 ) -> Any:
-    """A `TickMemory` at rest, before the first measurement; what tells of distress, echoes and limits is not in it yet.
+    """A `TickMemory` at rest, before the first measurement; what tells of distress, echoes, limits and goals is not in it yet.
 
-    guards: the limits on positions; dt [s]: control period.
+    sizes: as `rule_sizes` and `track_sizes` tell them.
     """
     tasks, names = mission.hierarchy.tasks, problem.quantity_names
-    sizes = {
+    known = {
+        **sizes,
         "n_tasks": len(tasks),
         "n_quantities": len(names),
         "n_channels": len(problem.rests_on),
         "n_parameters": problem.function.size1_in("parameters"),
-        **rule_sizes(robot, guards, dt),
         **climb_sizes(robot, mission),
         **echo_sizes(robot, altimeter_of(robot, tasks)),
         **sizes_of(mission.all_phases),
     }
-    memory = structure_of(TickMemory, **sizes)()
+    memory = structure_of(TickMemory, **known)()
     write_mission(memory.mission, mission, names)
     memory.climb.altitude = math.nan if mission.abort is None else mission.abort.altitude
     memory.hold_after, memory.stop_after = watchdog.hold_after, watchdog.stop_after
