@@ -16,8 +16,8 @@ from hierarchy_solvers.problems import Inputs, Problem, exactness_problems
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.control.velocity.levels import LevelsProblem
 from uvms_ocp.scenarios.case1 import case1
-from uvms_ocp.solvers.hierarchy.active_set.fallbacks import ActiveSetTick
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.active_set.warm_tick import ActiveSetTick
 from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
 from uvms_ocp.solvers.hierarchy.icat import Icat
 from uvms_ocp.solvers.hierarchy.level import Level

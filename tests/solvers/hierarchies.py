@@ -28,6 +28,27 @@ def _random_level(rng: np.random.Generator, n: int, size: int) -> Level:
     return Level(jacobian=rng.standard_normal((size, n)), lower=lower, upper=lower + width)
 
 
+def dependent_hierarchy(seed: int, n: int, sizes: tuple[int, ...], nearly: float = 0.0) -> list[Level]:
+    """Duplicated, combined, zero and random rows with bounds of every kind."""
+    rng = np.random.default_rng(seed)
+    earlier: list[Array] = [np.zeros(n)]
+    return [_dependent_level(rng, n, size, earlier, nearly) for size in sizes]
+
+
+def _dependent_level(rng: np.random.Generator, n: int, size: int, earlier: list[Array], nearly: float) -> Level:
+    for _ in range(size):
+        parts = rng.integers(0, len(earlier), 2)
+        combined = earlier[parts[0]] + rng.choice([-1.0, 0.0, 2.0]) * earlier[parts[1]]
+        row = rng.standard_normal(n) if rng.random() < 0.55 else combined
+        earlier.append(row + nearly * rng.standard_normal(n))
+    low = np.round(rng.standard_normal(size), rng.integers(0, 3))
+    kind = rng.integers(0, 5, size)
+    width = np.select([kind < 2, kind == 2], [0.0, rng.uniform(0.0, 1.0, size)], np.inf)
+    below = np.where(kind == 4, -np.inf, low)
+    above = np.where(kind == 4, low, low + width)
+    return Level(jacobian=np.reshape(earlier[len(earlier) - size :], (size, n)), lower=below, upper=above)
+
+
 def distance(y: Array, lower: Array, upper: Array) -> Array:
     return y - np.clip(y, lower, upper)
 

@@ -11,12 +11,10 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 import pytest
-from hierarchies import random_hierarchy, reference
+from hierarchies import dependent_hierarchy, random_hierarchy, reference
 from test_hierarchy import _arguments, _tick_function
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.solvers.hierarchy.active_set import fallbacks as active_set_tick
-from uvms_ocp.solvers.hierarchy.active_set.codes import Outcome
 from uvms_ocp.solvers.hierarchy.active_set.core_source import core_source
 from uvms_ocp.solvers.hierarchy.active_set.patience import patience
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
@@ -28,27 +26,6 @@ from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 
 COMPILED, NUMPY = LexicographicActiveSet(), LexicographicActiveSet(compiled=False)
 STRUCTURES = [(1, (2, 0, 1)), (4, (3, 2, 2)), (7, (1, 0, 6, 2, 7)), (13, (6, 6, 6, 3, 13)), (60, (20, 9, 30))]
-
-
-def _dependent_hierarchy(seed: int, n: int, sizes: tuple[int, ...], nearly: float = 0.0) -> list[Level]:
-    """Duplicated, combined, zero and random rows with bounds of every kind."""
-    rng = np.random.default_rng(seed)
-    earlier: list[np.ndarray] = [np.zeros(n)]
-    return [_dependent_level(rng, n, size, earlier, nearly) for size in sizes]
-
-
-def _dependent_level(rng: np.random.Generator, n: int, size: int, earlier: list[np.ndarray], nearly: float) -> Level:
-    for _ in range(size):
-        parts = rng.integers(0, len(earlier), 2)
-        combined = earlier[parts[0]] + rng.choice([-1.0, 0.0, 2.0]) * earlier[parts[1]]
-        row = rng.standard_normal(n) if rng.random() < 0.55 else combined
-        earlier.append(row + nearly * rng.standard_normal(n))
-    low = np.round(rng.standard_normal(size), rng.integers(0, 3))
-    kind = rng.integers(0, 5, size)
-    width = np.select([kind < 2, kind == 2], [0.0, rng.uniform(0.0, 1.0, size)], np.inf)
-    below = np.where(kind == 4, -np.inf, low)
-    above = np.where(kind == 4, low, low + width)
-    return Level(jacobian=np.reshape(earlier[len(earlier) - size :], (size, n)), lower=below, upper=above)
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -64,7 +41,7 @@ def test_levels_reach_the_reference(seed: int) -> None:
 @pytest.mark.parametrize(("n", "sizes"), STRUCTURES)
 def test_dependent_and_conflicting_rows_are_solved_exactly(n: int, sizes: tuple[int, ...]) -> None:
     for seed in range(100):
-        levels = _dependent_hierarchy(seed, n, sizes)
+        levels = dependent_hierarchy(seed, n, sizes)
         solution = COMPILED.solve(levels)
         assert solution.status is Status.SOLVED, seed
         assert solution.certificate(levels) < 1e-9, seed
@@ -73,10 +50,10 @@ def test_dependent_and_conflicting_rows_are_solved_exactly(n: int, sizes: tuple[
 @pytest.mark.parametrize("nearly", [1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5])
 @pytest.mark.parametrize("compiled", [True, False])
 def test_nearly_dependent_rows_end_with_a_truthful_status(nearly: float, compiled: bool) -> None:
-    solver = LexicographicActiveSet(cascade=False, compiled=compiled)
+    solver = LexicographicActiveSet(compiled=compiled)
     for n, sizes in ((4, (3, 2, 2)), (7, (1, 0, 6, 2, 7))):
         for seed in range(60 if compiled else 8):
-            levels = _dependent_hierarchy(seed, n, sizes, nearly)
+            levels = dependent_hierarchy(seed, n, sizes, nearly)
             solution = solver.solve(levels)
             assert np.isfinite(solution.v).all()
             size = max(1.0, solution.level_residuals.max())
@@ -85,13 +62,11 @@ def test_nearly_dependent_rows_end_with_a_truthful_status(nearly: float, compile
 
 def test_rows_dependent_to_1e_4_are_solved() -> None:
     for seed in range(60):
-        levels = _dependent_hierarchy(seed, 7, (1, 0, 6, 2, 7), 1e-4)
-        assert LexicographicActiveSet(cascade=False).solve(levels).status.exact, seed
+        levels = dependent_hierarchy(seed, 7, (1, 0, 6, 2, 7), 1e-4)
+        assert COMPILED.solve(levels).status.exact, seed
 
 
-@pytest.mark.parametrize(
-    "solver", [LexicographicActiveSet(cascade=False), LexicographicActiveSet(cascade=False, compiled=False)]
-)
+@pytest.mark.parametrize("solver", [COMPILED, NUMPY])
 @pytest.mark.parametrize("decades", [1, 4])
 def test_rows_of_very_different_scale_end_with_a_truthful_status(solver: LexicographicActiveSet, decades: int) -> None:
     exact = 0
@@ -112,17 +87,16 @@ def test_rows_of_very_different_scale_end_with_a_truthful_status(solver: Lexicog
 
 
 def test_what_is_given_up_on_nearly_dependent_rows_is_never_the_box_on_top() -> None:
-    solver = LexicographicActiveSet(cascade=False)
     box = Level(jacobian=np.eye(7), lower=-0.5, upper=0.5)
     for seed in range(60):
-        levels = [box, *_dependent_hierarchy(seed, 7, (1, 0, 6, 2, 7), 1e-7)]
-        assert np.abs(solver.solve(levels).v).max() <= 0.5 + 1e-9, seed
+        levels = [box, *dependent_hierarchy(seed, 7, (1, 0, 6, 2, 7), 1e-7)]
+        assert np.abs(COMPILED.solve(levels).v).max() <= 0.5 + 1e-9, seed
 
 
 @pytest.mark.parametrize(("n", "sizes"), STRUCTURES[:4])
 def test_numpy_and_c_give_the_same(n: int, sizes: tuple[int, ...]) -> None:
     for seed in range(20):
-        levels = _dependent_hierarchy(seed, n, sizes)
+        levels = dependent_hierarchy(seed, n, sizes)
         ours, theirs = COMPILED.solve(levels), NUMPY.solve(levels)
         np.testing.assert_allclose(ours.level_residuals, theirs.level_residuals, atol=1e-10)
         assert ours.status is theirs.status
@@ -248,39 +222,6 @@ def test_the_core_in_c_has_the_tolerances_and_the_patience_of_python() -> None:
         assert float(defined) == value
 
 
-def test_the_cascade_takes_over_where_the_method_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    levels = random_hierarchy(1)
-    solver = LexicographicActiveSet(compiled=False)
-    honest = active_set_tick.lexicographic_least_squares
-
-    def lost(J: np.ndarray, low: np.ndarray, up: np.ndarray, state: np.ndarray, sizes: tuple[int, ...]) -> tuple:
-        if state.any():
-            return honest(J, low, up, state, sizes)
-        return np.zeros(J.shape[1]), state, Outcome.LIMIT, 1
-
-    monkeypatch.setattr(active_set_tick, "lexicographic_least_squares", lost)
-    solution = solver.solve(levels)
-    assert solution.status is Status.CASCADED
-    assert solution.certificate(levels) < 1e-9
-    monkeypatch.undo()
-    np.testing.assert_allclose(solution.v, COMPILED.solve(levels).v, atol=1e-8)
-
-
-def test_no_fallback_begins_after_the_time_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    def lost(J: np.ndarray, low: np.ndarray, up: np.ndarray, state: np.ndarray, sizes: tuple[int, ...]) -> tuple:
-        return np.zeros(J.shape[1]), state, Outcome.LIMIT, 1
-
-    def never(*_: object) -> None:
-        raise AssertionError("the cascade began after the time limit")
-
-    monkeypatch.setattr(active_set_tick, "lexicographic_least_squares", lost)
-    monkeypatch.setattr(LexicographicQp, "solve", never)
-    solution = LexicographicActiveSet(compiled=False, time_limit=1e-9).solve(random_hierarchy(1))
-    assert solution.status is Status.INEXACT
-    with pytest.raises(InvalidInput, match="time_limit = 0"):
-        LexicographicActiveSet(time_limit=0.0)
-
-
 @pytest.mark.parametrize("solver", [COMPILED, NUMPY, LexicographicQp()])
 def test_threads_that_share_a_solver_get_their_own_answers(solver: LexicographicActiveSet | LexicographicQp) -> None:
     def wrong(value: float) -> int:
@@ -304,13 +245,3 @@ def test_what_overflows_is_never_called_exact(solver: LexicographicActiveSet) ->
     solution = solver.solve(levels)
     assert np.isfinite(solution.v).all()
     assert not solution.status.exact or np.allclose(solution.v, [1e300, 0.0])
-
-
-def test_a_velocity_that_is_not_certified_is_called_inexact(monkeypatch: pytest.MonkeyPatch) -> None:
-    def lost(J: np.ndarray, low: np.ndarray, up: np.ndarray, state: np.ndarray, sizes: tuple[int, ...]) -> tuple:
-        return np.full(J.shape[1], np.nan), state, Outcome.SOLVED, 1
-
-    monkeypatch.setattr(active_set_tick, "lexicographic_least_squares", lost)
-    solution = LexicographicActiveSet(compiled=False, cascade=False).solve(random_hierarchy(1))
-    assert solution.status is Status.INEXACT
-    assert np.isfinite(solution.v).all()

@@ -10,7 +10,7 @@ import pytest
 from hierarchies import random_hierarchy
 from test_hierarchy import _tick_function
 
-from uvms_ocp.solvers.hierarchy.active_set.codes import Outcome
+from uvms_ocp.solvers.hierarchy.active_set.codes import STATUSES
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
 from uvms_ocp.solvers.hierarchy.daqp import Daqp
@@ -62,7 +62,7 @@ def core() -> ca.Function:
 def _solved(core: ca.Function, J: np.ndarray, lower: np.ndarray, upper: np.ndarray, gate: np.ndarray) -> list:
     unread, cold = np.zeros(M), np.zeros(M)
     v, _, report, missed, _ = core(J, lower, upper, unread, unread, gate, cold)
-    return [np.array(v).ravel(), Outcome(int(report[0])), np.array(missed).ravel()]
+    return [np.array(v).ravel(), STATUSES[int(report[0])], np.array(missed).ravel()]
 
 
 def test_expressions_and_numbers_agree(expressions: ca.Function) -> None:
@@ -81,9 +81,9 @@ def test_expressions_and_numbers_agree(expressions: ca.Function) -> None:
 
 def test_the_core_in_c_takes_the_rows_that_are_valid_and_no_others(core: ca.Function) -> None:
     for rows in _cases(300):
-        v, outcome, missed = _solved(core, *rows)
-        assert (outcome is not Outcome.INVALID) == bool(is_valid(*rows)), rows
-        if outcome is Outcome.INVALID:
+        v, status, missed = _solved(core, *rows)
+        assert (status.usable) == bool(is_valid(*rows)), rows
+        if not status.usable:
             assert not v.any()
             assert not missed.any()
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from enum import IntEnum
 from importlib.resources import files
 from pathlib import Path
 
@@ -15,35 +14,15 @@ from numpy.typing import ArrayLike
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.control.velocity.levels import LevelsProblem
 from uvms_ocp.exceptions import InvalidInput, plain_line
-from uvms_ocp.solvers.hierarchy.active_set.codes import Outcome
-from uvms_ocp.solvers.hierarchy.active_set.core_source import core_source
+from uvms_ocp.solvers.hierarchy.active_set.codes import STATUSES
+from uvms_ocp.solvers.hierarchy.active_set.core_source import solver_source
+from uvms_ocp.solvers.hierarchy.active_set.patience import patience
 from uvms_ocp.solvers.hierarchy.tick import Tick, TickResult, dense
 
 TEMPLATES = ("tick.c", "example.c", "CMakeLists.txt")
 _FINITE = 1e300  # stands in for a change without limit
 FILES = ("levels.c", "active_set.c", "tick.h", "ticks.h", *TEMPLATES)  # that `write_tick` writes
 _WINDOW = 25  # ticks recorded from the start and from every change of the gates
-
-
-class TickStatus(IntEnum):
-    """What the exported tick says of its velocity. In Python the solver falls back on a cascade of programs that C has not."""
-
-    SOLVED = 0
-    SHORTENED = 1
-    BRAKED = 2
-    INVALID_INPUT = 3
-    INCOMPLETE = 4
-
-    @property
-    def meaning(self) -> str:
-        """For people, in one line."""
-        return (
-            "every level is at its optimum: what the solver in Python finds",
-            "the lowest levels were given up, those above are at their optimum; Python may find more by its cascade",
-            "no level could be solved: the velocity of the tick before, one tick nearer to rest",
-            "NaN, a Jacobian of 1e15 or more, or lower > upper: the velocity of the tick before, one tick nearer to rest",
-            "rows 1e13 times smaller than others ask for something and are left out; the others are at their optimum",
-        )[self]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -101,7 +80,7 @@ def write_tick(problem: LevelsProblem, ticks: Sequence[RecordedTick], folder: Pa
     levels = dense(problem.function)
     for name, text in {
         "levels.c": _generated(levels),
-        "active_set.c": core_source(problem.function.size2_out(0), problem.sizes),
+        "active_set.c": solver_source(problem.function.size2_out(0), problem.sizes),
         "tick.h": _header(problem, levels),
         "ticks.h": _recorded(ticks),
         **{name: _template(name) for name in TEMPLATES},
@@ -130,9 +109,8 @@ def _header(problem: LevelsProblem, levels: ca.Function) -> str:
         "SZ_RES": levels.sz_res(),
         "SZ_IW": max(1, levels.sz_iw()),
         "SZ_W": max(1, levels.sz_w()),
-        "N_LEVELS": len(problem.sizes),
         "PREVIOUS": names.index("previous"),
-        **{f"CORE_{outcome.name}": outcome.value for outcome in Outcome},
+        "MOST_ITERATIONS": patience(sum(problem.sizes)).most_of_all,
     }
     step = np.minimum(problem.step, _FINITE)
     inputs = ", ".join(f"{name} ({size})" for name, size in zip(names, sizes, strict=True))
@@ -143,8 +121,6 @@ def _header(problem: LevelsProblem, levels: ca.Function) -> str:
             *(f"#define TICK_{name} {value}" for name, value in constants.items()),
             *_statuses(),
             f"static const int TICK_SIZE_IN[TICK_N_IN] = {{{', '.join(map(str, sizes))}}};",
-            "/* First row below each level. */",
-            f"static const int TICK_LEVEL_ENDS[TICK_N_LEVELS] = {{{', '.join(map(str, np.cumsum(problem.sizes)))}}};",
             "/* Largest change of each velocity in one tick. */",
             f"static const double TICK_STEP[TICK_N_V] = {{{', '.join(f'{x:.17g}' for x in step)}}};",
             f"/* in: {inputs}.",
@@ -153,7 +129,7 @@ def _header(problem: LevelsProblem, levels: ca.Function) -> str:
             f"   Without an echo something finite stands in for altimeter_range, and unknown are: {_unknown(problem)}.",
             "   active_set: zeros before the first tick, then what the tick before left in it.",
             "   v: the velocity to command, whatever the status, which is returned. The viability rule and the mission are not",
-            "   part of the tick. Where a status is not TICK_SOLVED the time is that of one solution per level at most. */",
+            "   part of the tick. However many runs it takes, they have TICK_MOST_ITERATIONS iterations together. */",
             "int tick(const double *const in[TICK_N_IN], double active_set[TICK_N_ROWS], double v[TICK_N_V],",
             "         double quantities[TICK_N_QUANTITIES]);",
             "#endif",
@@ -171,11 +147,11 @@ def _statuses() -> list[str]:
     """The codes, and a text for each."""
     return [
         "enum {",
-        *(f"  TICK_{status.name} = {status.value}, /* {status.meaning} */" for status in TickStatus),
-        f"  TICK_N_STATUSES = {len(TickStatus)}",
+        *(f"  TICK_{status.name} = {code}, /* {_comment([status.value])} */" for code, status in enumerate(STATUSES)),
+        f"  TICK_N_STATUSES = {len(STATUSES)}",
         "};",
         "static const char *const TICK_MEANING[TICK_N_STATUSES] = {",
-        *(f'  "{status.name.lower().replace("_", " ")}: {status.meaning}",' for status in TickStatus),
+        *(f'  "{status.value}: {status.advice}",' for status in STATUSES),
         "};",
     ]
 

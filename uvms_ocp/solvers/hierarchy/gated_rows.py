@@ -1,4 +1,4 @@
-"""Rows ``lower <= J v <= upper`` with gates, for NumPy arrays and CasADi expressions alike; entry.c is the twin in C.
+"""Rows ``lower <= J v <= upper`` with gates, for NumPy arrays and CasADi expressions alike; scaling.c is the twin in C.
 
 What a gate g means, for `Level`, missions, the controller and what is exported from it:
 

@@ -27,7 +27,7 @@ class Status(AdvisedStatus):
         "nothing to do; the active set of the previous call was of no use",
     )
     CASCADED = (
-        "solved through the cascade",
+        "solved level by level",
         "nothing to do, unless it is frequent: then look for nearly dependent rows",
     )
     INEXACT = (

@@ -28,6 +28,10 @@ class Tolerances:
     rank_noise: float = 1e-14
     """[-] Over the smallest pivot so far: directions carry the rounding error of their own pivot, and a small pivot makes
     dependent rows look independent."""
+    careful_rank: float = 1e-12
+    """[-] `rank_tolerance` of the second attempt level by level, to which more rows are independent."""
+    careful_noise: float = 1e-15
+    """[-] `rank_noise` of that attempt."""
 
     feasible: float = 1e-12
     """[-] Of the size of a row: by how much it may be beyond a bound before it becomes active. Well above what rounding does
@@ -39,6 +43,8 @@ class Tolerances:
     """[-] Of the largest velocity and 1: a shorter step is a standstill, of which too many in a row are a cycle."""
     multiplier: float = 1e-10
     """[-] Of the sum of slack times row: multipliers of this size have the right sign whatever it is."""
+    careful_multiplier: float = 1e-7
+    """[-] `multiplier` of the second attempt level by level, which drops fewer rows for rounding."""
     wrong: float = 1e-12
     """[-] Multipliers smaller than this are rounding, however small the slack they balance."""
 
@@ -62,7 +68,8 @@ class Tolerances:
     """[-] Of a gradient: multipliers that reduce it by less are no descent but rounding, and could be taken for ever."""
 
     touching: float = 1e-9
-    """[-] Of ``1 + sum |a|``: rows this near to a bound where the cascade has ended start the next run active."""
+    """[-] Of ``1 + sum |a|``: rows this near to a bound where the levels have ended one by one start
+    the next run active, and a level above is held up to this."""
     tied: float = 1e-9
     """[-] Of 1 and the norm: levels whose residuals differ by less are equally good; of two runs, a lower level decides."""
 

@@ -50,10 +50,7 @@ static void judge(Work *k, int row, double multiplier, double tolerance, int rul
   if (k->state[row] == EQUAL || k->decided[row]) return;
   if (value > tolerance) k->decided[row] = 1;
   if (value >= -tolerance) return;
-  if (k->tabu[row]) {
-    k->skipped = 1;
-    return;
-  }
+  if (k->tabu[row]) return;
   if (rule == GREEDY ? value < worst->value : worst->row < 0 || row < worst->row)
     worst->row = row, worst->value = value;
 }
@@ -82,7 +79,7 @@ static int wrong_row(Work *k, int level, int rule) {
     for (int c = 0; c < N; ++c) reflect(k, c, g);
   memset(balancing, 0, M * sizeof(double));
   for (int j = k->first[level]; j < k->first[level + 1]; ++j) balancing[k->order[j]] = k->slack[k->order[j]];
-  double tolerance = fmax(MULTIPLIER * scale, WRONG);
+  double tolerance = fmax(k->manner.multiplier * scale, WRONG);
   k->decisive[level] = tolerance;
   for (int j = k->first[level]; j < k->first[level + 1]; ++j)
     if (is_significant(k, k->order[j])) judge(k, k->order[j], k->slack[k->order[j]], tolerance, rule, &worst);
@@ -106,7 +103,6 @@ static int wrong_row(Work *k, int level, int rule) {
 static int drop_row(Work *k, int rule) {
   memset(k->decided, 0, sizeof(k->decided));
   memset(k->decisive, 0, sizeof(k->decisive));
-  k->skipped = 0;
   for (int level = 0; level < L; ++level) {
     int row = wrong_row(k, level, rule);
     if (row >= 0) {
@@ -117,24 +113,29 @@ static int drop_row(Work *k, int rule) {
   return -1;
 }
 
+/* Rows that are active at first; by how much each may be violated. */
 static void start(Work *k, const double *state) {
   for (int row = 0; row < M; ++row) {
+    double low = fabs(k->lower[row]), up = fabs(k->upper[row]);
     int given = !state ? FREE : state[row] > 0 ? UPPER : state[row] < 0 ? LOWER : FREE;
     if (given == UPPER && k->upper[row] == INFINITY) given = FREE;
     if (given == LOWER && k->lower[row] == -INFINITY) given = FREE;
     /* A flag of equality must never be inherited: the row may have become an inequality. */
     k->state[row] = k->lower[row] >= k->upper[row] ? EQUAL : given;
+    k->tolerance[row] = FEASIBLE * (k->norm[row] + larger(low < ENDLESS ? low : 0, up < ENDLESS ? up : 0));
   }
 }
 
-/* v and the active set of k; the number of iterations in *iterations. */
-static int run(Work *k, int *iterations) {
+/* From the active set `state`, cold without one, to k->v and its active set; MOST_ITERATIONS at most, and what is left. */
+static void run(Work *k, const double *state) {
   int stalled = 0, rule = GREEDY, blocked, dropped = -1;
+  start(k, state);
   memset(k->tabu, 0, sizeof(k->tabu));
   solve_equalities(k);
   memcpy(k->v, k->target, sizeof(k->v));
   int pending = activate_violated(k) > 0;
-  for (*iterations = 1; *iterations <= MOST_ITERATIONS; ++*iterations) {
+  for (int iteration = 1; iteration <= MOST_ITERATIONS && k->left > 0; ++iteration) {
+    --k->left;
     if (pending) {
       solve_equalities(k);
       if (!step(k, &blocked)) {
@@ -149,13 +150,12 @@ static int run(Work *k, int *iterations) {
       if (blocked >= 0) continue;
     }
     dropped = drop_row(k, rule);
-    if (dropped < 0) return k->skipped ? STALLED : DOUBTFUL;
+    if (dropped < 0) return;
     ++stalled;
     /* A row dropped under TABU stays, once active again: that ends every cycle, at the price of optimality. */
-    if (stalled > TABU_STALLS || *iterations > TABU_ITERATIONS) rule = TABU;
+    if (stalled > TABU_STALLS || iteration > TABU_ITERATIONS) rule = TABU;
     else if (stalled > BLAND_STALLS) rule = BLAND;
     if (rule == TABU) k->tabu[dropped] = 1;
     pending = 1;
   }
-  return LIMIT;
 }

@@ -196,14 +196,13 @@ static void begin_proof(Proof *p, const Work *k) {
 }
 
 /* `normal_certificate` of certificate.py at k->v. */
-static double certificate(const Work *k) {
-  static _Thread_local Proof p;
+static double certificate(Proof *p, const Work *k) {
   double worst = 0;
-  begin_proof(&p, k);
+  begin_proof(p, k);
   for (int level = 0, begin = 0; level < L; begin += SIZES[level++]) {
-    if (begin == 0) let_out_of_box(&p);
-    else keep_in_box(&p, k);
-    double excess = level_excess(&p, k, level, begin);
+    if (begin == 0) let_out_of_box(p);
+    else keep_in_box(p, k);
+    double excess = level_excess(p, k, level, begin);
     if (!(excess <= worst)) worst = excess < INFINITY ? excess : INFINITY;
   }
   return worst;

@@ -1,25 +1,13 @@
-"""What the numbers mean that the core in C and Python exchange."""
+"""What the numbers mean that the solver in C and Python exchange."""
 
 from __future__ import annotations
 
 from enum import IntEnum
 
+from uvms_ocp.solvers.hierarchy.solution import Status
 
-class Outcome(IntEnum):
-    """Of one run."""
-
-    SOLVED = 0
-    """Certified, however the run has ended."""
-    STALLED = 1
-    """A row that should have been dropped could not be."""
-    LIMIT = 2
-    """Too many iterations, or numbers that are not finite."""
-    DOUBTFUL = 3
-    """All signs are right, but that is not certified."""
-    INVALID = 4
-    """Rows that no solver takes."""
-    INCOMPLETE = 5
-    """Certified but for rows that count as nothing beside the largest, and could be nearer to their bounds."""
+STATUSES = tuple(Status)
+"""By their codes."""
 
 
 class RowState(IntEnum):

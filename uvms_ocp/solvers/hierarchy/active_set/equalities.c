@@ -4,11 +4,15 @@
    v behind the same reflectors. Every level is reduced by pivoted Householder reflections in the space that the levels above
    left free, and solved by least squares where its rows depend on each other.
 
-   First of the sources of one library: equalities.c, active_set.c, scaling.c, certificate.c, entry.c, compiled in one piece
-   behind what core_source.py writes: N velocities, M rows in L levels of LEVEL_SIZES rows, the tolerances of tolerances.py, the states of
-   rows and the outcomes of runs; needs libm only. equalities.py is the same algorithm; keep both in step. */
+   First of the sources of one solver: equalities.c, active_set.c, scaling.c, certificate.c, fallbacks.c, compiled in one
+   piece behind what core_source.py writes: N velocities, M rows in L levels of LEVEL_SIZES rows, the tolerances of
+   tolerances.py, the states of rows and the statuses; needs libm only. equalities.py is the same algorithm; keep both in
+   step. */
 
 static const int SIZES[L] = {LEVEL_SIZES};
+
+/* Which rows are too dependent to be pivots, and which multipliers are rounding. */
+typedef struct { double rank_tolerance, rank_noise, multiplier; } Manner;
 
 typedef struct {
   /* In normal units; v as given is `velocity` times v. */
@@ -24,7 +28,9 @@ typedef struct {
   /* What balances the slack of each level that has one, itself included, and how large a multiplier decides there. */
   double multiplier[L][M], decisive[L];
   char decided[M], tabu[M];
-  int skipped;
+  Manner manner;
+  /* Iterations that are left to all runs together. */
+  int left;
 } Work;
 
 static double dot(const double *x, const double *y, int n) {
@@ -72,7 +78,7 @@ static void pivot(Work *k, int c, int at, int end) {
 
 /* Row with the largest part in the free space, relative to its size; -1 where all depend on pivots. */
 static int best_pivot(Work *k, int c, int begin, int end) {
-  double floor = fmax(RANK_TOLERANCE, RANK_NOISE / k->smallest), best = floor * floor;
+  double floor = fmax(k->manner.rank_tolerance, k->manner.rank_noise / k->smallest), best = floor * floor;
   int chosen = -1;
   for (int j = begin; j < end; ++j) {
     int row = k->order[j];

@@ -16,6 +16,22 @@ from uvms_ocp.solvers.hierarchy.level import row_slices
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 
 
+@dataclass(frozen=True, slots=True)
+class Manner:
+    """Which rows are too dependent to be pivots, and which multipliers are rounding."""
+
+    rank_tolerance: float
+    """[-] `Tolerances.rank_tolerance`."""
+    rank_noise: float
+    """[-] `Tolerances.rank_noise`."""
+    multiplier: float
+    """[-] `Tolerances.multiplier`."""
+
+
+ORDINARY = Manner(TOLERANCES.rank_tolerance, TOLERANCES.rank_noise, TOLERANCES.multiplier)
+CAREFUL = Manner(TOLERANCES.careful_rank, TOLERANCES.careful_noise, TOLERANCES.careful_multiplier)
+
+
 @dataclass(slots=True, eq=False)
 class Work:
     """What a run works on: M rows, n velocities."""
@@ -38,8 +54,8 @@ class Work:
     """(n,) [velocity] where the run is."""
     tabu: Array
     """(M,) [-] True for rows that must not be dropped any more."""
-    skipped: bool = False
-    """A row should have been dropped, but is tabu."""
+    manner: Manner
+    """Of the run."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +86,7 @@ class Equalities:
     """(M,) [rate] by how much active rows miss their bound there."""
 
 
-def load(J: Array, lower: Array, upper: Array, state: Array, sizes: Sequence[int]) -> Work:
+def load(J: Array, lower: Array, upper: Array, state: Array, sizes: Sequence[int], manner: Manner = ORDINARY) -> Work:
     """A run that starts with the rows of ``state`` (M,) [-] active, as far as their bounds are finite.
 
     J (M, n) [rate/velocity]; lower and upper (M,) [rate]; sizes: rows of each level.
@@ -91,6 +107,7 @@ def load(J: Array, lower: Array, upper: Array, state: Array, sizes: Sequence[int
         state=given,
         v=np.zeros(J.shape[1]),
         tabu=np.zeros(len(J), dtype=bool),
+        manner=manner,
     )
 
 
@@ -137,7 +154,7 @@ def _reduced(work: Work, rows: Array, Q: Array, column: int, smallest: float) ->
         c = column + rank
         part = (T[rank:, c:] ** 2).sum(axis=1) / norm[rank:] ** 2
         best = int(np.argmax(part))
-        if part[best] <= max(TOLERANCES.rank_tolerance, TOLERANCES.rank_noise / smallest) ** 2:
+        if part[best] <= max(work.manner.rank_tolerance, work.manner.rank_noise / smallest) ** 2:
             break
         smallest = min(smallest, float(np.sqrt(part[best])))
         best += rank

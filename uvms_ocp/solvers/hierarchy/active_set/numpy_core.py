@@ -11,8 +11,8 @@ from enum import IntEnum
 import numpy as np
 
 from uvms_ocp.arrays import Array
-from uvms_ocp.solvers.hierarchy.active_set.codes import EQUAL, FREE, LOWER, UPPER, Outcome
-from uvms_ocp.solvers.hierarchy.active_set.equalities import Equalities, Work, load, solve_equalities
+from uvms_ocp.solvers.hierarchy.active_set.codes import EQUAL, FREE, LOWER, UPPER
+from uvms_ocp.solvers.hierarchy.active_set.equalities import Equalities, Manner, Work, load, solve_equalities
 from uvms_ocp.solvers.hierarchy.active_set.patience import Patience, patience
 from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
 
@@ -24,20 +24,21 @@ class _Rule(IntEnum):
 
 
 def lexicographic_least_squares(
-    J: Array, lower: Array, upper: Array, state: Array, sizes: Sequence[int]
-) -> tuple[Array, Array, Outcome, int]:
-    """v (n,) [velocity], active set (M,), outcome and number of iterations; see active_set.c for the algorithm.
+    J: Array, lower: Array, upper: Array, state: Array, sizes: Sequence[int], manner: Manner, left: int
+) -> tuple[Array, Array, int]:
+    """v (n,) [velocity], active set (M,) and number of iterations, ``left`` at most; see active_set.c for the algorithm.
 
     J (M, n) [rate/velocity]; lower and upper (M,) [rate], all in normal units (`scaling`); state (M,) [-]: `RowState` of
-    each row to start with. A run does not judge its own result: no outcome is ``SOLVED``.
+    each row to start with. A run does not judge its own result.
     """
-    work = load(J, lower, upper, state, sizes)
+    work = load(J, lower, upper, state, sizes, manner)
     equalities = solve_equalities(work)
     work.v = equalities.target
     pending, stalled, rule = _activate_violated(work), 0, _Rule.GREEDY
     dropped = -1
     given = patience(len(J))
-    for iteration in range(1, given.most_iterations + 1):
+    most = min(given.most_iterations, left)
+    for iteration in range(1, most + 1):
         if pending:
             equalities = solve_equalities(work)
             moved, blocked = _step(work, equalities.target)
@@ -53,13 +54,13 @@ def lexicographic_least_squares(
                 continue
         dropped = _drop_row(work, equalities, rule)
         if dropped < 0:
-            return work.v, work.state, Outcome.STALLED if work.skipped else Outcome.DOUBTFUL, iteration
+            return work.v, work.state, iteration
         stalled += 1
         rule = _rule(stalled, iteration, given, rule)
         if rule is _Rule.TABU:
             work.tabu[dropped] = True
         pending = True
-    return work.v, work.state, Outcome.LIMIT, given.most_iterations
+    return work.v, work.state, most
 
 
 def _rule(stalled: int, iteration: int, given: Patience, rule: _Rule) -> _Rule:
@@ -101,7 +102,7 @@ def _has_moved(before: Array, after: Array) -> bool:
 
 
 def _drop_row(work: Work, equalities: Equalities, rule: _Rule) -> int:
-    decided, work.skipped = np.zeros(len(work.A), dtype=bool), False
+    decided = np.zeros(len(work.A), dtype=bool)
     for level in range(len(work.levels)):
         row = _wrong_row(work, equalities, level, rule, decided)
         if row >= 0:
@@ -129,7 +130,7 @@ def _wrong_row(work: Work, equalities: Equalities, level: int, rule: _Rule, deci
         g = g[:c0] + multiplier @ pivots[:, :c0]
         rows.append(block.rows[: block.rank])
         multipliers.append(multiplier)
-    tolerance = max(TOLERANCES.multiplier * scale, TOLERANCES.wrong)
+    tolerance = max(work.manner.multiplier * scale, TOLERANCES.wrong)
     return _worst(work, np.concatenate(rows), np.concatenate(multipliers), tolerance, rule, decided)
 
 
@@ -137,9 +138,7 @@ def _worst(work: Work, rows: Array, multipliers: Array, tolerance: float, rule: 
     value = multipliers * work.state[rows] * work.norm[rows]
     value = np.where((work.state[rows] != EQUAL) & ~decided[rows], value, 0.0)
     decided[rows[value > tolerance]] = True
-    wrong = value < -tolerance
-    work.skipped |= bool((wrong & work.tabu[rows]).any())
-    wrong &= ~work.tabu[rows]
+    wrong = (value < -tolerance) & ~work.tabu[rows]
     if not wrong.any():
         return -1
     if rule is _Rule.GREEDY:

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Patience:
-    """Of a run with a given number of rows."""
+    """Of the runs with a given number of rows."""
 
     most_iterations: int
-    """[-] A run that needs more ends without a verdict, so that its time is bounded."""
+    """[-] A run that needs more ends where it is."""
+    most_of_all: int
+    """[-] Of all runs of one call together, whatever the numbers: warm, cold and all fallbacks. So its time is bounded."""
     bland_stalls: int
     """[-] Standstills after which the first wrong row is dropped, not the worst, which ends nearly every cycle."""
     tabu_stalls: int
@@ -20,9 +22,11 @@ class Patience:
 
 
 def patience(n_rows: int) -> Patience:
-    """What a run over n_rows rows of all levels is given."""
+    """What runs over n_rows rows of all levels are given."""
+    most = 20 + 10 * n_rows
     return Patience(
-        most_iterations=20 + 10 * n_rows,
+        most_iterations=most,
+        most_of_all=6 * most,
         bland_stalls=n_rows // 2 + 10,
         tabu_stalls=2 * n_rows,
         tabu_iterations=20 + 3 * n_rows,

@@ -1,4 +1,5 @@
-/* scaling.py in C: every level divided by its largest row, velocities by their size, all by powers of two. */
+/* gated_rows.py and scaling.py in C: rows as they are given, valid or not, gated; every level divided by its largest row,
+   velocities by their size, all by powers of two; which rows are missed. */
 
 /* The power of two above a size; 1 for 0. */
 static double power(double size) {
@@ -80,4 +81,73 @@ static void normalise(Work *k) {
   double factor = 1 / k->velocity;
   for (int row = 0; row < M; ++row) k->lower[row] *= factor, k->upper[row] *= factor;
   for (int c = 0; c < N; ++c) k->box[0][c] *= factor, k->box[1][c] *= factor;
+}
+
+typedef struct {
+  /* (M, N) column-major, then (M) each. */
+  const double *jacobian, *lower, *upper, *gate;
+} Rows;
+
+/* Comparisons with NaN are false. */
+static int is_valid(const Rows *rows) {
+  int wrong = 0;
+  for (int i = 0; i < M * N; ++i) wrong |= !(fabs(rows->jacobian[i]) < LARGEST);
+  if (wrong) return 0;
+  for (int row = 0; row < M; ++row) {
+    double low = rows->lower[row], up = rows->upper[row], gate = rows->gate[row];
+    if (!(low <= up && low < INFINITY && up > -INFINITY && gate >= 0 && gate <= 1)) return 0;
+  }
+  return 1;
+}
+
+/* By how much `gated` moves the bounds of a row whose entries have the sum `range`. */
+static double width_of(double range, double gate) {
+  return gate >= 1 ? 0 : gate > 0 ? range * (sqrt(1 - gate) / sqrt(gate)) : INFINITY;
+}
+
+static void gate_bounds(Work *k, int row, double gate) {
+  if (gate >= 1) return;
+  double range = 0;
+  for (int c = 0; c < N; ++c) range += fabs(k->a[row][c]);
+  double width = width_of(range, gate);
+  k->lower[row] -= width;
+  k->upper[row] += width;
+}
+
+/* The rows, gated, in normal units. */
+static void load(Work *k, const Rows *rows) {
+  for (int row = 0; row < M; ++row) {
+    for (int c = 0; c < N; ++c) k->a[row][c] = rows->jacobian[c * M + row];
+    k->lower[row] = rows->lower[row];
+    k->upper[row] = rows->upper[row];
+    gate_bounds(k, row, rows->gate[row]);
+  }
+  normalise(k);
+}
+
+/* Whether a row that counts as nothing could be noticeably nearer to its bounds; v as given. */
+static int are_missed(const Work *k, const Rows *rows, const double *v) {
+  for (int row = 0; row < M; ++row) {
+    if (k->lost[row] == 0) continue;
+    double y = 0, range = 0;
+    for (int c = 0; c < N; ++c) {
+      double entry = rows->jacobian[c * M + row];
+      y += entry * v[c], range += fabs(entry);
+    }
+    double width = width_of(range, rows->gate[row]);
+    double below = rows->lower[row] - width - y, above = y - rows->upper[row] - width;
+    double missed = larger(larger(below, above), 0), nearer = smaller(missed, REACH * k->velocity * k->lost[row]);
+    if (nearer > larger(UNNOTICED, CERTIFIED * missed)) return 1;
+  }
+  return 0;
+}
+
+static void write_residual(const double *v, const Rows *rows, double *residual) {
+  double y[M] = {0};
+  for (int c = 0; c < N; ++c)
+    for (int row = 0; row < M; ++row) y[row] += rows->jacobian[c * M + row] * v[c];
+  for (int row = 0; row < M; ++row) {
+    double nearest = smaller(larger(y[row], rows->lower[row]), rows->upper[row]);
+    residual[row] = rows->gate[row] > 0 ? y[row] - nearest : 0;
+  }
 }

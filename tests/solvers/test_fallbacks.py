@@ -1,0 +1,230 @@
+"""Where the core gives up, what is tried next finds the same optimum, or keeps the levels in their order and says so."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import casadi as ca
+import numpy as np
+import pytest
+from hierarchies import dependent_hierarchy, random_hierarchy, reference
+
+from uvms_ocp.functions.compile import compile_library
+from uvms_ocp.solvers.hierarchy.active_set import fallbacks
+from uvms_ocp.solvers.hierarchy.active_set.codes import STATUSES
+from uvms_ocp.solvers.hierarchy.active_set.core_source import core_source
+from uvms_ocp.solvers.hierarchy.active_set.fallbacks import SolvedRows, solve_levels
+from uvms_ocp.solvers.hierarchy.active_set.patience import patience
+from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
+from uvms_ocp.solvers.hierarchy.certificate import normal_certificate
+from uvms_ocp.solvers.hierarchy.level import Level, stack
+from uvms_ocp.solvers.hierarchy.scaling import normal_rows
+from uvms_ocp.solvers.hierarchy.solution import Status
+from uvms_ocp.solvers.hierarchy.tolerances import TOLERANCES
+
+COMPILED, NUMPY = LexicographicActiveSet(), LexicographicActiveSet(compiled=False)
+SIZES = (6, 2, 3, 2, 6)
+FIRST = """  attempt(s, state);
+  if (is_proven(s)) return SOLVED;
+"""
+LEVEL_BY_LEVEL = "by_levels(s, &ORDINARY) || by_levels(s, &CAREFUL) || by_fewer_levels(s)"
+# What the core leaves unsolved: by how much rows are dependent, velocities, rows of each level, seeds.
+LEFT = [
+    (1e-6, 7, (1, 0, 6, 2, 7), (26,)),
+    (1e-6, 13, (6, 6, 6, 3, 13), (0, 6, 7, 12, 28)),
+    (1e-7, 4, (3, 2, 2), (0,)),
+    (1e-7, 7, (1, 0, 6, 2, 7), (0, 3, 6, 10, 11, 17)),
+    (1e-8, 4, (3, 2, 2), (0, 4, 19, 26)),
+    (1e-8, 7, (1, 0, 6, 2, 7), (11, 13, 14, 16, 17, 18, 19)),
+    (1e-9, 7, (1, 0, 6, 2, 7), (11, 13, 18, 28)),
+]
+
+
+def _left() -> list[list[Level]]:
+    return [dependent_hierarchy(seed, n, sizes, nearly) for nearly, n, sizes, seeds in LEFT for seed in seeds]
+
+
+def _broken(levels: list[Level], source: Callable[[str], str]) -> SolvedRows:
+    """What the solver in C finds with another source, from a cold start."""
+    rows = stack(levels)
+    n = rows.jacobian.shape[1]
+    v, active_set, (code, iterations), residual = (
+        np.array(found).ravel()
+        for found in _function(source(core_source(n, rows.sizes)))(
+            rows.jacobian, rows.lower, rows.upper, rows.gate, np.zeros(len(rows.lower))
+        )
+    )
+    status = STATUSES[int(code)]
+    return SolvedRows(v=v, active_set=active_set, status=status, residual=residual, iterations=int(iterations))
+
+
+@cache
+def _function(source: str) -> ca.Function:
+    return ca.external("lexls", str(compile_library(source)))
+
+
+def _without(*parts: str) -> Callable[[str], str]:
+    """The source without all `parts` but the last, which takes the place of the one before it."""
+    *old, new = parts
+
+    def changed(source: str) -> str:
+        for i, part in enumerate(old):
+            assert part in source
+            source = source.replace(part, new if i == len(old) - 1 else "")
+        return source
+
+    return changed
+
+
+def _certificate(levels: list[Level], v: np.ndarray) -> float:
+    rows = stack(levels)
+    normal = normal_rows(rows.jacobian, rows.lower, rows.upper, rows.sizes)
+    return normal_certificate(normal, v / normal.velocity)
+
+
+@pytest.mark.parametrize("care", ["ORDINARY", "CAREFUL"])
+def test_level_by_level_finds_what_the_core_finds(care: str) -> None:
+    only = _without(FIRST, LEVEL_BY_LEVEL, f"by_levels(s, &{care})")
+    for seed in range(40):
+        levels = random_hierarchy(seed, 6, SIZES) if seed % 2 else dependent_hierarchy(seed, 6, SIZES)
+        found, usual = _broken(levels, only), COMPILED.solve(levels)
+        assert found.status is Status.CASCADED, seed
+        assert _certificate(levels, found.v) <= TOLERANCES.certified
+        np.testing.assert_allclose(found.residual, np.concatenate(usual.residuals), atol=1e-7)
+
+
+def test_with_fewer_levels_those_above_are_at_their_optimum() -> None:
+    """As if only the levels below could not be solved."""
+    only, statuses = _without(FIRST, LEVEL_BY_LEVEL, "by_fewer_levels(s)"), set()
+    sizes = (6, 1, 1, 2, 6)
+    for seed in range(20):
+        levels = random_hierarchy(seed, 6, sizes)
+        found, (optimum, error) = _broken(levels, only), reference(levels[:-1])
+        assert error.max() < 1e-10
+        missed = np.split(found.residual, np.cumsum(sizes)[:-1])[:-1]
+        np.testing.assert_allclose([np.linalg.norm(r) for r in missed], optimum, atol=1e-7)
+        assert found.status.exact == (_certificate(levels, found.v) <= TOLERANCES.certified)
+        statuses.add(found.status)
+    assert Status.INEXACT in statuses
+
+
+@pytest.mark.parametrize("fails", [1, 2])
+def test_in_numpy_level_by_level_takes_over_where_the_core_gives_up(
+    fails: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    honest, calls = fallbacks.lexicographic_least_squares, []
+
+    def lost(*arguments: object) -> tuple[np.ndarray, np.ndarray, int]:
+        calls.append(arguments)
+        v, state, iterations = honest(*arguments)  # type: ignore[arg-type]
+        return (np.full_like(v, np.nan) if len(calls) <= fails else v), state, iterations
+
+    monkeypatch.setattr(fallbacks, "lexicographic_least_squares", lost)
+    rows = stack(random_hierarchy(1, 6, SIZES))
+    warm = np.ones(len(rows.lower)) if fails == 2 else np.zeros(len(rows.lower))
+    found = solve_levels(rows.jacobian, rows.lower, rows.upper, rows.gate, warm, SIZES)
+    assert found.status is Status.CASCADED
+    np.testing.assert_allclose(found.v, COMPILED.solve(random_hierarchy(1, 6, SIZES)).v, atol=1e-8)
+
+
+def test_a_velocity_that_is_not_certified_is_the_best_and_called_inexact(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In C and in NumPy, whose runs all end at the optimum here, which nobody certifies."""
+    monkeypatch.setattr(fallbacks, "normal_certificate", lambda rows, w: np.inf)
+    never = _without("#define CERTIFIED 1e-07", "#define CERTIFIED -1")
+    for seed in range(8):
+        levels = random_hierarchy(seed, 6, SIZES)
+        usual = COMPILED.solve(levels)
+        for found in (NUMPY.solve(levels), _broken(levels, never)):
+            assert found.status is Status.INEXACT
+            np.testing.assert_allclose(found.v, usual.v, atol=1e-8)
+
+
+def test_where_no_run_ends_at_a_number_the_velocity_is_zero(monkeypatch: pytest.MonkeyPatch) -> None:
+    def lost(J: np.ndarray, *_: object) -> tuple[np.ndarray, np.ndarray, int]:
+        return np.full(J.shape[1], np.nan), np.zeros(len(J)), 1
+
+    monkeypatch.setattr(fallbacks, "lexicographic_least_squares", lost)
+    solution = NUMPY.solve(random_hierarchy(1))
+    assert solution.status is Status.INEXACT
+    np.testing.assert_array_equal(solution.v, 0.0)
+
+
+def test_what_the_core_leaves_unsolved_is_solved_and_certified_by_someone_else() -> None:
+    """Nearly dependent rows. A certificate holds for whatever found the velocity."""
+    for levels in _left():
+        solution = COMPILED.solve(levels)
+        assert solution.status is Status.CASCADED
+        assert _certificate(levels, solution.v) <= 10.0 * TOLERANCES.certified
+
+
+def test_more_of_it_is_solved_than_by_quadratic_programs() -> None:
+    cascade = LexicographicQp()
+    exact = [cascade.solve(levels).status.exact for levels in _left()]
+    assert sum(exact) < 0.5 * len(exact)
+
+
+def test_in_numpy_nearly_all_of_it_is_solved_too() -> None:
+    """Where rounding decides whether a bound is proven, it need not decide alike."""
+    exact = [NUMPY.solve(levels).status.exact for levels in _left()]
+    assert np.mean(exact) > 0.9
+
+
+@pytest.mark.parametrize("solver", [COMPILED, NUMPY])
+def test_no_level_is_worse_for_those_below_it(solver: LexicographicActiveSet) -> None:
+    """Also where rows are so nearly dependent that nothing is certified: the first level that differs is better."""
+    box, compared = Level(jacobian=np.eye(7), lower=-0.5, upper=0.5), 0
+    for seed in range(60 if solver.compiled else 6):
+        levels = [box, *dependent_hierarchy(seed, 7, (1, 2, 6, 2, 7), 1e-9)]
+        whole = solver.solve(levels).level_residuals
+        for k in range(1, len(levels)):
+            part = solver.solve(levels[:k])
+            if part.status is Status.SOLVED:
+                worse = whole[:k] - part.level_residuals
+                different = worse[np.abs(worse) > 1e-6]
+                assert not different.size or different[0] < 0.0, (seed, k)
+                compared += 1
+    assert compared > (200 if solver.compiled else 20)
+
+
+def _adversaries() -> list[list[Level]]:
+    """Rows of few whole numbers, copied, combined and turned around, which stall and cycle; nearly dependent ones."""
+    found = [dependent_hierarchy(seed, 6, SIZES, 10.0 ** -(seed % 12)) for seed in range(60)]
+    for seed in range(120):
+        rng = np.random.default_rng(seed)
+        J = rng.integers(-1, 2, (sum(SIZES), 6)).astype(float)
+        J[rng.integers(0, len(J), 8)] = -J[rng.integers(0, len(J), 8)]
+        lower = rng.integers(-1, 2, len(J)).astype(float)
+        upper = lower + rng.integers(0, 2, len(J))
+        cut = np.cumsum(SIZES)[:-1]
+        parts = zip(np.split(J, cut), np.split(lower, cut), np.split(upper, cut), strict=True)
+        found.append([Level(jacobian=a, lower=b, upper=c) for a, b, c in parts])
+    return found
+
+
+@pytest.mark.parametrize("certified", ["1e-07", "-1"])
+def test_no_call_takes_more_iterations_than_are_stated(certified: str) -> None:
+    """Even if nothing were certified, so that everything is tried."""
+    most = patience(sum(SIZES)).most_of_all
+    assert most == 120 + 60 * sum(SIZES)
+    source = _without("#define CERTIFIED 1e-07", f"#define CERTIFIED {certified}")
+    taken = [_broken(levels, source).iterations for levels in _adversaries()]
+    assert max(taken) <= most
+    assert (max(taken) > 0.75 * most) == (certified == "-1")
+
+
+def test_numpy_keeps_to_the_same_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fallbacks, "normal_certificate", lambda rows, w: np.inf)
+    for levels in _adversaries()[::30]:
+        rows = stack(levels)
+        found = solve_levels(rows.jacobian, rows.lower, rows.upper, rows.gate, np.zeros(len(rows.lower)), SIZES)
+        assert 3 * len(SIZES) <= found.iterations <= patience(len(rows.lower)).most_of_all
+
+
+@pytest.mark.parametrize("fill", [0x7F, 0xFF])
+def test_what_the_memory_held_before_changes_nothing(fill: int) -> None:
+    soiled = _without("int status = INVALID_INPUT;", f"int status = INVALID_INPUT; memset(&s, {fill}, sizeof(s));")
+    for seed in range(40):
+        levels = dependent_hierarchy(seed, 6, SIZES, 10.0 ** -(seed % 12))
+        np.testing.assert_array_equal(_broken(levels, soiled).v, _broken(levels, str).v)
