@@ -40,13 +40,15 @@ def distance_sizes(model: pin.Model, *, n_solids: int, n_pairs: int) -> dict[str
 def write_distances(
     memory: Any, model: pin.Model, shapes: Sequence[pin.GeometryObject], pairs: Sequence[tuple[int, int]]
 ) -> None:
-    """Into a `DistanceMemory`: the shapes, all of which have a form in C, and their pairs, by index."""
-    memory.n_solids, memory.n_pairs = len(shapes), len(pairs)
-    for k, shape in enumerate(shapes):
-        _write_solid(memory.solids[k], shape)
-        memory.moves[k][:] = _movers(model, shape.parentJoint)
+    """Into a `DistanceMemory`: pairs of the shapes, by index, which have a form in C as far as they are used."""
+    used = sorted({k for pair in pairs for k in pair})
+    places = {k: i for i, k in enumerate(used)}
+    memory.n_solids, memory.n_pairs = len(used), len(pairs)
+    for k, i in places.items():
+        _write_solid(memory.solids[i], shapes[k])
+        memory.moves[i][:] = _movers(model, shapes[k].parentJoint)
     for pair, (first, second) in zip(memory.pairs, pairs, strict=False):
-        pair.first, pair.second, pair.known, pair.meeting.simplex.n = first, second, False, 0
+        pair.first, pair.second, pair.known = places[first], places[second], False
 
 
 def _write_solid(solid: Solid, shape: pin.GeometryObject) -> None:

@@ -1,7 +1,7 @@
 """Distances of all pairs of a collision model in machine code, for programs that embed them.
 
-A layout that is to measure distances has a field ``DistanceMemory``; sizes and functions for its `structure_of` are those of
-`distance_sizes` in `clear_pairs`, which also writes what never changes. Then, in a kernel of one's own:
+A layout that is to measure distances has a field ``DistanceMemory``; what `structure_of` needs for it is
+`CollisionModel.memory_sizes`, and `CollisionModel.write` writes into it what never changes. Then, in a kernel of one's own:
 
     pair_distances(m.distances, m.q)            # m.distances.value[k] [m] of all pairs, at q
     value = distance_of(m.distances, k)         # of one pair, after `place_solids(m.distances, m.q)`
@@ -31,8 +31,6 @@ class Pair(Layout):
     first: int
     """Solid, by its index."""
     second: int
-    meeting: Meeting
-    """In the frame of the first."""
     known: bool
     """It has been measured."""
     normal: Annotated[Vector, Sized(3)]
@@ -65,6 +63,8 @@ class DistanceMemory(Layout):
     n_chosen: int
     chosen: Annotated[list[int], Sized("n_pairs")]
     """(n_chosen,) pairs that `chosen_distances` measures."""
+    meeting: Meeting
+    """Of the pair measured last, in the frame of its first solid."""
     hull: Hull
     """Working memory."""
 
@@ -111,8 +111,8 @@ def place_solid(s: Solid, placements: Vector) -> None:
 
 def distance_of(m: DistanceMemory, k: int) -> float:
     """Signed distance [m] of pair k, as its solids are placed. A kernel."""
-    pair = m.pairs[k]
-    a, b, meeting = m.solids[pair.first], m.solids[pair.second], pair.meeting
+    pair, meeting = m.pairs[k], m.meeting
+    a, b = m.solids[pair.first], m.solids[pair.second]
     measure(meeting, m.hull, a, b)
     rotated(a.R, meeting.normal, pair.normal)
     rotated(a.R, meeting.at, pair.at)

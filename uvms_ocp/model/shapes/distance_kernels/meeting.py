@@ -1,7 +1,7 @@
 """Two solids that meet: where one is as the other sees it, and the nearest points of both while they are apart.
 
-The search is that of [Gilbert1988] (GJK), on boxes and disks; balls are added to what it finds. It begins with the points
-that it found last, as both solids have moved little.
+The search is that of [Gilbert1988] (GJK), on boxes and disks; balls are added to what it finds. It remembers nothing, so that
+the same configuration always gives the same distances.
 """
 
 from __future__ import annotations
@@ -11,10 +11,20 @@ from typing import Annotated
 
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, zeros
 from uvms_ocp.model.shapes.distance_kernels.simplex import FAR, Simplex, find_nearest, keep_nearest
-from uvms_ocp.model.shapes.distance_kernels.solids import Solid, between, dot, farthest, rotated, subtract, turned_back
+from uvms_ocp.model.shapes.distance_kernels.solids import (
+    Solid,
+    between,
+    dot,
+    farthest,
+    nearest_to,
+    rotated,
+    subtract,
+    turned_back,
+)
 
 ROUNDS = 128
 """[-] bound of a search; what it found is then what is told."""
+_TURNS = 3  # [-] of nearest points, after which most pairs are almost done
 _EXACT = 1e-12  # [m] between what is found and what no point can be nearer than
 TOUCHING = 1e-9
 """[m] nearer solids count as overlapping, as rounding is all that is left of a direction."""
@@ -46,13 +56,20 @@ def bring_together(m: Meeting, a: Solid, b: Solid) -> None:
 
 
 def begin(m: Meeting, a: Solid, b: Solid) -> None:
-    """Put the points of the last search where they are now; or the ones that face each other, without such. A kernel."""
-    s = m.simplex
-    if s.n < 1 or s.n > 3:
-        s.n = 0
-        add(m, a, b, m.p)
-    for k in range(s.n):
-        place(m, k)
+    """One point of each, which lie near each other: nearest to the other's, in turn. A kernel."""
+    x, y, s = zeros(3), zeros(3), m.simplex
+    for i in range(3):
+        x[i] = m.p[i]
+    for _ in range(_TURNS):
+        nearest_to(a, x, s.a[0])
+        subtract(s.a[0], m.p, x)
+        turned_back(m.R, x, y)
+        nearest_to(b, y, s.b[0])
+        rotated(m.R, s.b[0], x)
+        for i in range(3):
+            x[i] += m.p[i]
+    place(m, 0)
+    s.n = 1
 
 
 def place(m: Meeting, k: int) -> None:
@@ -104,7 +121,6 @@ def tell_apart(m: Meeting) -> None:
     m.distance = math.sqrt(s.squared)
     if not s.squared < FAR:
         m.distance = math.nan
-        s.n = 0
     for i in range(3):
         m.normal[i] = -s.v[i] / m.distance
         m.at[i] = 0.0

@@ -11,7 +11,7 @@ from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector
 class Solid(Layout):
     """A sphere is a ball, a capsule a segment and a ball, a cylinder a segment and a disk, a box itself.
 
-    Of none of them is less than nothing; each is the same seen from both sides of its middle.
+    Each looks the same from either side of its middle, and none has both a disk and a box that is wider than a segment.
     """
 
     half: Annotated[Vector, Sized(3)]
@@ -41,6 +41,17 @@ def farthest(s: Solid, d: Vector, point: Vector) -> None:
     point[0] = math.copysign(s.half[0], d[0]) + share * d[0]
     point[1] = math.copysign(s.half[1], d[1]) + share * d[1]
     point[2] = math.copysign(s.half[2], d[2])
+
+
+def nearest_to(s: Solid, x: Vector, point: Vector) -> None:
+    """The point (3,) [m] of box and disk that is nearest to x (3,) [m], in the solid's frame. A kernel."""
+    for i in range(3):
+        point[i] = min(s.half[i], max(-s.half[i], x[i]))
+    across = math.sqrt(x[0] * x[0] + x[1] * x[1])
+    if s.disk > 0.0:
+        share = min(1.0, s.disk / across) if across > 0.0 else 1.0
+        point[0] = share * x[0]
+        point[1] = share * x[1]
 
 
 def height(s: Solid, d: Vector) -> float:
