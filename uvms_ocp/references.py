@@ -14,6 +14,8 @@
 - [Fossen2021] T. I. Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed., Wiley, 2021.
 - [Gao2022] H. Gao et al., UVMS task-priority planning framework for underwater task goal classification optimization,
   Frontiers in Neurorobotics 16, 982505, 2022.
+- [Gilbert1988] E. G. Gilbert, D. W. Johnson, S. S. Keerthi, A fast procedure for computing the distance between complex
+  objects in three-dimensional space, IEEE Journal on Robotics and Automation 4(2), 1988.
 - [Kanoun2011] O. Kanoun, F. Lamiraux, P.-B. Wieber, Kinematic control of redundant manipulators: generalizing the
   task-priority framework to inequality task, IEEE Transactions on Robotics 27(4), 2011.
 - [Kuffner2000] J. J. Kuffner, S. M. LaValle, RRT-Connect: an efficient approach to single-query path planning, IEEE

@@ -1,9 +1,10 @@
-"""Signed distances of a robot's shapes from obstacles and from each other, with gradients, by coal."""
+"""Signed distances of a robot's shapes from obstacles and from each other, with gradients."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -11,11 +12,12 @@ import pinocchio as pin
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.axis_reach import shape_reach
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.coal_pairs import CoalPairs
+from uvms_ocp.model.shapes.compiled_pairs import CompiledPairs
+from uvms_ocp.model.shapes.distance_kernels.clear_pairs import distance_sizes, has_c_form, write_distances
 from uvms_ocp.model.shapes.obstacles import Obstacle
 
-_DISTANCE_TOLERANCE = 1e-9  # coal's default of 1e-6 shows as noise in the gradients
-_MAX_ITERATIONS = 512
-_FAILED = -1e3  # [m] what coal reports below it is no distance but a search that failed
+_Engine: TypeAlias = CompiledPairs | CoalPairs
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,8 +33,11 @@ class Distances:
 class CollisionModel:
     """Every shape of a robot against every obstacle, and its links against each other.
 
-    Pairs of links that are neighbours, or overlap in the stowed posture, touch by design and are left out. A triangle
-    mesh has no inside: overlap with it counts as a distance of 0. Holds working memory: not for two threads at once.
+    Pairs of links that are neighbours, or overlap in the stowed posture, touch by design and are left out. Spheres, capsules,
+    cylinders and boxes are measured in machine code, other shapes, and all where there is no compiler, by coal: the same to
+    1e-6 m while they are apart. Of shapes that overlap coal tells some depth, machine code the smallest; coal takes a triangle
+    mesh, which has no inside, and a depth that it does not find for a distance of 0. Holds working memory: not for two
+    threads at once.
     """
 
     def __init__(
@@ -44,21 +49,16 @@ class CollisionModel:
         links: Sequence[str] | None = None,
     ) -> None:
         """links: names of the shapes that are checked against obstacles, all by default. Raises `InvalidInput`."""
-        self._model, self._data, self.n_v = robot.model, robot.model.createData(), robot.n_v
-        self._geometry, n_links = shapes_among(robot, obstacles), robot.collision_model.ngeoms
+        self._model, self._geometry = robot.model, shapes_among(robot, obstacles)
+        n_links, self.n_v = robot.collision_model.ngeoms, robot.n_v
         names = [shape.name for shape in robot.collision_model.geometryObjects]
         checked = [names.index(name) for name in _known(links, names)]
         pairs = [(o, i) for o in range(n_links, self._geometry.ngeoms) for i in checked]
-        pairs += self_pairs(robot) if self_collision else []
-        for first, second in pairs:
-            self._geometry.addCollisionPair(pin.CollisionPair(first, second))
+        self._pairs = pairs + (self_pairs(robot) if self_collision else [])
         shapes = self._geometry.geometryObjects
-        self.pair_names = tuple(f"{shapes[a].name} - {shapes[b].name}" for a, b in pairs)
-        self._joints = [(int(shapes[a].parentJoint), int(shapes[b].parentJoint)) for a, b in pairs]
-        self._reach = _pair_reach(robot, self._geometry)
-        self._geometry_data = self._geometry.createData()
-        for request in self._geometry_data.distanceRequests:
-            request.gjk_tolerance, request.gjk_max_iterations = _DISTANCE_TOLERANCE, _MAX_ITERATIONS
+        self.pair_names = tuple(f"{shapes[a].name} - {shapes[b].name}" for a, b in self._pairs)
+        self._reach = _pair_reach(robot, self._geometry, self._pairs)
+        self._engines = _engines(robot.model, self._geometry, self._pairs)
 
     @property
     def n_pairs(self) -> int:
@@ -69,40 +69,79 @@ class CollisionModel:
         """(n_v,) [-, m] upper bound on the rate of any pair's distance per unit of each velocity, at any configuration."""
         return self._reach
 
+    @property
+    def without_c_form(self) -> tuple[str, ...]:
+        """Names of the shapes that only coal measures, such as meshes."""
+        shapes = self._geometry.geometryObjects
+        return tuple(shapes[k].name for k in _used(self._pairs) if not has_c_form(shapes[k].geometry))
+
+    def memory_sizes(self) -> dict[str, Any]:
+        """What `structure_of` a layout with a `DistanceMemory` of these pairs needs."""
+        return distance_sizes(self._model, n_solids=len(_used(self._pairs)), n_pairs=self.n_pairs)
+
+    def write(self, memory: Any) -> None:
+        """Into a `DistanceMemory` of those sizes, or larger: the pairs, in their order. Raises `InvalidInput` for a mesh."""
+        if self.without_c_form:
+            raise InvalidInput(
+                f"shapes {', '.join(self.without_c_form)} have no form in C; give spheres, capsules, cylinders and boxes"
+            )
+        write_distances(memory, self._model, self._geometry.geometryObjects, self._pairs)
+
     def values(self, q: np.ndarray, pairs: Sequence[int] | np.ndarray | None = None) -> np.ndarray:
-        """Distance (n_pairs,) [m] at q (n_q,) [m, rad] of all pairs, or (n,) of some, by their indices `pairs` (n,) [-]."""
-        if pairs is None:
-            pin.computeDistances(self._model, self._data, self._geometry, self._geometry_data, q)
-            results = self._geometry_data.distanceResults
-            found = np.array([results[k].min_distance for k in range(self.n_pairs)])
-        else:
-            pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._geometry_data, q)
-            single = [pin.computeDistance(self._geometry, self._geometry_data, int(k)) for k in pairs]
-            found = np.array([result.min_distance for result in single])
-        return np.where(found < _FAILED, 0.0, found)
+        """Distance (n_pairs,) [m] at q (n_q,) [m, rad] of all pairs, or (n,) of some, by their indices `pairs` (n,) [-].
+
+        Each index once.
+        """
+        found = np.empty(self.n_pairs if pairs is None else len(pairs))
+        for engine, rows, places in self._shared(pairs):
+            found[rows] = engine.values(q, places)
+        return found
 
     def distances(self, q: np.ndarray, pairs: Sequence[int] | np.ndarray | None = None) -> Distances:
         """Distances at q (n_q,) [m, rad], with gradients ``n . (v_2 - v_1)`` at the witness points.
 
-        Of all pairs, or of some by their indices `pairs` (n,) [-].
+        Of all pairs, or of some by their indices `pairs` (n,) [-], each once.
         """
-        return Distances(self.values(q, pairs), self._gradients(q, range(self.n_pairs) if pairs is None else pairs))
+        value = self.values(q, pairs)
+        gradient = np.empty((len(value), self.n_v))
+        for engine, rows, places in self._shared(pairs):
+            gradient[rows] = engine.gradients(q, places)
+        return Distances(value, gradient)
 
-    def _gradients(self, q: np.ndarray, pairs: Sequence[int] | range | np.ndarray) -> np.ndarray:
-        """The distances must have been computed at q."""
-        pin.computeJointJacobians(self._model, self._data, q)
-        return np.array([self._gradient(int(k)) for k in pairs]).reshape(-1, self.n_v)
+    def _shared(self, pairs: Sequence[int] | np.ndarray | None) -> Iterator[tuple[_Engine, np.ndarray, np.ndarray]]:
+        """Who measures which of the `pairs`, by their rows here, and by their indices there."""
+        for engine, place in self._engines:
+            asked = place if pairs is None else place[np.asarray(pairs, dtype=int)]
+            rows = np.flatnonzero(asked >= 0)
+            if len(rows):
+                yield engine, rows, asked[rows]
 
-    def _gradient(self, pair: int) -> np.ndarray:
-        result = self._geometry_data.distanceResults[pair]
-        (nx, ny, nz), (x, y, z) = result.normal, result.getNearestPoint1()
-        wrench = np.array([nx, ny, nz, y * nz - z * ny, z * nx - x * nz, x * ny - y * nx])
-        first, second = self._joints[pair]
-        row = np.zeros(self.n_v)
-        for joint, sign in ((first, -1.0), (second, 1.0)):
-            if joint:
-                row += sign * wrench @ pin.getJointJacobian(self._model, self._data, joint, pin.WORLD)
-        return row
+
+def _engines(
+    model: pin.Model, geometry: pin.GeometryModel, pairs: Sequence[tuple[int, int]]
+) -> list[tuple[_Engine, np.ndarray]]:
+    """Who measures the pairs, and the index (n_pairs,) there of each, -1 of others."""
+    shapes = geometry.geometryObjects
+    clear = np.array([all(has_c_form(shapes[k].geometry) for k in pair) for pair in pairs], dtype=bool)
+    engines: list[tuple[_Engine, np.ndarray]] = []
+    if clear.any():
+        compiled = CompiledPairs(model, geometry, [pair for pair, has in zip(pairs, clear, strict=True) if has])
+        if compiled.compiled:
+            engines.append((compiled, _counted(clear)))
+        else:
+            clear[:] = False
+    if not clear.all():
+        rest = [pair for pair, has in zip(pairs, clear, strict=True) if not has]
+        engines.append((CoalPairs(model, geometry, rest), _counted(~clear)))
+    return engines
+
+
+def _counted(chosen: np.ndarray) -> np.ndarray:
+    return np.where(chosen, np.cumsum(chosen) - 1, -1)
+
+
+def _used(pairs: Sequence[tuple[int, int]]) -> list[int]:
+    return sorted({k for pair in pairs for k in pair})
 
 
 def shapes_among(robot: Robot, obstacles: Sequence[Obstacle]) -> pin.GeometryModel:
@@ -132,11 +171,11 @@ def self_pairs(robot: Robot) -> list[tuple[int, int]]:
     return [pair for k, pair in enumerate(far) if data.distanceResults[k].min_distance > 0.0]
 
 
-def _pair_reach(robot: Robot, geometry: pin.GeometryModel) -> np.ndarray:
+def _pair_reach(robot: Robot, geometry: pin.GeometryModel, pairs: Sequence[tuple[int, int]]) -> np.ndarray:
     """(n_v,) largest over all pairs; an axis that carries both shapes of a pair does not change its distance."""
     reaches = [shape_reach(robot, shape) for shape in geometry.geometryObjects]
-    pairs = [(reaches[pair.first], reaches[pair.second]) for pair in geometry.collisionPairs]
-    moved = [np.where((a > 0) != (b > 0), np.maximum(a, b), 0.0) for a, b in pairs]
+    both = [(reaches[a], reaches[b]) for a, b in pairs]
+    moved = [np.where((a > 0) != (b > 0), np.maximum(a, b), 0.0) for a, b in both]
     return np.asarray(np.max([np.zeros(robot.n_v), *moved], axis=0))
 
 
