@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from recording_solver import RecordingSolver
 
-from uvms_ocp.control.export import RecordingSolver
 from uvms_ocp.scenario import Scenario, pose_at
 from uvms_ocp.scenarios.case1 import case1
 from uvms_ocp.solvers.hierarchy.certificate import certificate

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from recording_solver import RecordingSolver
 
 import uvms_ocp as uo
-from uvms_ocp.control.export import RecordingSolver
 from uvms_ocp.control.navigation.last_known import LastEcho
 from uvms_ocp.control.navigation.watchdog import Watchdog
 from uvms_ocp.control.velocity.kinematic import KinematicController

@@ -35,7 +35,7 @@ app.command(name="check-robot")(robots.check_robot)
 app.command(name="schema")(robots.schema)
 
 export_app = typer.Typer(help="Write what runs without Python.", no_args_is_help=True)
-export_app.command(name="tick")(export.export_tick)
+export_app.command(name="controller")(export.controller)
 app.add_typer(export_app, name="export")
 app.add_typer(plan.app, name="plan")
 

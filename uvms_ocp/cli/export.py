@@ -2,29 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from uvms_ocp.cli.compiling import told_of_compiling
 from uvms_ocp.cli.options import build_scenario, folder
 from uvms_ocp.cli.printing import console_of, print_paths
-from uvms_ocp.control.export import FILES, RecordingSolver, write_tick
-from uvms_ocp.output import claimed
+from uvms_ocp.export import export_controller
 
 
-def export_tick(
+def controller(
+    scenario: Annotated[str, typer.Argument(help="Scenario, see `uvms-ocp list`.")],
     out: Annotated[Path, typer.Argument(metavar="DIR", parser=folder, help="Folder for the sources.")],
-    scenario: Annotated[str, typer.Option(help="Scenario, see `uvms-ocp list`.")] = "case1",
+    plant: Annotated[
+        str, typer.Option(help="dynamic: with thrust and torque; kinematic: velocities alone.")
+    ] = "dynamic",
     robot: Annotated[str | None, typer.Option(help="Robot; default: the scenario's.")] = None,
 ) -> None:
-    """Write C source of one control tick, with recorded ticks to compare with; it needs libm only."""
-    options = {"plant": "kinematic"} | ({} if robot is None else {"robot": robot})
-    made = build_scenario(scenario, options)
-    recording = RecordingSolver(solver=made.solver)
-    with claimed(out, FILES) as claim:
-        replace(made, solver=recording).run()
-        with claim.staged() as staging:
-            write_tick(made.kinematic_controller().problem, recording.ticks, staging)
-        print_paths(console_of(), claim.written())
+    """Write the whole controller as C source that needs libm only, with a recorded run to compare with."""
+    options = {"plant": plant} | ({} if robot is None else {"robot": robot})
+    console = console_of()
+    with console.status("running the scenario once") as status, told_of_compiling(status.update, console):
+        paths = export_controller(build_scenario(scenario, options), out)
+    print_paths(console, paths)

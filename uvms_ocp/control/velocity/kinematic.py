@@ -86,7 +86,8 @@ class KinematicController:
         guards = guards_of(robot, tasks, names)
         tracks = tracks_of(mission, dt)
         sizes = {**rule_sizes(robot, guards, dt), **track_sizes(tracks)}
-        self._memory = memory = tick_memory(robot, mission, self.problem, self.watchdog, sizes)
+        self.memory = memory = tick_memory(robot, mission, self.problem, self.watchdog, sizes)
+        """All that a tick knows, a `TickMemory`."""
         self._arrays = arrays_of(memory, self.problem)
         self._parameters = MissionParameters(mission, memory.goals, tracks, dt)
         tick, inputs = (
@@ -116,6 +117,11 @@ class KinematicController:
         return self._named(self._arrays.last_told)
 
     @property
+    def without_c_form(self) -> dict[str, str]:
+        """Names of tasks that Python is asked about at every tick, and for what."""
+        return self._parameters.without_c_form
+
+    @property
     def kinematic(self) -> KinematicController:
         """Itself: what `DynamicController` has below it."""
         return self
@@ -128,7 +134,7 @@ class KinematicController:
     @late
     def observe(self, measurement: Measurement, t: float) -> TickState:
         """What is known at time t [s]; what is missing of the measurement is replaced by what was known last."""
-        started, memory, arrays = perf_counter(), self._memory, self._arrays
+        started, memory, arrays = perf_counter(), self.memory, self._arrays
         self._sound.check(measurement)
         arrays.q[:] = measurement.q
         arrays.v[:] = measurement.v
@@ -163,7 +169,7 @@ class KinematicController:
     @late
     def command(self, tick: TickState) -> Command:
         """The command for what `observe` has found."""
-        arrays, memory, q = self._arrays, self._memory, tick.measurement.q
+        arrays, memory, q = self._arrays, self.memory, tick.measurement.q
         self._parameters.ask(tick.mission, tick.t, gates=tick.gates, q=q, stop=self._stop_ahead(q))
         result = self._solve()
         arrays.solved[:] = result.v
@@ -189,8 +195,8 @@ class KinematicController:
         """Take what somebody else commands for the velocity of this tick. Raises `InvalidInput` for one of another size."""
         if command.v.shape != self._arrays.command.shape:
             raise InvalidInput(f"command.v has shape {command.v.shape}; give ({self.robot.n_v},)")
-        self._memory.wanted[:], self._memory.wanted_pace = command.v.tolist(), 1.0
-        self._take(self._memory)
+        self.memory.wanted[:], self.memory.wanted_pace = command.v.tolist(), 1.0
+        self._take(self.memory)
 
     def pending(self) -> str:
         """What the current phase still waits for, with the last measured values, and which channels hold it back."""
@@ -206,7 +212,7 @@ class KinematicController:
         state = state or self.state
         (echo, known), gates, q = self._echo.at(measurement), self.mission.gates(state, t), measurement.q
         parameters = mission_parameters(self.mission, state, t, gates=gates, q=q, stop=self._stop_ahead(q))
-        motion = self._arrays.command / self._memory.pace, self._arrays.change
+        motion = self._arrays.command / self.memory.pace, self._arrays.change
         outputs = self.problem.function(q, measurement.v, *motion, echo, parameters, gates)
         quantities = np.array(outputs[self.problem.function.index_out("quantities")]).ravel()
         of_altitude = self.problem.rests_on[ALTIMETER]
@@ -215,7 +221,7 @@ class KinematicController:
 
     def _restricted(self, bad: list[ChannelHealth]) -> Restriction:
         """What is not done, as the kernel has found of the channels that are not good."""
-        found, before = self._memory.restriction, self._restriction
+        found, before = self.memory.restriction, self._restriction
         if not (bad == list(before.bad) and before.abort == "" and not found.ended):
             self._restriction = restriction_in(found, bad)
         return self._restriction
@@ -223,8 +229,8 @@ class KinematicController:
     def _alarm(self, measurement: Measurement, t: float) -> None:
         """Tell how old the measurement has become, and of which channel that is."""
         lost = ", ".join(item.channel for item in self._restriction.lost)
-        channel = ALTIMETER if self._memory.echo_is_oldest else measurement.oldest or lost
-        self.watchdog.judge(self._memory.oldest, t, channel)
+        channel = ALTIMETER if self.memory.echo_is_oldest else measurement.oldest or lost
+        self.watchdog.judge(self.memory.oldest, t, channel)
 
     def _feel(self) -> None:
         """What the force layer met, for the kernels."""
@@ -232,16 +238,16 @@ class KinematicController:
         self._distress.feel(self._strain)
         if changed:
             for axis in range(self.robot.n_v):
-                self._memory.jammed[axis] = axis in self._jammed
+                self.memory.jammed[axis] = axis in self._jammed
 
     def _stop_ahead(self, q: np.ndarray) -> StopAhead | None:
         """Where distances are measured on the way to rest."""
-        asked = self._parameters.measures and self._memory.near
+        asked = self._parameters.measures and self.memory.near
         return self._guarding.stop.ahead(q, self._arrays.command.copy()) if asked else None
 
     def _advance(self, tick: TickState) -> None:
         """What the kernels have made of the mission, in words."""
-        memory, state, quantities = self._memory, self._state, self._named(self._arrays.told)
+        memory, state, quantities = self.memory, self._state, self._named(self._arrays.told)
         phases, known = self.mission.all_phases, memory.mission
         if memory.why:
             why = self._distress.told(Why(memory.why), tick, quantities, self._strain)

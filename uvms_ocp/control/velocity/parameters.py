@@ -88,6 +88,12 @@ class MissionParameters:
         self.measures = any(task.nearest_pairs is not None for task in mission.hierarchy.tasks)
         """Whether any task asks for distances."""
 
+    @property
+    def without_c_form(self) -> dict[str, str]:
+        """Names of the tasks that are asked, and for what."""
+        asked = [item for phase in self._asked for item in phase]
+        return {a.task.name: "a goal that moves without telling its end" if a.moves else "distances" for a in asked}
+
     def ask(self, state: MissionState, t: float, *, gates: np.ndarray, q: np.ndarray, stop: StopAhead | None) -> None:
         """Complete what the kernel has taken for the tick at t [s].
 

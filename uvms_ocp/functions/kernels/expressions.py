@@ -48,7 +48,7 @@ _TAKEN |= {
     "unsigned",
     "void",
 }
-_TAKEN |= {"volatile", "case", "abs", "larger", "smaller"}
+_TAKEN |= {"volatile", "case", "abs", "greater_of", "lesser_of"}
 
 
 def c_name(name: str) -> str:
@@ -213,7 +213,7 @@ def _call(node: ast.Call, scope: Scope) -> C:
     if function is len:
         return _length(node, scope)
     if function in (min, max):
-        return _extreme(node, "smaller" if function is min else "larger", scope)
+        return _extreme(node, "lesser_of" if function is min else "greater_of", scope)
     if function is abs:
         of = number(node.args[0], scope)
         return C(f"{'abs' if of.type == INT else 'fabs'}({of.text})", of.type)

@@ -39,10 +39,11 @@ class Layout:
 _NUMBERS: dict[Any, Any] = {float: ctypes.c_double, int: ctypes.c_int, bool: ctypes.c_int}
 
 
-def structure_of(layout: type[Layout], **sizes: int | ca.Function) -> type[ctypes.Structure]:
+def structure_of(layout: type[Layout], **sizes: int | ca.Function | type[ctypes.Structure]) -> type[ctypes.Structure]:
     """The type of a layout in memory, with the sizes [-] that its arrays and those of its parts are declared with, and functions.
 
-    Raises `InvalidInput` for a size or function that is not given, and a field of another type.
+    A part whose type is made already is given by its name. Raises `InvalidInput` for a size or function that is not given, and
+    a field of another type.
     """
     key: Any = layout
     return _structure(key, tuple(sorted(sizes.items())))
@@ -60,7 +61,7 @@ def _field(name: str, hint: Any, sizes: Mapping[str, Any]) -> Any:
     if hint in _NUMBERS:
         return _NUMBERS[hint]
     if isinstance(hint, type) and issubclass(hint, Layout):
-        return structure_of(hint, **sizes)
+        return sizes.get(name.rpartition(".")[2]) or structure_of(hint, **sizes)
     if hint is Ask:
         return AskStructure
     if hint is Smooth:

@@ -22,10 +22,10 @@ from uvms_ocp.functions.kernels.statements import block
 _HEAD = """#include <math.h>
 #include <stdlib.h>
 #include <string.h>
-static inline double smaller(double x, double y) { return y < x ? y : x; }
-static inline double larger(double x, double y) { return y > x ? y : x; }
-static inline int smaller_int(int x, int y) { return y < x ? y : x; }
-static inline int larger_int(int x, int y) { return y > x ? y : x; }
+static inline double lesser_of(double x, double y) { return y < x ? y : x; }
+static inline double greater_of(double x, double y) { return y > x ? y : x; }
+static inline int lesser_of_int(int x, int y) { return y < x ? y : x; }
+static inline int greater_of_int(int x, int y) { return y > x ? y : x; }
 """
 _PLAIN = {float: DOUBLE, int: INT, bool: INT, Vector: VECTOR, type(None): NOTHING}
 

@@ -1,0 +1,121 @@
+"""The files of a controller in C."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+
+from uvms_ocp.control.export.interface import ControllerInputs, ControllerOutputs
+from uvms_ocp.exceptions import plain_line
+from uvms_ocp.functions.kernels.c_library import CLibrary
+from uvms_ocp.functions.kernels.layout import Layout
+
+TEMPLATES = ("replay.c", "CMakeLists.txt")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ControllerNames:
+    """What numbers of the controller stand for."""
+
+    phases: tuple[str, ...]
+    """In the order of `ControllerOutputs.phase`."""
+    statuses: tuple[str, ...]
+    """In that of `ControllerOutputs.status`."""
+    quantities: tuple[str, ...]
+    """In that of `ControllerOutputs.quantities`."""
+    channels: tuple[str, ...]
+    """In that of `ControllerInputs.trust`."""
+
+    def arrays(self) -> dict[str, tuple[str, ...]]:
+        """By their names in C."""
+        return {f"CONTROLLER_{name.upper()}": getattr(self, name) for name in self.__dataclass_fields__}
+
+
+def header(library: CLibrary, names: ControllerNames) -> str:
+    """controller.h"""
+    return "\n".join(
+        [
+            "#ifndef CONTROLLER_H",
+            "#define CONTROLLER_H",
+            "/* All that the controller remembers is a Controller; its parts are nobody else's business. */",
+            library.types,
+            _documented(ControllerInputs),
+            _documented(ControllerOutputs),
+            "/* Begin the mission. */",
+            "void controller_reset(Controller *controller);",
+            "/* One tick. */",
+            "void controller_step(Controller *controller, const ControllerInputs *in, ControllerOutputs *out);",
+            *(f"extern const char *const {name}[{max(1, len(texts))}];" for name, texts in names.arrays().items()),
+            "/* Bytes of a Controller, of its inputs and of its outputs. */",
+            "extern const unsigned long CONTROLLER_SIZES[3];",
+            "#endif",
+            "",
+        ]
+    )
+
+
+def source(library: CLibrary, names: ControllerNames, kernel: str) -> str:
+    """controller.c, whose tick is the `kernel` of that name."""
+    return "\n".join(
+        [
+            '#include "controller.h"',
+            library.declarations,
+            library.kernels,
+            f"static const Controller INITIAL = {library.initial};",
+            "void controller_reset(Controller *controller) { *controller = INITIAL; }",
+            "void controller_step(Controller *controller, const ControllerInputs *in, ControllerOutputs *out) {",
+            "  ControllerInputs given = *in;",
+            f"  k_{kernel}(controller, &given, out);",
+            "}",
+            *(f"const char *const {name}[] = {_texts(texts)};" for name, texts in names.arrays().items()),
+            "const unsigned long CONTROLLER_SIZES[3] = {",
+            "    sizeof(Controller), sizeof(ControllerInputs), sizeof(ControllerOutputs)};",
+            "",
+        ]
+    )
+
+
+def template(name: str) -> str:
+    """The text of a file that is the same for all controllers, or of README.md with what is to be filled in."""
+    return files("uvms_ocp.control.export").joinpath("templates", name).read_text(encoding="utf-8")
+
+
+def table(names: Sequence[str]) -> str:
+    """Rows of Markdown: place and name."""
+    return "\n".join(f"| {place} | {_plain(name)} |" for place, name in enumerate(names))
+
+
+def _texts(names: Sequence[str]) -> str:
+    return "{" + ", ".join(f'"{_plain(name)}"' for name in names or ("",)) + "}"
+
+
+def _plain(name: str) -> str:
+    """Nothing in it ends a string, a comment or a cell of a table, or begins something else."""
+    return "".join(c for c in plain_line(name) if c.isascii() and c not in '"\\?*/|')
+
+
+def _documented(layout: type[Layout]) -> str:
+    lines = [f"   {name}: {text}" for name, text in fields_told(layout).items()]
+    return "\n".join([f"/* {layout.__name__}: {inspect.cleandoc(layout.__doc__ or '')}", *lines, "*/"])
+
+
+def fields_told(layout: type[Layout]) -> Mapping[str, str]:
+    """What is written under each field of a layout, or under the next one that has something."""
+    body = _class_body(layout)
+    told, waiting = dict[str, str](), list[str]()
+    for node in body:
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            waiting.append(node.target.id)
+        elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and waiting:
+            told |= dict.fromkeys(waiting, inspect.cleandoc(str(node.value.value)))
+            waiting.clear()
+    return told
+
+
+def _class_body(layout: type[Layout]) -> Sequence[ast.stmt]:
+    (found,) = ast.parse(textwrap.dedent(inspect.getsource(layout))).body
+    return found.body if isinstance(found, ast.ClassDef) else []

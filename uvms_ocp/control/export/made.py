@@ -1,0 +1,51 @@
+"""A controller of Python as one in C: its memory at the beginning of a mission, and the texts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from uvms_ocp.control.export.exported import interface_types
+from uvms_ocp.control.export.step import Controller, control
+from uvms_ocp.control.velocity.kinematic import KinematicController
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions.kernels.c_library import CLibrary, c_library
+from uvms_ocp.functions.kernels.layout import structure_of
+from uvms_ocp.solvers.hierarchy.active_set.core_source import core_source
+from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.solution import Status
+
+
+def sizes_of(controller: KinematicController, n_thrusters: int) -> dict[str, int]:
+    """[-] of what goes in and out."""
+    robot = controller.robot
+    return {
+        "n_q": robot.n_q,
+        "n_v": robot.n_v,
+        "n_joints": robot.n_joints,
+        "n_thrusters": n_thrusters,
+        "n_quantities": len(controller.problem.quantity_names),
+    }
+
+
+def solver_file(controller: KinematicController) -> str:
+    """The text of solver.c: the solver of hierarchies, as its CasADi function calls it."""
+    problem = controller.problem
+    return core_source(problem.function.size2_out(0), problem.sizes)
+
+
+def controller_memory(controller: KinematicController) -> Any:
+    """A `Controller` at the beginning of the mission of a fresh one. Raises `InvalidInput` without a C compiler."""
+    problem = controller.problem
+    solve = LexicographicActiveSet().function(problem.function, problem.sizes)
+    if solve is None:
+        raise InvalidInput("the controller cannot be written without a C compiler; give one (CC, cc, gcc, clang)")
+    sizes = {"n_rows": sum(problem.sizes), "n_statuses": len(Status)}
+    memory: Any = structure_of(Controller, tick=type(controller.memory), solve=solve, **sizes)()
+    memory.tick = controller.memory
+    memory.usable[:] = [status.usable for status in Status]
+    return memory
+
+
+def c_controller(memory: Any, sizes: dict[str, int]) -> CLibrary:
+    """Texts of a `controller_memory`, which is given and tells what is of these `sizes_of`."""
+    return c_library((control,), memory, interface_types(sizes))

@@ -1,0 +1,131 @@
+"""The controller of a scenario as files of C, and one of these in a scenario."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from uvms_ocp.arguments import checked
+from uvms_ocp.control.export.c_files import TEMPLATES, ControllerNames, header, source, table, template
+from uvms_ocp.control.export.exported import CController, interface_types
+from uvms_ocp.control.export.made import c_controller, controller_memory, sizes_of, solver_file
+from uvms_ocp.control.export.recorded import RecordingController
+from uvms_ocp.control.export.step import control
+from uvms_ocp.control.navigation.degraded import CHANNELS
+from uvms_ocp.control.velocity.kinematic import KinematicController
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.output import claimed
+from uvms_ocp.scenario import ControllerOf, MissionController, Scenario, our_controller
+from uvms_ocp.solvers.hierarchy.active_set.patience import patience
+from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.solvers.hierarchy.solution import Status
+from uvms_ocp.version import __version__
+
+FILES = ("controller.h", "controller.c", "functions.c", "solver.c", "recorded.bin", "README.md", *TEMPLATES)
+"""That `export_controller` writes."""
+
+
+@checked
+def export_controller(scenario: Scenario, folder: Path) -> list[Path]:
+    """Write the controller of a scenario into `folder` as C99 that needs libm only, with a run to compare with.
+
+    The scenario is run for that. Returns the files. Raises `InvalidInput` for what has no form in C, by its name, and
+    `OutputError` where the folder cannot be written.
+    """
+    _require_c_form(scenario)
+    with claimed(folder, FILES) as claim:
+        texts, recorded = _texts(scenario)
+        with claim.staged() as staging:
+            for name, text in texts.items():
+                (staging / name).write_text(text, encoding="utf-8")
+            (staging / "recorded.bin").write_bytes(recorded)
+        return claim.written()
+
+
+@checked
+def exported_controller(folder: Path) -> Callable[[Scenario], CController]:
+    """What `export_controller` wrote, for ``Scenario(controller=exported_controller(folder))``; needs a C compiler.
+
+    Where it begins to run it raises `InvalidInput` for a folder without a controller, or with that of another mission.
+    """
+
+    def make(scenario: Scenario) -> CController:
+        kinematic = scenario.kinematic_controller()
+        forces = scenario.plant != "kinematic"
+        return CController(folder, sizes_of(kinematic, _n_thrusters(scenario)), forces=forces)
+
+    return make
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Run:
+    """Of the controller that is exported."""
+
+    recorded: bytes
+    n_ticks: int
+
+
+def _texts(scenario: Scenario) -> tuple[dict[str, str], bytes]:
+    """By file; and the recorded run."""
+    kinematic, sizes = our_controller(scenario).kinematic, _sizes(scenario)
+    memory, names, run = controller_memory(kinematic), _names(scenario, kinematic), _recorded(scenario, sizes)
+    library = c_controller(memory, sizes)
+    rows = sum(kinematic.problem.sizes)
+    readme = template("README.md").format(
+        scenario=scenario.name,
+        robot=scenario.robot.name,
+        version=__version__,
+        ticks=run.n_ticks,
+        size=ctypes.sizeof(memory),
+        period=scenario.dt,
+        bound=f"{patience(rows).most_of_all} iterations of the solver at most, whatever the numbers",
+        channels=table(names.channels),
+        phases=table(names.phases),
+    )
+    made = {
+        "controller.h": header(library, names),
+        "controller.c": source(library, names, control.__name__),
+        "functions.c": library.functions,
+        "solver.c": solver_file(kinematic),
+        "README.md": readme,
+    }
+    return made | {name: template(name) for name in TEMPLATES}, run.recorded
+
+
+def _recorded(scenario: Scenario, sizes: dict[str, int]) -> _Run:
+    controller: MissionController = our_controller(scenario)
+    inputs, outputs = (kind() for kind in interface_types(sizes))
+    recording = RecordingController(controller, controller.kinematic, inputs, outputs)
+    scenario.run(controller=recording)
+    return _Run(recorded=recording.as_bytes(), n_ticks=len(recording.ticks))
+
+
+def _names(scenario: Scenario, controller: KinematicController) -> ControllerNames:
+    return ControllerNames(
+        phases=tuple(phase.name for phase in scenario.mission.all_phases),
+        statuses=tuple(status.name for status in Status),
+        quantities=tuple(controller.problem.quantity_names),
+        channels=CHANNELS,
+    )
+
+
+def _sizes(scenario: Scenario) -> dict[str, int]:
+    return sizes_of(scenario.kinematic_controller(), _n_thrusters(scenario))
+
+
+def _n_thrusters(scenario: Scenario) -> int:
+    return 0 if scenario.plant == "kinematic" else len(scenario.robot.description.thrusters)
+
+
+def _require_c_form(scenario: Scenario) -> None:
+    kinematic, solver, maker = scenario.kinematic_controller(), scenario.solver, scenario.controller
+    found = []
+    if isinstance(maker, ControllerOf) and maker.maker is not our_controller:
+        found.append("the controller that the scenario was given")
+    if not isinstance(solver, LexicographicActiveSet):
+        found.append(f"solver {type(solver).__name__}; LexicographicActiveSet has")
+    found += [f"task {name}: {why}" for name, why in kinematic.without_c_form.items()]
+    if found:
+        raise InvalidInput(f"no form in C: {'; '.join(found)}")
