@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from uvms_ocp.control.velocity.climb import climb_goal
 from uvms_ocp.control.velocity.distress import Strain
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.control.velocity.tick.kernels import after
+from uvms_ocp.mission.conditions import ABORT, Above, Below, Transition
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.mission.phase import Phase
 from uvms_ocp.mission.progress import gates_at
 from uvms_ocp.model.health import ChannelHealth, Trust
 from uvms_ocp.model.state import Measurement
-from uvms_ocp.scenario import Scenario
+from uvms_ocp.scenario import Scenario, pose_at
 from uvms_ocp.scenarios.case1 import case1
 
 DT = 0.02
@@ -40,15 +47,21 @@ def babble(scenario: Scenario, n: int) -> list[tuple[Measurement, Strain]]:
     return found
 
 
+def twins(build: Callable[[], KinematicController], monkeypatch: pytest.MonkeyPatch) -> tuple[KinematicController, ...]:
+    """Two controllers, the second with kernels in Python."""
+    quick = build()
+    with monkeypatch.context() as without:
+        without.setattr("uvms_ocp.control.velocity.kinematic.bind_to", lambda memory, kernels: kernels)
+        slow = build()
+    assert slow._after is after
+    assert quick._after is not after
+    return quick, slow
+
+
 def test_a_controller_whose_kernels_are_python_gives_the_same_bits(
     scenario: Scenario, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    quick = scenario.controller()
-    with monkeypatch.context() as without:
-        without.setattr("uvms_ocp.control.velocity.kinematic.bind_to", lambda memory, kernels: kernels)
-        slow = scenario.controller()
-    assert slow._after is after
-    assert quick._after is not after
+    quick, slow = twins(scenario.controller, monkeypatch)
     fed = babble(scenario, 260)
     for k, (measurement, strain) in enumerate(fed):
         for control in (quick, slow):
@@ -74,6 +87,65 @@ def test_what_babble_feeds_meets_every_branch(scenario: Scenario) -> None:
         seen |= {name for name in ("no_descent", "joints_held", "hold", "blind") if getattr(less, name)}
         seen |= {name for name, so in (("slow", less.speed < 1.0), ("held", command.hold)) if so}
     assert {"no_descent", "joints_held", "hold", "slow", "held"} <= seen
+
+
+def going_to_and_fro(scenario: Scenario) -> Mission:
+    """Two phases that lead to each other, at most three times, as what they wait for is never near."""
+    never = Above(quantity="PC.position_error", limit=0.1)
+    there = Transition(to="B", when=(never,), hold=0.1, retries=3)
+    back = Transition(to="A", when=(Below(quantity="PC.position_error", limit=0.01), never)), replace(there, to="A")
+    phases = (
+        Phase(name="A", gates={"PC": 1.0}, transitions=(there,)),
+        Phase(name="B", gates={"PC": 1.0, "HA": 0.5}, transitions=back, goals={"PC": pose_at((0.0, 0.0, -5.0))}),
+    )
+    return replace(scenario.mission, phases=phases, ramp=0.3)
+
+
+def test_transitions_are_those_of_the_mission_alone_in_c_and_in_python(
+    scenario: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mission = going_to_and_fro(scenario)
+    quick, slow = twins(replace(scenario, mission=mission).controller, monkeypatch)
+    state, alone = mission.start(), []
+    for k in range(50):
+        for control in (quick, slow):
+            control(measured(scenario), k * DT)
+        state, event = mission.step(state, k * DT, quick.quantities)
+        alone += [] if event is None else [event]
+        for control in (quick, slow):
+            np.testing.assert_array_equal(control.state.gates_before, state.gates_before)
+            for name in ("phase", "since", "held_since", "fired", "aborted", "completed"):
+                assert getattr(control.state, name) == getattr(state, name), name
+    assert [event.target for event in alone] == ["B", "A", "B", "A", "B", "A", ABORT]
+    assert quick.events == slow.events == alone
+    assert state.aborted.startswith("3 retries are used up: PC.position_error")
+
+
+def test_giving_up_is_that_of_the_mission_alone_in_c_and_in_python(
+    scenario: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert scenario.mission.abort is not None
+    mission = replace(
+        scenario.mission, abort=replace(scenario.mission.abort, stall_after=0.3, time_limit=0.4, altitude=6.0)
+    )
+    controls = twins(replace(scenario, mission=mission).controller, monkeypatch)
+    for k in range(50):
+        commands = [control(measured(scenario), k * DT) for control in controls]
+        np.testing.assert_array_equal(commands[0].v, commands[1].v)
+    for control in controls:
+        assert [event.target for event in control.events] == ["climb", ABORT]
+        stalled, late = control.events
+        before, climbing = control.left
+        goal = climb_goal(control._memory.climb)
+        began, event = mission.abandon(before, stalled.t, stalled.reason, goal)
+        assert event == stalled
+        assert (began.phase, began.since, began.why) == (climbing.phase, climbing.since, climbing.why)
+        np.testing.assert_array_equal(
+            mission.references(began, 1.0)[mission.hierarchy.index("PC")][:3], goal.translation
+        )
+        assert mission.abandon(climbing, late.t, late.reason, goal)[1] == late
+        assert control.state.aborted == stalled.reason
+        assert 1.0 < goal.translation[2] - scenario.start[2] < 3.0
 
 
 def test_gates_of_a_mission_without_memory_are_those_of_the_controller(scenario: Scenario) -> None:

@@ -44,6 +44,8 @@ from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.solvers.hierarchy.tick import SharedTick, Tick, TickResult
 
 _command = trusted(Command)
+_tick_state = trusted(TickState)
+
 _FRESHNESS = tuple(Freshness)
 _STATUS_CODE = {status: code for code, status in enumerate(Status)}
 
@@ -149,7 +151,7 @@ class KinematicController:
         freshness = _FRESHNESS[memory.freshness]
         if freshness is not self.watchdog.verdict:
             self._alarm(measurement, t)
-        return TickState(
+        return _tick_state(
             begin=started,
             t=t,
             measurement=measurement,
@@ -169,8 +171,9 @@ class KinematicController:
     @late
     def command(self, tick: TickState) -> Command:
         """The command for what `observe` has found."""
-        arrays, memory, q = self._arrays, self.memory, tick.measurement.q
-        self._parameters.ask(tick.mission, tick.t, gates=tick.gates, q=q, stop=self._stop_ahead(q))
+        arrays, memory = self._arrays, self.memory
+        if self._parameters.asks[tick.mission.phase]:
+            self._ask(tick)
         result = self._solve()
         arrays.solved[:] = result.v
         arrays.quantities[:] = result.extras[0]
@@ -239,6 +242,11 @@ class KinematicController:
         if changed:
             for axis in range(self.robot.n_v):
                 self.memory.jammed[axis] = axis in self._jammed
+
+    def _ask(self, tick: TickState) -> None:
+        """What no kernel knows of the goals."""
+        q = tick.measurement.q
+        self._parameters.ask(tick.mission, tick.t, gates=tick.gates, q=q, stop=self._stop_ahead(q))
 
     def _stop_ahead(self, q: np.ndarray) -> StopAhead | None:
         """Where distances are measured on the way to rest."""

@@ -85,6 +85,8 @@ class MissionParameters:
         write_tracks(memory.tracks, tracks, self._places, dt)
         self._tracked = {(track.phase, track.task) for track in tracks}
         self._asked = [self._asked_in(phase) for phase in range(len(mission.all_phases))]
+        self.asks = [bool(asked) for asked in self._asked]
+        """Of each phase, whether there is anything to ask."""
         self.measures = any(task.nearest_pairs is not None for task in mission.hierarchy.tasks)
         """Whether any task asks for distances."""
 
@@ -100,8 +102,6 @@ class MissionParameters:
         gates (n_tasks,) [-]: of now. Nothing is measured for tasks that are off, and stay off. q (n_q,) [m, rad]: as
         measured. stop: the stop from the present velocity, where it could come near a limit.
         """
-        if not self._asked[state.phase]:
-            return
         idle = self._mission.idle(state, gates)
         for asked in self._asked[state.phase]:
             if asked.moves:

@@ -87,7 +87,8 @@ def _judge(m: TickMemory) -> None:
     m.why = distress_of(m.distress, m.mission, m.t, m.gates, m.told, hopeless, less.ended)
     if m.why != Why.NOTHING:
         m.eventful = True
-        _climb(m)
+        if not m.mission.given_up:
+            _climb(m)
         give_up(m.mission, m.t, not stopped)
     elif not m.holds:
         m.due = transition_due(m.mission, m.t, m.told)
