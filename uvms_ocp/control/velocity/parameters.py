@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from typing import Annotated, Any
 
@@ -20,7 +21,8 @@ from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, view
 from uvms_ocp.mission.mission import Mission, is_still
 from uvms_ocp.mission.phase import MissionState
 from uvms_ocp.mission.progress import MissionMemory
-from uvms_ocp.model.axis_reach import largest_change
+from uvms_ocp.model.shapes.collision_model import CollisionModel
+from uvms_ocp.model.shapes.nearest_search import NearestSearch
 from uvms_ocp.tasks.nearest_pairs import FAR, NearestPairs
 from uvms_ocp.tasks.task import Task
 
@@ -148,28 +150,14 @@ def measured(pairs: NearestPairs, q: np.ndarray, stop: StopAhead | None = None) 
     with a face that turns, that is nearer than the gradient of here and now tells. The speed is the one whose stop
     just leaves the threshold. As one vector (`NearestPairs.parameters`).
     """
-    now, n = pairs.model.values(q), pairs.n_rows
-    chosen, gradient, closing = np.argsort(now)[:n], np.zeros((n, pairs.model.n_v)), np.full(n, FAR)
-    lowest, worst = now[chosen], np.zeros(n, dtype=int)
-    if stop is not None:
-        chosen, lowest, worst = _nearest_on_the_way(pairs, now, stop)
-    for place in set(worst.tolist()):
-        rows = np.flatnonzero(worst == place)
-        where = q if stop is None or place == 0 else stop.configurations[place - 1]
-        gradient[rows] = pairs.model.distances(where, chosen[rows]).gradient
-        if stop is not None and place:
-            # The way to rest grows with the square of the speed.
-            room = (lowest[rows] - pairs.threshold) / (2.0 * stop.durations[place - 1])
-            closing[rows] = room - gradient[rows] @ stop.velocity
-    return pairs.parameters(smallest=float(now.min()), distance=lowest, closing=closing, gradient=gradient)
+    search = _search(pairs.model, pairs.n_rows, pairs.threshold)
+    way = (np.zeros(pairs.model.n_v), (), ()) if stop is None else (stop.velocity, stop.durations, stop.configurations)
+    found = search(q, *way)
+    return pairs.parameters(
+        smallest=found.smallest, distance=found.distance, closing=found.closing, gradient=found.gradient
+    )
 
 
-def _nearest_on_the_way(
-    pairs: NearestPairs, now: np.ndarray, stop: StopAhead
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs (n,) that come nearest, their smallest distance, and where that is: 0 now, k at the k-th place."""
-    approach = float(largest_change(pairs.model.reach, np.abs(stop.velocity))) * stop.durations[-1]
-    near = np.flatnonzero(now <= np.sort(now)[pairs.n_rows - 1] + approach)
-    distances = np.array([now[near], *(pairs.model.values(place, near) for place in stop.configurations)])
-    chosen = np.argsort(distances.min(axis=0))[: pairs.n_rows]
-    return near[chosen], distances.min(axis=0)[chosen], distances.argmin(axis=0)[chosen]
+@lru_cache(maxsize=64)
+def _search(model: CollisionModel, n: int, threshold: float) -> NearestSearch:
+    return NearestSearch(model, n=n, threshold=threshold, far=FAR)

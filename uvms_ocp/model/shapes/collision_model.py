@@ -50,7 +50,7 @@ class CollisionModel:
     ) -> None:
         """links: names of the shapes that are checked against obstacles, all by default. Raises `InvalidInput`."""
         self._model, self._geometry = robot.model, shapes_among(robot, obstacles)
-        n_links, self.n_v = robot.collision_model.ngeoms, robot.n_v
+        n_links, self.n_q, self.n_v = robot.collision_model.ngeoms, robot.n_q, robot.n_v
         names = [shape.name for shape in robot.collision_model.geometryObjects]
         checked = [names.index(name) for name in _known(links, names)]
         pairs = [(o, i) for o in range(n_links, self._geometry.ngeoms) for i in checked]
@@ -68,6 +68,11 @@ class CollisionModel:
     def reach(self) -> np.ndarray:
         """(n_v,) [-, m] upper bound on the rate of any pair's distance per unit of each velocity, at any configuration."""
         return self._reach
+
+    @property
+    def by_coal(self) -> bool:
+        """Whether coal measures any of the pairs."""
+        return any(isinstance(engine, CoalPairs) for engine, _ in self._engines)
 
     @property
     def without_c_form(self) -> tuple[str, ...]:
@@ -108,9 +113,14 @@ class CollisionModel:
             gradient[rows] = engine.gradients(q, places)
         return Distances(value, gradient)
 
-    def _shared(self, pairs: Sequence[int] | np.ndarray | None) -> Iterator[tuple[_Engine, np.ndarray, np.ndarray]]:
+    def _shared(
+        self, pairs: Sequence[int] | np.ndarray | None
+    ) -> Iterator[tuple[_Engine, np.ndarray | slice, np.ndarray]]:
         """Who measures which of the `pairs`, by their rows here, and by their indices there."""
         for engine, place in self._engines:
+            if len(self._engines) == 1:
+                yield engine, slice(None), place if pairs is None else place[np.asarray(pairs, dtype=int)]
+                return
             asked = place if pairs is None else place[np.asarray(pairs, dtype=int)]
             rows = np.flatnonzero(asked >= 0)
             if len(rows):

@@ -24,6 +24,9 @@ from uvms_ocp.model.shapes.distance_kernels.meeting import Meeting
 from uvms_ocp.model.shapes.distance_kernels.pair import measure
 from uvms_ocp.model.shapes.distance_kernels.solids import Solid, dot, height, rotated, subtract, turned_back
 
+_NOTHING = 1e-5
+"""[-, m] rate of an axis that does not change a distance, but for what a search that ends leaves: a hierarchy would heed it."""
+
 
 class Pair(Layout):
     """Two solids, and what was found of them last."""
@@ -148,3 +151,5 @@ def pair_gradient(m: DistanceMemory, k: int, row: Vector) -> None:
         sign = m.moves[pair.second][i] - m.moves[pair.first][i]
         for c in range(3):
             row[i] += sign * (n[c] * m.twists[6 * i + c] + moment[c] * m.twists[6 * i + 3 + c])
+        if abs(row[i]) < _NOTHING:
+            row[i] = 0.0
