@@ -65,12 +65,16 @@ def take_effect(a: ThrustSharing) -> None:
     a.left.powers.count = n
     a.left.problem.rows = len(a.matrix)
     a.left.problem.columns = n
+    _find_known(a)
+    prepare_powers(a.left.powers)
+
+
+def _find_known(a: ThrustSharing) -> None:
     for k in range(len(a.matrix)):
         a.left.powers.wrench_weight[k] = a.wrench_weight[k]
         a.known[k] = 0.0
         for i in range(a.count):
             a.known[k] += a.matrix[k][i] * a.constant[i]
-    prepare_powers(a.left.powers)
 
 
 def share_out(a: ThrustSharing) -> bool:
