@@ -21,6 +21,8 @@ from uvms_ocp.control.force.tick_functions import TickLaws, observe_function, wa
 from uvms_ocp.control.force.velocity_law import VelocityLaw
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions import compile_function
+from uvms_ocp.functions.kernels.layout import view
+from uvms_ocp.functions.kernels.smooth import column_view
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.state import Command
@@ -207,6 +209,24 @@ def test_a_force_that_is_no_number_is_refused_and_what_was_known_stays() -> None
     with pytest.raises(InvalidInput, match="finite"):
         tick.step(0.0)
     assert bytes(tick.memory.known) == before
+
+
+def test_whatever_is_given_what_is_told_and_remembered_is_numbers() -> None:
+    tick, rng, refused = ForceTick(replace(laws(), search=ActuatorHealthTuning())), np.random.default_rng(6), 0
+    q, v = scene(FULL)
+    for k in range(2000):
+        tick.give(q, v * rng.normal(), Command(v=v * rng.normal(), hold=k % 97 == 0), (1.0, 1.0))
+        parts = (tick.given.q, tick.given.v, tick.given.reference, tick.given.feedback)
+        spoilt = parts[k % 4]
+        if k % 10 == 0:
+            spoilt[rng.integers(len(spoilt))] = rng.choice([np.nan, np.inf, -np.inf, 1e300, -1e20])
+        try:
+            assert all(np.isfinite(part).all() for part in tick.step(0.01 * k))
+        except InvalidInput:
+            refused += 1
+        assert np.isfinite(column_view(tick.memory.known)).all()
+        assert np.isfinite(view(tick.memory.look.gone)).all()
+    assert 100 < refused < 200
 
 
 @pytest.mark.parametrize("name", ROBOTS)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 from uvms_ocp.control.actuator_health.actuator_look import ActuatorLook, look_at_actuators, pause_looks
 from uvms_ocp.control.actuator_health.effect import Effect, given_by
-from uvms_ocp.control.force.thrust_sharing import ThrustSharing, share_out, take_effect
+from uvms_ocp.control.force.thrust_sharing import MOST, ThrustSharing, share_out, take_effect
 from uvms_ocp.control.force.tick_columns import Allocated, Given, Known, Told, Wanted, Watch
 from uvms_ocp.functions.kernels.layout import Layout
 from uvms_ocp.functions.kernels.smooth import Smooth
@@ -57,7 +59,7 @@ def begin_force(m: ForceMemory) -> None:
 
 
 def force_step(m: ForceMemory) -> bool:
-    """A tick; whether the force for it is finite: if not, nothing is told, and what is known stays.
+    """A tick; whether the force for it is finite and below `MOST`: if not, nothing is told, and what is known stays.
 
     On an axis that is not to be trusted feed-forward goes on alone: feedback from a frozen velocity would accelerate the robot
     without end.
@@ -68,12 +70,10 @@ def force_step(m: ForceMemory) -> bool:
     if m.watched:
         _watch(m)
     m.want(m.given, m.now, m.wanted)
-    for k in range(6):
-        m.sharing.wrench[k] = m.wanted.wrench[k]
-    finite = share_out(m.sharing)
-    if finite:
+    possible = _is_possible(m) and share_out(m.sharing)
+    if possible:
         _act(m)
-    return finite
+    return possible
 
 
 def adapt(m: ForceMemory) -> None:
@@ -103,23 +103,36 @@ def _watch(m: ForceMemory) -> None:
     """Look for faults of thrusters and joints, and do without what is faulty from now on."""
     if m.now.watch[0] == Watch.PAUSED:
         pause_looks(m.look)
-    elif m.now.watch[0] == Watch.DUE:
-        _show(m)
+    elif m.now.watch[0] == Watch.DUE and _show(m):
         if look_at_actuators(m.look, m.t):
             adapt(m)
         m.gives_up = m.look.judged and not m.look.authority.can_go_on
 
 
-def _show(m: ForceMemory) -> None:
+def _show(m: ForceMemory) -> bool:
+    """What there is to see; whether all of it is numbers: what is not would never be forgotten."""
+    finite = True
     m.look.joints_known = m.encoders_known
     for k in range(len(m.given.q)):
         m.look.q[k] = m.given.q[k]
+        finite = finite and math.isfinite(m.given.q[k])
     for k in range(len(m.now.estimate)):
         m.look.residual[k] = m.now.estimate[k] + m.now.lead[k]
         m.look.disturbance[k] = m.now.estimate[k]
         m.look.way[k] = m.now.way[k]
+        finite = finite and math.isfinite(m.look.residual[k]) and math.isfinite(m.look.way[k])
     for i in range(m.sharing.count):
         m.look.asked[i] = m.now.asked[i]
+    return finite
+
+
+def _is_possible(m: ForceMemory) -> bool:
+    possible = True
+    for k in range(len(m.wanted.force)):
+        possible = possible and abs(m.wanted.force[k]) < MOST
+    for k in range(6):
+        m.sharing.wrench[k] = m.wanted.wrench[k]
+    return possible
 
 
 def _act(m: ForceMemory) -> None:

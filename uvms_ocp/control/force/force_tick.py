@@ -10,6 +10,7 @@ from uvms_ocp.control.actuator_health.thresholds import ActuatorHealthTuning
 from uvms_ocp.control.actuator_health.watch_memory import look_sizes, write_look
 from uvms_ocp.control.force.allocation import allocation_of, sharing_sizes
 from uvms_ocp.control.force.force_step import ForceMemory, adapt, begin_force, force_step
+from uvms_ocp.control.force.thrust_sharing import MOST
 from uvms_ocp.control.force.tick_columns import Given, Known, Told, places_of, views_of
 from uvms_ocp.control.force.tick_functions import TickLaws, follow_function, observe_function, want_function
 from uvms_ocp.exceptions import InvalidInput
@@ -56,13 +57,16 @@ class ForceTick:
     def step(self, t: float, *, joint_age: float = 0.0, encoders_known: bool = True) -> list[np.ndarray]:
         """A tick at time t [s]: the parts of `Told`, which the caller owns.
 
-        joint_age [s] and encoders_known: as `ForceMemory` has them. Raises `InvalidInput` for a force that is not finite.
+        joint_age [s] and encoders_known: as `ForceMemory` has them. Raises `InvalidInput` for a force that is not finite, or
+        that is beyond `MOST`.
         """
         memory = self.memory
         memory.t, memory.joint_age, memory.encoders_known = t, joint_age, encoders_known
         if not self._step(memory):
-            wrench = np.array(memory.wanted.wrench)
-            raise InvalidInput(f"wrench {wrench} given; allowed: six finite numbers [N, N m]")
+            force = np.array(memory.wanted.force)
+            raise InvalidInput(
+                f"a motion that needs the force {force} [N, N m]; give one of finite forces below {MOST:g}"
+            )
         told = self._told.copy()
         return [told[place] for place in self._places]
 
