@@ -51,12 +51,12 @@ def row_of(robot: str, kind: str, runs: list[tuple[ThrusterFault, Outcome]]) -> 
     times, right, wrong = [], 0, 0
     for fault, outcome in runs:
         assert outcome.monitor is not None
-        verdicts = outcome.monitor.thrusters.verdicts
+        verdicts = outcome.monitor.thrusters
         named = [i for i, verdict in enumerate(verdicts) if verdict.health is Health.FAULTY]
         told = [t for t, text in outcome.alarms if text.startswith(f"thruster{fault.thruster + 1} ")]
         times += [told[0] - fault.onset] if told else []
         mine = verdicts[fault.thruster].kind
-        right += mine is not None and mine.value == kind
+        right += mine.word == kind
         wrong += any(i != fault.thruster for i in named)
     return {
         "robot": robot,

@@ -4,6 +4,7 @@
   recursive LDL' updates, IEEE Transactions on Automatic Control 67(8), 2022.
 - [Auton1988] T. R. Auton, J. C. R. Hunt, M. Prud'homme, The force exerted on a body in inviscid unsteady non-uniform
   rotational flow, Journal of Fluid Mechanics 197, 1988.
+- [Bland1977] R. G. Bland, New finite pivoting rules for the simplex method, Mathematics of Operations Research 2(2), 1977.
 - [Diehl2005] M. Diehl, H. G. Bock, J. P. Schlöder, A real-time iteration scheme for nonlinear optimization in optimal
   feedback control, SIAM Journal on Control and Optimization 43(5), 2005.
 - [Dimitrov2015] D. Dimitrov, A. Sherikov, P.-B. Wieber, Efficient resolution of potentially conflicting linear

@@ -2,22 +2,37 @@
 
 from __future__ import annotations
 
+import ctypes
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from actuators.hovering import Hover, run
+from scipy.optimize import linprog
 
+from uvms_ocp.control.actuator_health.actuator_look import ActuatorLook, look_at_actuators
 from uvms_ocp.control.actuator_health.authority import authority_of
 from uvms_ocp.control.actuator_health.effect import Effect
 from uvms_ocp.control.actuator_health.intake import Asked, intake_of
-from uvms_ocp.control.actuator_health.joint_monitor import JointMonitor
-from uvms_ocp.control.actuator_health.monitor import ActuatorMonitor, Look
+from uvms_ocp.control.actuator_health.joint_watch import JointWatch, look_at_joints
 from uvms_ocp.control.actuator_health.thresholds import ActuatorHealthTuning
-from uvms_ocp.control.actuator_health.thruster_monitor import ThrusterMonitor
+from uvms_ocp.control.actuator_health.thruster_watch import ThrusterWatch, look_at_thrusters
 from uvms_ocp.control.actuator_health.verdicts import FaultKind, ThrusterVerdict
+from uvms_ocp.control.actuator_health.watch_memory import (
+    joint_verdicts,
+    look_sizes,
+    looks_kept,
+    thruster_verdicts,
+    write_joint_watch,
+    write_look,
+    write_thruster_watch,
+)
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions.kernels.binding import bind_kernels, memory_of
+from uvms_ocp.functions.kernels.layout import structure_of
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
@@ -38,8 +53,45 @@ def nothing_asked(n_thrusters: int, n_v: int) -> Asked:
     return Asked(thrust=np.zeros(n_thrusters), way=np.zeros(n_v), ticks=0.0)
 
 
+class Watched:
+    """Eight thrusters, watched by the kernel."""
+
+    def __init__(
+        self,
+        matrix: np.ndarray,
+        lower: np.ndarray,
+        upper: np.ndarray,
+        tuning: ActuatorHealthTuning,
+        period: float,
+        compiled: bool,
+    ) -> None:
+        sizes = {"n_thrusters": 8, "n_looks": looks_kept(tuning, period)}
+        structures = structure_of(ThrusterWatch, **sizes), structure_of(Effect, **sizes)
+        self.watch, self.effect = (structure() for structure in structures)
+        write_thruster_watch(self.watch, matrix, lower, upper, tuning=tuning, bandwidth=3.0, period=period)
+        self.effect.share[:] = [1.0] * 8
+        (self._look,) = bind_kernels((look_at_thrusters,), structures, compiled=compiled)
+
+    def look(self, residual: np.ndarray, asked: np.ndarray, t: float) -> int:
+        return int(self._look(self.watch, self.effect, vector(residual), vector(asked), t))
+
+    @property
+    def verdicts(self) -> list[ThrusterVerdict]:
+        return thruster_verdicts(self.watch, self.effect, 8)
+
+
+def vector(values: np.ndarray) -> Any:
+    return (ctypes.c_double * len(values))(*values)
+
+
 def watched(
-    robot: str, thruster: int, share: float, constant: float, push: np.ndarray, busy: float = 0.02
+    robot: str,
+    thruster: int,
+    share: float,
+    constant: float,
+    push: np.ndarray,
+    busy: float = 0.02,
+    compiled: bool = True,
 ) -> list[ThrusterVerdict]:
     """Verdicts after 12 s in which one thruster gives ``share * asked + constant`` of its limit from 4 s on.
 
@@ -50,7 +102,7 @@ def watched(
     matrix, (lower, upper) = thruster_matrix(machine), thrust_limits(machine)
     tuning = ActuatorHealthTuning()
     intake, known = intake_of(tuning, bandwidth=3.0, dt=0.02), nothing_asked(8, 6)
-    monitor = ThrusterMonitor(matrix, lower, upper, tuning=tuning, bandwidth=3.0, period=0.02 * intake.every)
+    watch = Watched(matrix, lower, upper, tuning, 0.02 * intake.every, compiled=compiled)
     rng, noise, seen = np.random.default_rng(thruster), np.zeros(8), np.zeros(6)
     reach, back = np.abs(matrix) @ upper, np.linalg.pinv(matrix)
     for k in range(600):
@@ -61,9 +113,9 @@ def watched(
             lost[thruster] = (share - 1.0) * asked[thruster] + constant * upper[thruster]
         seen += (1.0 - np.exp(-3.0 * 0.02)) * (matrix @ lost + reach * push[k] - seen)
         known = intake.after(known, asked, np.zeros(6))
-        if known.ticks == 0.0 and monitor.look(seen, known.thrust, 0.02 * k):
+        if known.ticks == 0.0 and watch.look(seen, known.thrust, 0.02 * k) >= 0:
             break
-    return monitor.verdicts
+    return watch.verdicts
 
 
 STILL = np.zeros((600, 6))
@@ -122,21 +174,23 @@ def test_what_sound_thrusters_reach_is_all_there() -> None:
     assert str(left) == "nothing is out of reach"
 
 
-def pushed(effort: float, moves: float) -> JointMonitor:
+def pushed(effort: float, moves: float) -> list[FaultKind]:
     """After 3 s in which two joints are asked for 0.2 rad/s: one stands, one goes at `moves` [rad/s], against `effort` [N m]."""
-    monitor = JointMonitor(np.array([10.0, 10.0]), tuning=ActuatorHealthTuning())
+    structure = structure_of(JointWatch, n_joints=2)
+    watch, (look,) = structure(), bind_kernels((look_at_joints,), (structure,))
+    write_joint_watch(watch, np.array([10.0, 10.0]), ActuatorHealthTuning())
     for k in range(30):
         q = np.array([0.0, 0.1 * k * moves])
-        monitor.look(np.array([0.02, 0.02]), q, np.array([-effort, -effort]), 0.1 * k)
-    return monitor
+        look(watch, vector([0.02, 0.02]), vector(q), vector([-effort, -effort]), 0.1 * k)
+    return [verdict.kind for verdict in joint_verdicts(watch)]
 
 
 def test_a_joint_that_is_asked_pushed_and_stands_is_jammed_and_one_that_follows_is_not() -> None:
-    assert [verdict.kind for verdict in pushed(5.0, 0.2).verdicts] == [FaultKind.JAMMED, None]
+    assert pushed(5.0, 0.2) == [FaultKind.JAMMED, FaultKind.NONE]
 
 
 def test_a_joint_that_stands_because_nothing_pushes_it_is_not_jammed() -> None:
-    assert not pushed(0.0, 0.0).jammed.any()
+    assert not any(pushed(0.0, 0.0))
 
 
 def test_impossible_tunings_are_refused() -> None:
@@ -158,14 +212,15 @@ def test_the_way_of_a_joint_that_turns_without_end_is_known(tmp_path: Path) -> N
     (tmp_path / "robot.urdf").write_text(text.replace('type="revolute"', 'type="continuous"', 1), encoding="utf-8")
     machine = load_robot(urdf=tmp_path / "robot.urdf", hydrodynamics=source / "hydrodynamics.yaml")
     assert len(machine.home) == machine.n_joints + 1
-    monitor, v, nothing = monitor_of(machine), np.zeros(machine.n_v), np.zeros(machine.n_v)
+    memory, look, every = looks_of(machine)
+    q, v = machine.configuration(), np.zeros(machine.n_v)
     v[machine.joint_v] = 0.3
-    q, still = machine.configuration(), np.zeros(len(machine.description.thrusters))
+    memory.joints_known, memory.way[:], memory.residual[:] = True, (every * v).tolist(), (-10.0 * v).tolist()
     for k in range(1, 100):
         q = pin.integrate(machine.model, q, 0.1 * v)
-        look = Look(q=q, residual=-10.0 * v, disturbance=nothing, asked=still, way=monitor.intake.every * v)
-        assert not monitor.look(look, 0.1 * k)
-    assert not monitor.joints.jammed.any()
+        memory.q[:] = q.tolist()
+        assert not look(memory, 0.1 * k)
+    assert not any(memory.joints.jammed)
 
 
 def test_thrust_is_taken_in_as_late_as_the_residual_tells_of_it() -> None:
@@ -189,5 +244,52 @@ def test_a_look_is_due_at_its_period_and_hears_of_every_velocity_once(dt: float)
     assert sum(way for _, way in looks) == pytest.approx(ticks[-1] * (ticks[-1] + 1) / 2)
 
 
-def monitor_of(machine: Robot) -> ActuatorMonitor:
-    return ActuatorMonitor(machine, robot_dynamics(machine), bandwidth=3.0, dt=0.02, alarms=[])
+def looks_of(machine: Robot) -> tuple[Any, Callable[..., int], int]:
+    """The memory of looks at a robot, the kernel, and the ticks from look to look."""
+    tuning, dt = ActuatorHealthTuning(), 0.02
+    intake = intake_of(tuning, bandwidth=3.0, dt=dt)
+    sizes = look_sizes(machine, robot_dynamics(machine).symbolic, tuning, intake.every * dt)
+    memory, (look,) = memory_of(structure_of(ActuatorLook, **sizes), (look_at_actuators,))
+    write_look(memory, machine, tuning, intake, bandwidth=3.0, dt=dt)
+    return memory, look, intake.every
+
+
+@pytest.mark.parametrize("kind", MANNERS)
+def test_in_c_and_in_python_a_fault_is_judged_by_the_same_bits(kind: FaultKind) -> None:
+    told, same = (watched(FULL, 2, *MANNERS[kind], STILL, compiled=compiled)[2] for compiled in (True, False))
+    assert told.kind == kind
+    assert told == same
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_authority_is_that_of_linear_programs(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    n, righting = (4, 6, 8)[seed % 3], np.r_[np.zeros(3), rng.uniform(0.0, 40.0, 2), 0.0]
+    upper = rng.uniform(10.0, 100.0, n)
+    matrix, lower = rng.normal(size=(6, n)), -rng.uniform(0.0, 1.0, n) * upper
+    share, trim = (
+        rng.choice([0.0, 1.0, 0.5, -1.0], n, p=[0.2, 0.6, 0.1, 0.1]),
+        rng.choice([0.0, 20.0]) * rng.normal(size=6),
+    )
+    effect = Effect(share=share, constant=np.where(share == 0.0, rng.choice([0.0, 0.3], n) * upper, 0.0))
+    left = authority_of(matrix, lower, upper, effect, trim, righting)
+    ends = np.sort([effect.given(lower), effect.given(upper)], axis=0)
+    for found, limits, balance in ((left.reach, ends, trim), (left.sound, (lower, upper), np.zeros(6))):
+        oracle = [[largest(matrix, limits, balance, righting, axis, way) for way in (-1, 1)] for axis in range(6)]
+        np.testing.assert_allclose(found, oracle, rtol=1e-7, atol=1e-7)
+
+
+def largest(
+    matrix: np.ndarray, limits: Sequence[np.ndarray], trim: np.ndarray, righting: np.ndarray, axis: int, way: int
+) -> float:
+    """Largest x with ``matrix T + s = trim + way x e``, T within its limits, s within what the water balances, by SciPy."""
+    direction = -way * np.eye(6)[:, [axis]]
+    own = np.arange(6) == axis if axis in (3, 4) else np.zeros(6, dtype=bool)
+    trim, righting = np.where(own, 0.0, trim), np.where(own, 0.0, righting)
+    result = linprog(
+        c=np.r_[np.zeros(matrix.shape[1] + 6), -1.0],
+        A_eq=np.hstack([matrix, np.eye(6), direction]),
+        b_eq=trim,
+        bounds=[*zip(*limits, strict=True), *((-r, r) for r in righting), (0.0, None)],
+    )
+    return float(-result.fun) if result.success else np.nan

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -11,14 +12,17 @@ import pytest
 from uvms_ocp.arguments import changed
 from uvms_ocp.control.actuator_health.effect import Effect
 from uvms_ocp.control.actuator_health.intake import Intake
+from uvms_ocp.control.actuator_health.thresholds import ActuatorHealthTuning
 from uvms_ocp.control.force.force_tick import ForceTick
 from uvms_ocp.control.force.observer import ObserverLaw
 from uvms_ocp.control.force.thruster_lag import thruster_lag
-from uvms_ocp.control.force.tick_columns import Known, Told, Watch
+from uvms_ocp.control.force.tick_columns import Known, Told, Wanted, Watch, views_of
 from uvms_ocp.control.force.tick_functions import TickLaws, observe_function, want_function
 from uvms_ocp.control.force.velocity_law import VelocityLaw
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions import compile_function
+from uvms_ocp.functions.kernels.layout import view
+from uvms_ocp.functions.kernels.smooth import column_view
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.state import Command
@@ -56,10 +60,9 @@ def scene(name: str, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 
 def ticked(tick: ForceTick, q: np.ndarray, v: np.ndarray, command: Command, *, joints: bool = True) -> Told:
-    tick.observe(q, v, command, (1.0, 1.0), joints)
-    tick.want()
-    tick.allocate()
-    return Told(**dict(zip(Told.__dataclass_fields__, tick.follow(), strict=True)))
+    tick.give(q, v, command, (1.0, 1.0))
+    told = tick.step(0.0, joint_age=0.0 if joints else 1.0)
+    return Told(**dict(zip(Told.__dataclass_fields__, told, strict=True)))
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -139,9 +142,8 @@ def test_a_velocity_that_is_not_to_be_trusted_is_not_fed_back_and_changes_no_dis
 
 def test_joints_that_are_not_to_be_trusted_leave_the_vehicle_as_it_is() -> None:
     (tick, q, v), n = busy(), laws().robot.n_vehicle
-    tick.observe(q, v, Command(v=2.0 * v), (1.0, 1.0), False)
-    tick.want()
-    error = tick._wanted.parts.error
+    ticked(tick, q, v, Command(v=2.0 * v), joints=False)
+    error = views_of(Wanted, laws().sizes, tick.memory.wanted).error
     np.testing.assert_array_equal(error[:n], v[:n])
     np.testing.assert_array_equal(error[n:], 0.0)
 
@@ -171,10 +173,8 @@ def test_the_bandwidths_of_vehicle_and_joints_come_to_what_each_bears() -> None:
     tick, (q, v) = ForceTick(laws()), scene(FULL)
     n = laws().robot.n_vehicle
     for k in range(1, 200):
-        tick.observe(q, v, Command(v=v), (0.2, 0.5), True)
-        tick.want()
-        tick.allocate()
-        tick.follow()
+        tick.give(q, v, Command(v=v), (0.2, 0.5))
+        tick.step(0.0)
         np.testing.assert_allclose(tick.now.share[:n], 0.2 + 0.8 * (1.0 - DT) ** k)
         np.testing.assert_allclose(tick.now.share[n:], 0.5 + 0.5 * (1.0 - DT) ** k)
     assert tick.now.watch[0] == Watch.PAUSED
@@ -182,10 +182,11 @@ def test_the_bandwidths_of_vehicle_and_joints_come_to_what_each_bears() -> None:
 
 def test_a_verdict_moves_what_a_thruster_fails_to_give_from_the_disturbance_to_the_model() -> None:
     tick, q, v = busy()
-    tick.observe(q, v, Command(v=2.0 * v), (1.0, 1.0), True)
     matrix, before = thruster_matrix(laws().robot), known(tick)
     effect = Effect(share=np.r_[0.0, 0.5, np.ones(6)], constant=np.r_[3.0, np.zeros(7)])
-    tick.adapt(effect)
+    tick.memory.look.n_vehicle = 6
+    tick.memory.look.effect.share[:], tick.memory.look.effect.constant[:] = effect.share, effect.constant
+    tick.adapt()
     acting = matrix @ effect.given(before.thrust) + tick.now.estimate[:6]
     np.testing.assert_allclose(acting, matrix @ before.thrust + before.estimate[:6], rtol=1e-12, atol=1e-9)
     for _ in range(200):
@@ -195,18 +196,53 @@ def test_a_verdict_moves_what_a_thruster_fails_to_give_from_the_disturbance_to_t
 
 def test_a_thrust_that_limits_keep_from_being_reached_is_told() -> None:
     tick, (q, v) = ForceTick(laws()), scene(FULL)
-    tick.observe(q, v, Command(v=np.full(len(v), 50.0)), (1.0, 1.0), True)
-    tick.want()
-    assert tick.allocate()
-    limits = laws().lag
-    command = tick.follow()[0]
+    command, limits = ticked(tick, q, v, Command(v=np.full(len(v), 50.0))).command, laws().lag
+    assert tick.memory.sharing.saturated
     assert (command >= limits.lower).all()
     assert (command <= limits.upper).all()
 
 
-def test_a_force_that_is_no_number_is_refused() -> None:
-    tick, (q, v) = ForceTick(laws()), scene(FULL)
-    tick.observe(q, np.full(len(v), np.nan), changed(Command(v=v), hold=False), (1.0, 1.0), True)
-    tick.want()
+def test_a_force_that_is_no_number_is_refused_and_what_was_known_stays() -> None:
+    tick, q, v = busy(3)
+    before = bytes(tick.memory.known)
+    tick.give(q, np.full(len(v), np.nan), changed(Command(v=v), hold=False), (1.0, 1.0))
     with pytest.raises(InvalidInput, match="finite"):
-        tick.allocate()
+        tick.step(0.0)
+    assert bytes(tick.memory.known) == before
+
+
+def test_whatever_is_given_what_is_told_and_remembered_is_numbers() -> None:
+    tick, rng, refused = ForceTick(replace(laws(), search=ActuatorHealthTuning())), np.random.default_rng(6), 0
+    q, v = scene(FULL)
+    for k in range(2000):
+        tick.give(q, v * rng.normal(), Command(v=v * rng.normal(), hold=k % 97 == 0), (1.0, 1.0))
+        parts = (tick.given.q, tick.given.v, tick.given.reference, tick.given.feedback)
+        spoilt = parts[k % 4]
+        if k % 10 == 0:
+            spoilt[rng.integers(len(spoilt))] = rng.choice([np.nan, np.inf, -np.inf, 1e300, -1e20])
+        try:
+            assert all(np.isfinite(part).all() for part in tick.step(0.01 * k))
+        except InvalidInput:
+            refused += 1
+        assert np.isfinite(column_view(tick.memory.known)).all()
+        assert np.isfinite(view(tick.memory.look.gone)).all()
+    assert 100 < refused < 200
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_in_c_and_in_python_a_tick_gives_the_same_bits(name: str) -> None:
+    tuning = ActuatorHealthTuning(sample_time=0.02, window=0.4, settling=0.02)
+    searching = replace(laws(name), search=tuning if laws(name).robot.n_vehicle else None)
+    mine, other = ForceTick(searching), ForceTick(searching, compiled=False)
+    q, v = scene(name)
+    for k in range(40):
+        command = Command(v=(2.0 + np.sin(k)) * v, hold=k == 20, stop=k == 30)
+        for array, same in zip(
+            *(step(tick, q, np.cos(k) * v, command, 0.01 * k) for tick in (mine, other)), strict=True
+        ):
+            np.testing.assert_array_equal(array, same)
+
+
+def step(tick: ForceTick, q: np.ndarray, v: np.ndarray, command: Command, t: float) -> list[np.ndarray]:
+    tick.give(q, v, command, (1.0, 0.9))
+    return tick.step(t)

@@ -2,16 +2,107 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Annotated, Any
 
 import numpy as np
 
-from uvms_ocp.control.actuator_health.effect import Effect
+from uvms_ocp.control.actuator_health.effect import Effect, given_by
+from uvms_ocp.functions.kernels.binding import bind_kernels
+from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, structure_of, view
+from uvms_ocp.solvers.linear_program import LinearProgram, program_sizes, solve_program, value_of
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 _GONE = 0.02  # share of the reach of sound thrusters that counts as none
 _LEAST = 0.05  # share that a mission needs on the axes that nothing else holds
-_HELD_BY_WATER = (3, 4)  # roll and pitch, where the righting moment may do
+_ROLL, _PITCH = 3, 4  # and nothing between them, where the righting moment may do
+
+
+class AuthorityMemory(Layout):
+    """What is asked, and found by `judge_authority`."""
+
+    matrix: Annotated[list[Vector], Sized(6, "n_thrusters")]
+    """(6, n_thrusters) [N/N, N m/N]"""
+    lower: Annotated[Vector, Sized("n_thrusters")]
+    """(n_thrusters,) [N] limits of what may be asked."""
+    upper: Annotated[Vector, Sized("n_thrusters")]
+    """(n_thrusters,) [N]"""
+    trim: Annotated[Vector, Sized(6)]
+    """(6,) [N, N m] that holds the robot still."""
+    righting: Annotated[Vector, Sized(6)]
+    """(6,) [N, N m] that the water balances on its own, within the tilt that is allowed."""
+    program: LinearProgram
+    reach: Annotated[list[Vector], Sized(6, 2)]
+    """(6, 2) [N, N m] as that of `Authority`."""
+    sound: Annotated[list[Vector], Sized(6, 2)]
+    """(6, 2) [N, N m] likewise."""
+    holds: bool
+    can_go_on: bool
+
+
+def judge_authority(a: AuthorityMemory, e: Effect) -> None:
+    """What is left with an effect: twenty-four linear programs."""
+    for i in range(len(a.lower)):
+        a.program.lower[i] = a.lower[i]
+        a.program.upper[i] = a.upper[i]
+    _reach_out(a, False)
+    for i in range(len(a.lower)):
+        a.program.lower[i] = min(given_by(e, i, a.lower[i]), given_by(e, i, a.upper[i]))
+        a.program.upper[i] = max(given_by(e, i, a.lower[i]), given_by(e, i, a.upper[i]))
+    _reach_out(a, True)
+    _conclude_authority(a)
+
+
+def _reach_out(a: AuthorityMemory, trimmed: bool) -> None:
+    """Along all axes within the limits of the program; trimmed: of what is left, from the wrench that holds the robot still."""
+    for axis in range(6):
+        for way in range(2):
+            most = _largest(a, axis, way, trimmed)
+            if trimmed:
+                a.reach[axis][way] = most
+            else:
+                a.sound[axis][way] = most
+
+
+def _largest(a: AuthorityMemory, axis: int, way: int, trimmed: bool) -> float:
+    """Largest x with ``matrix T + s = trim + way x e``, T within its limits, s within what the water balances.
+
+    way: 0 down the axis, 1 up. NaN where there is none.
+    """
+    p, n = a.program, len(a.lower)
+    for k in range(6):
+        _write_balance(a, k, k == axis and _ROLL <= axis <= _PITCH, trimmed)
+    p.A[axis][n + 6] = 1.0 - 2.0 * way
+    p.lower[n + 6] = 0.0
+    p.upper[n + 6] = math.inf
+    p.c[n + 6] = 1.0
+    return value_of(p) if solve_program(p) else math.nan
+
+
+def _write_balance(a: AuthorityMemory, k: int, own: bool, trimmed: bool) -> None:
+    """Of axis k; own: by the thrusters alone, whatever the water balances."""
+    p, n = a.program, len(a.lower)
+    for i in range(len(p.c)):
+        p.A[k][i] = a.matrix[k][i] if i < n else 0.0
+    p.A[k][n + k] = 1.0
+    p.upper[n + k] = 0.0 if own else a.righting[k]
+    p.lower[n + k] = -p.upper[n + k]
+    p.b[k] = a.trim[k] if trimmed and not own else 0.0
+
+
+def _conclude_authority(a: AuthorityMemory) -> None:
+    """Whether the robot can be held still, and pushed either way on every axis that the water does not hold."""
+    a.holds = True
+    enough = True
+    for axis in range(6):
+        for way in range(2):
+            a.holds = a.holds and math.isfinite(a.reach[axis][way])
+            held = _ROLL <= axis <= _PITCH
+            enough = enough and (held or a.reach[axis][way] >= _LEAST * a.sound[axis][way])
+    a.can_go_on = a.holds and enough
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -22,11 +113,10 @@ class Authority:
     """(6, 2) [N, N m] largest additional force down and up the axis, the other axes balanced; NaN where it cannot even hold."""
     sound: np.ndarray
     """(6, 2) [N, N m] the same of sound thrusters."""
-
-    @property
-    def holds(self) -> bool:
-        """Whether the robot can be held still."""
-        return bool(np.isfinite(self.reach).all())
+    holds: bool
+    """Whether the robot can be held still."""
+    can_go_on: bool
+    """Whether the robot can be held still and pushed either way on every axis that the water does not hold."""
 
     @property
     def lost(self) -> tuple[str, ...]:
@@ -37,12 +127,6 @@ class Authority:
     def one_sided(self) -> tuple[str, ...]:
         """Axes along which there is force one way only."""
         return tuple(axis for axis, gone in zip(AXES, self._gone(), strict=True) if gone.any() and not gone.all())
-
-    @property
-    def can_go_on(self) -> bool:
-        """Whether the robot can be held still and pushed either way on every axis that the water does not hold."""
-        needed = [axis for axis in range(6) if axis not in _HELD_BY_WATER]
-        return self.holds and bool((self.reach[needed] >= _LEAST * self.sound[needed]).all())
 
     def __str__(self) -> str:
         """What is left, in one line."""
@@ -68,51 +152,44 @@ class Authority:
         return np.min(self.reach / np.maximum(self.sound, np.finfo(float).tiny), axis=1)
 
 
+def authority_in(memory: Any) -> Authority:
+    """What an `AuthorityMemory` holds."""
+    return Authority(
+        reach=view(memory.reach).copy(),
+        sound=view(memory.sound).copy(),
+        holds=bool(memory.holds),
+        can_go_on=bool(memory.can_go_on),
+    )
+
+
+def authority_sizes(n: int) -> dict[str, int]:
+    """Of an `AuthorityMemory` [-] of n [-] thrusters."""
+    return {"n_thrusters": n, **program_sizes(6, n + 7)}
+
+
+def write_authority(memory: Any, matrix: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
+    """matrix (6, n) [N/N, N m/N]; lower, upper (n,) [N] limits of what may be asked."""
+    view(memory.matrix)[:, : len(lower)] = matrix
+    view(memory.lower)[: len(lower)], view(memory.upper)[: len(lower)] = lower, upper
+
+
 def authority_of(
     matrix: np.ndarray, lower: np.ndarray, upper: np.ndarray, effect: Effect, trim: np.ndarray, righting: np.ndarray
 ) -> Authority:
     """What is left with an effect, for a robot that trim (6,) [N, N m] holds still.
 
     matrix (6, n) [N/N, N m/N]; lower, upper (n,) [N] limits of what may be asked. righting (6,) [N, N m]: what the water
-    balances on its own, within the tilt that is allowed. Twenty-four linear programs.
+    balances on its own, within the tilt that is allowed.
     """
-    n = len(lower)
-    reach = _reach(matrix, *effect.limits(lower, upper), trim, righting)
-    sound = _reach(matrix, *Effect.sound(n).limits(lower, upper), np.zeros(6), righting)
-    return Authority(reach=reach, sound=sound)
+    structure, effects, judge = _bound(len(lower))
+    memory: Any = structure()
+    write_authority(memory, matrix, lower, upper)
+    memory.trim[:], memory.righting[:] = trim.tolist(), righting.tolist()
+    judge(memory, effects(tuple(effect.share), tuple(effect.constant)))
+    return authority_in(memory)
 
 
-def _reach(
-    matrix: np.ndarray, lower: np.ndarray, upper: np.ndarray, trim: np.ndarray, righting: np.ndarray
-) -> np.ndarray:
-    return np.array(
-        [[_largest(matrix, lower, upper, trim, righting, axis, way) for way in (-1, 1)] for axis in range(6)]
-    )
-
-
-def _largest(
-    matrix: np.ndarray,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    trim: np.ndarray,
-    righting: np.ndarray,
-    axis: int,
-    way: int,
-) -> float:
-    """Largest x with ``matrix T + s = trim + way x e``, T within its limits, s within what the water balances."""
-    from scipy.optimize import linprog  # half a second, which few need
-
-    direction = np.zeros((6, 1))
-    direction[axis] = -way
-    if axis in _HELD_BY_WATER:  # of the thrusters' own, whatever the water balances
-        trim, righting = trim.copy(), righting.copy()
-        trim[axis] = righting[axis] = 0.0
-    bounds = [*zip(lower, upper, strict=True), *((-r, r) for r in righting), (0.0, None)]
-    result = linprog(
-        c=np.concatenate([np.zeros(len(lower) + 6), [-1.0]]),
-        A_eq=np.hstack([matrix, np.eye(6), direction]),
-        b_eq=trim,
-        bounds=bounds,
-        method="highs",
-    )
-    return float(-result.fun) if result.success else float("nan")
+@lru_cache(maxsize=16)
+def _bound(n: int) -> tuple[Callable[..., Any], Callable[..., Any], Callable[..., Any]]:
+    structure, effect = (structure_of(kind, **authority_sizes(n)) for kind in (AuthorityMemory, Effect))
+    return structure, effect, bind_kernels((judge_authority,), (structure, effect))[0]

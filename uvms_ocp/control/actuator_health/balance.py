@@ -2,34 +2,45 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Annotated
+
+from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector
 
 
-class Balance:
-    """Mean over the second half of a wait. Holds what was seen: one per run."""
+class Balance(Layout):
+    """Mean over the second half of a wait."""
 
-    def __init__(self, wait: float) -> None:
-        """wait [s] from a verdict to a judgement."""
-        self._wait, self._began = wait, 0.0
-        self._sum, self._count = np.zeros(6), 0
-        self.runs = False
-        """Whether there is anything to wait for."""
+    wait: float
+    """[s] from a verdict to a judgement."""
+    runs: bool
+    """Whether there is anything to wait for."""
+    began: float
+    """[s]"""
+    total: Annotated[Vector, Sized(6)]
+    """(6,) [N, N m]"""
+    count: int
+    mean: Annotated[Vector, Sized(6)]
+    """(6,) [N, N m] where it is time to judge."""
 
-    def begin(self, t: float) -> None:
-        """Anew, at time t [s]."""
-        self._began, self.runs = t, True
-        self._sum, self._count = np.zeros(6), 0
 
-    def clear(self) -> None:
-        """What was seen is not to be trusted: wait anew, from the next look on."""
-        self._began, self._sum, self._count = np.inf, np.zeros(6), 0
+def begin_balance(b: Balance, t: float) -> None:
+    """Anew, at time t [s]; infinity where what was seen is not to be trusted: from the next look on."""
+    b.began = t
+    b.count = 0
+    for k in range(6):
+        b.total[k] = 0.0
 
-    def take_in(self, wrench: np.ndarray, t: float) -> np.ndarray | None:
-        """A wrench (6,) [N, N m] at time t [s]; the mean (6,) where it is time to judge."""
-        self._began = min(self._began, t)
-        if t - self._began > 0.5 * self._wait:
-            self._sum, self._count = self._sum + wrench, self._count + 1
-        if t - self._began < self._wait or not self._count:
-            return None
-        self.runs = False
-        return self._sum / self._count
+
+def take_in_balance(b: Balance, wrench: Vector, t: float) -> bool:
+    """A wrench (6,) [N, N m] at time t [s]; whether it is time to judge."""
+    b.began = min(b.began, t)
+    if t - b.began > 0.5 * b.wait:
+        b.count += 1
+        for k in range(6):
+            b.total[k] += wrench[k]
+    if t - b.began < b.wait or b.count == 0:
+        return False
+    for k in range(6):
+        b.mean[k] = b.total[k] / b.count
+    b.runs = False
+    return True

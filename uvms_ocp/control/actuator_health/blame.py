@@ -8,24 +8,46 @@ what is left is that of likelihoods of an additive fault of unknown size ([Wills
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import partial
+from typing import Annotated
 
-import numpy as np
-
-from uvms_ocp.control.actuator_health.thresholds import ActuatorHealthTuning
+from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, zeros
 
 _TINY = 1e-12
-_sum, _largest = partial(np.add.reduce, axis=0), np.maximum.reduce  # the methods take twice the time
-_PLAUSIBLE = (0.25, 3.5)  # theta; a thruster that sticks far from what is asked looks like more than 2 at first
-_LATE = (0, 1, 2)  # looks by which what is measured of the motion may lag what is asked
-_EARLY = (2, 4)  # looks by which what is asked lags what pushes, where it only answers it
+_LEAST, _MOST = 0.25, 3.5  # theta; a thruster that sticks far from what is asked looks like more than 2 at first
+LATE = 2  # looks by which what is measured of the motion may lag what is asked, at most
+EARLY = 4  # looks by which what is asked lags what pushes, where it only answers it; and half of them
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Blame:
-    """The likeliest culprit."""
+class BlameWindow(Layout):
+    """What was seen lately, in a ring of looks, and the likeliest culprit."""
 
+    directions: Annotated[list[Vector], Sized(6, "n_thrusters")]
+    """(6, n_thrusters) [-] wrench of a newton in those scales."""
+    scale: Annotated[Vector, Sized(6)]
+    """(6,) [N, N m] what counts as one on each axis."""
+    square: Annotated[Vector, Sized("n_thrusters")]
+    """(n_thrusters,) [-] of the size of each direction."""
+    length: int
+    """[-] looks in which a culprit is sought."""
+    least_change: float
+    """[-] as the next three of `ActuatorHealthTuning`."""
+    least_explained: float
+    """[-]"""
+    least_lead: float
+    """[-]"""
+    precedes: float
+    """[-]"""
+    seen: Annotated[list[Vector], Sized("n_looks", 6)]
+    """(n_looks, 6) [-] residual in those scales."""
+    asked: Annotated[list[Vector], Sized("n_looks", "n_thrusters")]
+    """(n_looks, n_thrusters) [N]"""
+    time: Annotated[Vector, Sized("n_looks")]
+    """(n_looks,) [s]"""
+    count: int
+    """[-] of all looks."""
+    along: Annotated[list[Vector], Sized("n_looks", "n_thrusters")]
+    """(n_looks, n_thrusters) [-] changes of the residual along each direction."""
+    # the likeliest culprit
     thruster: int
     """[-] counted from 0; -1 where none explains enough."""
     explained: float
@@ -34,77 +56,84 @@ class Blame:
     """[-] what the next best leaves unexplained, over what this one does."""
 
 
-NOBODY = Blame(thruster=-1, explained=0.0, lead=1.0)
+def take_in_look(w: BlameWindow, residual: Vector, t: float) -> int:
+    """The residual (6,) [N, N m] at time t [s]; where to write the thrust asked."""
+    slot = w.count % len(w.time)
+    for k in range(6):
+        w.seen[slot][k] = residual[k] / w.scale[k]
+    w.time[slot] = t
+    w.count += 1
+    return slot
 
 
-class BlameWindow:
-    """What was seen lately. Holds it: one per run."""
-
-    def __init__(self, matrix: np.ndarray, scale: np.ndarray, tuning: ActuatorHealthTuning, *, period: float) -> None:
-        """matrix (6, n) [N/N, N m/N] of the thrusters; scale (6,) [N, N m]: what counts as one on each axis; period [s] of
-        the looks."""
-        n = matrix.shape[1]
-        self._directions, self._scale, self._tuning = matrix / scale[:, None], scale, tuning
-        self._square = np.sum(self._directions**2, axis=0)
-        self._length = max(round(tuning.window / period), 4)
-        self._size = 2 * self._length + max(_LATE) + max(_EARLY)
-        self._seen, self._asked = np.zeros((2 * self._size, 6)), np.zeros((2 * self._size, n))
-        self._time, self._count = np.zeros(2 * self._size), 0
-
-    def clear(self) -> None:
-        """Forget everything."""
-        self._count = 0
-
-    def look(self, residual: np.ndarray, asked: np.ndarray, t: float) -> None:
-        """Take in the residual (6,) [N, N m] and the thrust asked (n,) [N], as it should be in it, at time t [s]."""
-        first = self._count % self._size
-        for k in (first, first + self._size):  # twice: any stretch is in one piece
-            self._seen[k], self._asked[k], self._time[k] = residual / self._scale, asked, t
-        self._count += 1
-
-    def blame(self) -> Blame:
-        """Of the last `window` seconds, or of half of it at the beginning."""
-        now = max(_EARLY)
-        n = min(self._length, self._count - max(_LATE) - now)
-        if n < self._length // 2:
-            return NOBODY
-        seen = self._last(self._seen, n, now)
-        seen = seen - _sum(seen) / n
-        total = float(np.vdot(seen, seen))
-        if total < n * self._tuning.least_change**2:
-            return NOBODY
-        along = seen @ self._directions
-        causes = [self._explained(along, now + late) for late in _LATE]
-        blame = _leader(total, max(causes, key=_largest))
-        if blame.explained < self._tuning.explained or blame.lead < self._tuning.lead:
-            return NOBODY
-        answers = [self._explained(along, now - early)[blame.thruster] for early in _EARLY]
-        precedes = total - max(answers) >= self._tuning.precedes * (1.0 - blame.explained) * total
-        return blame if precedes else NOBODY
-
-    def history(self, thruster: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """All that is kept, (m,): times [s], thrust asked [N], thrust [N] along the thruster that the residual comes to."""
-        m, b = min(self._count, self._size), self._directions[:, thruster]
-        along = self._last(self._seen, m) @ b / max(float(self._square[thruster]), _TINY)
-        return self._last(self._time, m), self._last(self._asked, m)[:, thruster], along
-
-    def _last(self, array: np.ndarray, n: int, before: int = 0) -> np.ndarray:
-        end = (self._count - 1) % self._size + self._size + 1 - before
-        return array[end - n : end]
-
-    def _explained(self, along: np.ndarray, before: int) -> np.ndarray:
-        """Of the sum of squares, by each thruster (n,), by what it was asked so many looks before now."""
-        asked = self._last(self._asked, len(along), before)
-        asked = asked - _sum(asked) / len(along)
-        size = np.maximum(self._square * np.einsum("ti,ti->i", asked, asked), _TINY)
-        theta = -np.einsum("ti,ti->i", asked, along) / size
-        return np.where((theta > _PLAUSIBLE[0]) & (theta < _PLAUSIBLE[1]), theta**2 * size, 0.0)
+def find_culprit(w: BlameWindow) -> None:
+    """In the last `window` seconds, or half of it at the beginning."""
+    n = min(w.length, w.count - LATE - EARLY)
+    w.thruster = -1
+    w.explained = 0.0
+    w.lead = 1.0
+    if n >= w.length // 2:
+        first = w.count - EARLY - n
+        total = _changes(w, first, n)
+        if total >= n * (w.least_change * w.least_change):
+            best = _lead(w, total, first, n)
+            if w.explained >= w.least_explained and w.lead >= w.least_lead and _precedes(w, best, total, first, n):
+                w.thruster = best
 
 
-def _leader(total: float, explained: np.ndarray) -> Blame:
-    best = int(explained.argmax())
-    left = max(total - float(explained[best]), _TINY * total)
-    others = explained.copy()
-    others[best] = 0.0
-    lead = (total - float(_largest(others))) / left
-    return Blame(thruster=best, explained=1.0 - left / total, lead=lead)
+def _precedes(w: BlameWindow, best: int, total: float, first: int, n: int) -> bool:
+    """Whether what a thruster is asked comes before the changes, and does not answer them."""
+    answers = max(_explained(w, best, first + EARLY // 2, n), _explained(w, best, first + EARLY, n))
+    return total - answers >= w.precedes * (1.0 - w.explained) * total
+
+
+def _lead(w: BlameWindow, total: float, first: int, n: int) -> int:
+    """The thruster that explains most, at the delay at which any does."""
+    most, best, delay = -1.0, 0, 0
+    for late in range(LATE + 1):
+        for i in range(len(w.square)):
+            explained = _explained(w, i, first - late, n)
+            if explained > most:
+                most = explained
+                best = i
+                delay = late
+    left, second = max(total - most, _TINY * total), 0.0
+    for i in range(len(w.square)):
+        second = max(second, _explained(w, i, first - delay, n) if i != best else 0.0)
+    w.explained = 1.0 - left / total
+    w.lead = (total - second) / left
+    return best
+
+
+def _changes(w: BlameWindow, first: int, n: int) -> float:
+    """Sum of squares of the changes of the residual in n looks, which are laid out along all directions."""
+    mean, total = zeros(6), 0.0
+    for k in range(6):
+        for j in range(n):
+            mean[k] += w.seen[(first + j) % len(w.time)][k]
+        mean[k] /= n
+    for j in range(n):
+        slot = (first + j) % len(w.time)
+        for i in range(len(w.square)):
+            w.along[j][i] = 0.0
+        for k in range(6):
+            change = w.seen[slot][k] - mean[k]
+            total += change * change
+            for i in range(len(w.square)):
+                w.along[j][i] += change * w.directions[k][i]
+    return total
+
+
+def _explained(w: BlameWindow, i: int, first: int, n: int) -> float:
+    """Of the sum of squares, by what thruster i was asked in n looks."""
+    mean, size, along = 0.0, 0.0, 0.0
+    for j in range(n):
+        mean += w.asked[(first + j) % len(w.time)][i]
+    mean /= n
+    for j in range(n):
+        change = w.asked[(first + j) % len(w.time)][i] - mean
+        size += change * change
+        along += change * w.along[j][i]
+    size = max(w.square[i] * size, _TINY)
+    theta = -along / size
+    return theta * theta * size if _LEAST < theta < _MOST else 0.0

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from uvms_ocp.functions.elementwise import Array, where
+from uvms_ocp.functions.kernels.layout import Layout, Sized
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Effect:
+class Effect(Layout):
     """Thrust in the water is ``share * asked + constant``, of numbers and of CasADi expressions alike."""
 
-    share: Array
+    share: Annotated[Array, Sized("n_thrusters")]
     """(n_thrusters,) [-]: 1 is sound, 0 dead or stuck, below 0 reversed."""
-    constant: Array
+    constant: Annotated[Array, Sized("n_thrusters")]
     """(n_thrusters,) [N] of a stuck thruster."""
 
     @staticmethod
@@ -41,7 +43,7 @@ class Effect:
         """What to ask (n_thrusters,) [N] for the thrust given (n_thrusters,) [N] in the water; 0 of what does not follow."""
         return where(self.works, (given - self.constant) / self.share_or_one, 0.0)
 
-    def limits(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Least and largest thrust in the water (n_thrusters,) [N]; lower, upper (n_thrusters,) [N] of what may be asked."""
-        ends = np.array([self.given(lower), self.given(upper)])
-        return ends.min(axis=0), ends.max(axis=0)
+
+def given_by(e: Effect, i: int, asked: float) -> float:
+    """As `Effect.given`, of thruster i, as a kernel: thrust [N] for that asked [N]."""
+    return e.share[i] * asked + e.constant[i]

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import Annotated
 
-import numpy as np
+from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector
 
 _AFTER = 6  # looks that an onset must be back at least
 _TINY = 1e-12
@@ -13,10 +13,51 @@ _REVERSED = 0.5  # share, the other way, from which a thruster counts as reverse
 _STUCK = 0.1  # of what a dead thruster would leave unexplained
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Manner:
+class Line(Layout):
+    """Fitted to y over x."""
+
+    x: Annotated[Vector, Sized("n_looks")]
+    """(n_looks,) [any]"""
+    y: Annotated[Vector, Sized("n_looks")]
+    """(n_looks,) [N]"""
+    slope: float
+    """[N/any]"""
+    left: float
+    """[N^2] sum of squares that is left."""
+    best_slope: float
+    """[N/any] of all that were tried, the one that leaves least."""
+    best_sigma: float
+    """[N/any] standard deviation of that."""
+    least: float
+    """[N^2] that it leaves."""
+    onset: float
+    """[s] for which it was tried."""
+
+
+class Manner(Layout):
     """The likeliest, of one thruster."""
 
+    count: int
+    """[-] looks at it."""
+    time: Annotated[Vector, Sized("n_looks")]
+    """(n_looks,) [s]"""
+    asked: Annotated[Vector, Sized("n_looks")]
+    """(n_looks,) [N] thrust, as filtered."""
+    along: Annotated[Vector, Sized("n_looks")]
+    """(n_looks,) [N] thrust along the thruster that the residual comes to."""
+    bandwidth: float
+    """[rad/s] of the filter."""
+    follows: float
+    """[-] least share of a thruster that follows its command."""
+    faded: Annotated[Vector, Sized("n_looks")]
+    """(n_looks,) [-] what the filter still has of the time before an onset."""
+    lost: Annotated[Vector, Sized("n_looks")]
+    """(n_looks,) [N] of what was asked since."""
+    shares: Line
+    stops: Line
+    dead: float
+    """[N^2] that is left where it gives nothing, at least."""
+    # found
     share: float
     """[-] that it gives of what it is asked, from now on; 0 where it does not follow."""
     constant: float
@@ -27,30 +68,62 @@ class Manner:
     """[s]"""
 
 
-def manner_of(t: np.ndarray, asked: np.ndarray, along: np.ndarray, bandwidth: float, follows: float) -> Manner:
-    """From times t (m,) [s], thrust asked (m,) [N] as filtered with bandwidth [rad/s], and the residual along it (m,) [N].
-
-    follows [-]: least share of a thruster that follows its command.
-    """
-    shares, stops, deaths = [], [], []
-    for k in range(max(len(t) - _AFTER, 1)):
-        faded = np.where(np.arange(len(t)) >= k, np.exp(-bandwidth * np.maximum(t - t[k], 0.0)), 1.0)
-        lost = np.where(faded < 1.0, asked - asked[k] * faded, 0.0)
-        shares.append((*_line(-lost, along), float(t[k])))
-        stops.append((*_line(1.0 - faded, along + lost), float(t[k])))
-        deaths.append(float(np.var(along + lost)) * len(t))
-    loss, _, left_of_share, onset = min(shares, key=lambda fit: fit[2])
-    constant, sigma, left_of_stop, stopped = min(stops, key=lambda fit: fit[2])
-    if left_of_stop <= left_of_share or 1.0 - follows < loss < 1.0 + _REVERSED:
-        stuck = left_of_stop < _STUCK * min(deaths)
-        return Manner(share=0.0, constant=constant if stuck else 0.0, sigma=sigma, onset=stopped)
-    return Manner(share=1.0 - loss, constant=0.0, sigma=math.inf, onset=onset)
+def find_manner(m: Manner) -> None:
+    """By what was asked and what came of it."""
+    m.shares.least = math.inf
+    m.stops.least = math.inf
+    m.dead = math.inf
+    for k in range(max(m.count - _AFTER, 1)):
+        _try_onset(m, k)
+    loss = m.shares.best_slope
+    follows = m.stops.least > m.shares.least and not 1.0 - m.follows < loss < 1.0 + _REVERSED
+    stuck = m.stops.least < _STUCK * m.dead
+    m.share = 1.0 - loss if follows else 0.0
+    m.constant = m.stops.best_slope if stuck and not follows else 0.0
+    m.sigma = math.inf if follows else m.stops.best_sigma
+    m.onset = m.shares.onset if follows else m.stops.onset
 
 
-def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
-    """Slope of y over x, its standard deviation, and the sum of squares that is left."""
-    x, y = x - x.mean(), y - y.mean()
-    size = max(float(x @ x), _TINY)
-    slope = float(x @ y) / size
-    left = float(np.sum((y - slope * x) ** 2))
-    return slope, math.sqrt(left / max(len(x) - 2, 1) / size), left
+def _try_onset(m: Manner, k: int) -> None:
+    """At look k."""
+    for j in range(m.count):
+        m.faded[j] = math.exp(-m.bandwidth * max(m.time[j] - m.time[k], 0.0)) if j >= k else 1.0
+        m.lost[j] = m.asked[j] - m.asked[k] * m.faded[j] if m.faded[j] < 1.0 else 0.0
+        m.shares.x[j] = -m.lost[j]
+        m.shares.y[j] = m.along[j]
+        m.stops.x[j] = 1.0 - m.faded[j]
+        m.stops.y[j] = m.along[j] + m.lost[j]
+    m.dead = min(m.dead, _scatter(m.stops.y, m.count))
+    _try_line(m.shares, m.count, m.time[k])
+    _try_line(m.stops, m.count, m.time[k])
+
+
+def _scatter(y: Vector, n: int) -> float:
+    """Sum of squares of what is not the mean."""
+    mean, total = 0.0, 0.0
+    for j in range(n):
+        mean += y[j] / n
+    for j in range(n):
+        total += (y[j] - mean) * (y[j] - mean)
+    return total
+
+
+def _try_line(f: Line, n: int, onset: float) -> None:
+    mean_x, mean_y, size, along = 0.0, 0.0, 0.0, 0.0
+    for j in range(n):
+        mean_x += f.x[j] / n
+        mean_y += f.y[j] / n
+    for j in range(n):
+        size += (f.x[j] - mean_x) * (f.x[j] - mean_x)
+        along += (f.x[j] - mean_x) * (f.y[j] - mean_y)
+    size = max(size, _TINY)
+    f.slope = along / size
+    f.left = 0.0
+    for j in range(n):
+        rest = f.y[j] - mean_y - f.slope * (f.x[j] - mean_x)
+        f.left += rest * rest
+    if f.left < f.least:
+        f.least = f.left
+        f.best_slope = f.slope
+        f.best_sigma = math.sqrt(f.left / max(n - 2, 1) / size)
+        f.onset = onset

@@ -18,14 +18,20 @@ class Health(enum.IntEnum):
     """Named, and no longer relied on."""
 
 
-class FaultKind(enum.Enum):
+class FaultKind(enum.IntEnum):
     """What is wrong."""
 
-    DEAD = "dead"
-    WEAK = "weak"
-    STUCK = "stuck"
-    REVERSED = "reversed"
-    JAMMED = "jammed"
+    NONE = 0
+    DEAD = 1
+    WEAK = 2
+    STUCK = 3
+    REVERSED = 4
+    JAMMED = 5
+
+    @property
+    def word(self) -> str:
+        """Such as ``dead``."""
+        return self.name.lower()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -33,7 +39,7 @@ class ThrusterVerdict:
     """On one thruster."""
 
     health: Health = Health.GOOD
-    kind: FaultKind | None = None
+    kind: FaultKind = FaultKind.NONE
     """Of what is faulty."""
     share: float = 1.0
     """[-] of the thrust that is asked for."""
@@ -50,14 +56,14 @@ class JointVerdict:
     """On one joint."""
 
     health: Health = Health.GOOD
-    kind: FaultKind | None = None
+    kind: FaultKind = FaultKind.NONE
     since: float = math.nan
     """[s] time from which on it has not moved."""
 
 
 def thruster_alarm(number: int, name: str, verdict: ThrusterVerdict) -> str:
     """One line on a faulty thruster, counted from 1 as in faults that are asked for."""
-    who = f"thruster{number} {_word(verdict)} ({name})"
+    who = f"thruster{number} {verdict.kind.word} ({name})"
     if verdict.kind is FaultKind.STUCK:
         return f"{who}: gives {verdict.constant:.0f} N whatever it is asked; taken out, the others make up for it"
     given = f"{who}: gives {100 * verdict.share:.0f} % of what it is asked"
@@ -73,13 +79,9 @@ def joint_alarm(number: int, name: str) -> str:
 
 def thrusters_named(verdicts: Sequence[ThrusterVerdict]) -> list[str]:
     """Those that are faulty, such as ``thruster3 dead``."""
-    return [f"thruster{i + 1} {_word(verdict)}" for i, verdict in enumerate(verdicts) if verdict.kind]
+    return [f"thruster{i + 1} {verdict.kind.word}" for i, verdict in enumerate(verdicts) if verdict.kind]
 
 
 def joints_named(verdicts: Sequence[JointVerdict]) -> list[str]:
     """Those that are faulty, such as ``joint2 jammed``."""
-    return [f"joint{j + 1} {verdict.kind.value}" for j, verdict in enumerate(verdicts) if verdict.kind]
-
-
-def _word(verdict: ThrusterVerdict) -> str:
-    return verdict.kind.value if verdict.kind else ""
+    return [f"joint{j + 1} {verdict.kind.word}" for j, verdict in enumerate(verdicts) if verdict.kind]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uvms_ocp.control.actuator_health.effect import Effect
-from uvms_ocp.control.force.thrust_sharing import ThrustSharing, share_out, take_effect
+from uvms_ocp.control.force.thrust_sharing import MOST, ThrustSharing, share_out, take_effect
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.kernels.binding import bind_kernels
 from uvms_ocp.functions.kernels.layout import structure_of
@@ -83,11 +83,14 @@ class Allocation:
         memory.share[:n], memory.constant[:n] = effect.share.tolist(), effect.constant.tolist()
 
     def allocate(self, wrench: ArrayLike) -> AllocationResult:
-        """Thrust for a wrench (6,) [N, N m] about the origin of B, in B. Raises `InvalidInput` unless it is finite."""
+        """Thrust for a wrench (6,) [N, N m] about the origin of B, in B.
+
+        Raises `InvalidInput` unless it is finite, and below `MOST`.
+        """
         w, memory = _six(wrench), self.memory
         memory.wrench[:] = w.tolist()
         if not self._share_out(memory):
-            raise InvalidInput(f"wrench {w} given; allowed: six finite numbers [N, N m]")
+            raise InvalidInput(f"wrench {w} given; allowed: six finite numbers below {MOST:g} [N, N m]")
         found = (np.array(memory.thrust[: memory.count]), np.array(memory.reached), np.array(memory.unreachable))
         return AllocationResult(*found, bool(memory.saturated))
 

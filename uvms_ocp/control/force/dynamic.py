@@ -7,17 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from uvms_ocp.arguments import checked, late, trusted
-from uvms_ocp.control.actuator_health.monitor import ActuatorMonitor, Look
+from uvms_ocp.control.actuator_health.intake import intake_of
+from uvms_ocp.control.actuator_health.monitor import ActuatorMonitor
 from uvms_ocp.control.actuator_health.thresholds import ActuatorHealthTuning
 from uvms_ocp.control.force.force_tick import ForceTick
 from uvms_ocp.control.force.observer import DisturbanceObserver, ObserverLaw
 from uvms_ocp.control.force.thruster_lag import thruster_lag
-from uvms_ocp.control.force.tick_columns import Watch
 from uvms_ocp.control.force.tick_functions import TickLaws
 from uvms_ocp.control.force.velocity_law import VelocityLaw
 from uvms_ocp.control.velocity.distress import Strain
 from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.control.velocity.tick_state import TickState
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.dynamics import Dynamics
 from uvms_ocp.model.robot import Robot
@@ -28,7 +27,6 @@ _command, _strain = trusted(Command), trusted(Strain)
 
 SEARCH = ActuatorHealthTuning()
 """For faulty thrusters and joints, by default."""
-_ENCODER_SILENCE = 0.1  # [s] after which joints are no longer fed back; a joint falls faster than a vehicle drifts
 _ENCODERS = ("joint_positions", "joint_velocities")
 
 
@@ -92,29 +90,30 @@ class DynamicController:
         self.kinematic = kinematic
         gains = gains or VelocityGains()
         self._robot, self._has_joints = robot, bool(robot.n_joints)
-        self.monitor = self._monitor(health, dynamics, gains)
+        laws = self._laws(dynamics, gains, health)
+        self._tick = ForceTick(laws)
+        self._memory = self._tick.memory
+        self.monitor = self._monitor(laws)
         """Of thrusters and joints; `None` where it is off, and without the observer, whose findings it reads."""
         self._fault, self._handicap, self._jammed = "", "", tuple[int, ...]()
-        self._tick = ForceTick(self._laws(dynamics, gains))
 
     @late
     def __call__(self, measurement: Measurement, t: float) -> Command:
         """The command for the tick at time t [s]."""
         tick = self.kinematic.observe(measurement, t)
-        sound, command = tick.measurement, self.kinematic.command(tick)
-        # On an axis that is not to be trusted feed-forward goes on alone: feedback from a frozen velocity would accelerate
-        # the robot without end.
-        joints = not command.brakes and sound.joint_age <= _ENCODER_SILENCE
-        feedback = tick.restriction.feedback, tick.restriction.joint_feedback
-        self._tick.observe(sound.q, sound.v, command, feedback, joints)
-        if self.monitor is not None:
-            self._watch(self.monitor, tick)
-        self._tick.want()
-        short = self._tick.allocate()
-        thrust, torque, disturbance, wrench, unreachable, push = self._tick.follow()
-        self.kinematic.feel(
-            _strain(short=short, push=push.item(), fault=self._fault, handicap=self._handicap, jammed=self._jammed)
-        )
+        sound, command, bounds = tick.measurement, self.kinematic.command(tick), tick.restriction
+        self._tick.give(sound.q, sound.v, command, (bounds.feedback, bounds.joint_feedback))
+        known = bounds.doubted.isdisjoint(_ENCODERS)
+        told = self._tick.step(tick.t, joint_age=sound.joint_age, encoders_known=known)
+        if self._memory.look.changed and self.monitor is not None:
+            self._hear(self.monitor, tick.t)
+        return self._told(command, told)
+
+    def _told(self, command: Command, told: list[np.ndarray]) -> Command:
+        """As a command, and to the layer below."""
+        thrust, torque, disturbance, wrench, unreachable, push = told
+        short, fault, handicap = bool(self._memory.sharing.saturated), self._fault, self._handicap
+        self.kinematic.feel(_strain(short=short, push=push.item(), fault=fault, handicap=handicap, jammed=self._jammed))
         telemetry = {
             **command.telemetry,
             "disturbance": disturbance,
@@ -129,53 +128,29 @@ class DynamicController:
             torque=torque,
             hold=command.hold,
             stop=command.stop,
-            brakes=not joints if self._has_joints else command.hold,
+            brakes=not self._memory.given.joints[0] if self._has_joints else command.hold,
             finished=command.finished,
             telemetry=telemetry,
         )
 
-    def _watch(self, monitor: ActuatorMonitor, tick: TickState) -> None:
-        """Look for faults of thrusters and joints, and do without what is faulty from now on."""
-        now, watch = self._tick.now, self._tick.now.watch.item()
-        if watch == Watch.PAUSED:
-            monitor.pause()
-        elif watch == Watch.DUE:
-            look = Look(
-                q=tick.measurement.q,
-                residual=now.estimate + now.lead,
-                disturbance=now.estimate,
-                asked=now.asked,
-                way=now.way,
-                joints_known=tick.restriction.doubted.isdisjoint(_ENCODERS),
-            )
-            if monitor.look(look, tick.t):
-                self._adapt(monitor)
-            self._fault = "" if monitor.can_go_on or not self._handicap else f"{self._handicap}: {monitor.authority}"
+    def _hear(self, monitor: ActuatorMonitor, t: float) -> None:
+        """What a look at time t [s] has found."""
+        look = self._memory.look
+        monitor.hear(t)
+        if look.jam or look.thruster >= 0:
+            n = self._robot.n_vehicle
+            self._jammed = tuple(n + j for j in range(look.joints.count) if look.joints.jammed[j])
+            self._handicap = monitor.faulty
+        self._fault = f"{self._handicap}: {monitor.authority}" if self._memory.gives_up else ""
 
-    def _adapt(self, monitor: ActuatorMonitor) -> None:
-        """To new verdicts."""
-        self._tick.adapt(monitor.effect)
-        self._jammed = tuple((self._robot.n_vehicle + np.flatnonzero(monitor.joints.jammed)).tolist())
-        for axis in self._jammed:
-            self._tick.now.estimate[axis] = self._tick.now.integral[axis] = 0.0
-        self._handicap = monitor.faulty
-
-    def _monitor(
-        self, tuning: ActuatorHealthTuning | None, dynamics: Dynamics, gains: VelocityGains
-    ) -> ActuatorMonitor | None:
-        if tuning is None or not gains.observer_vehicle or not self._robot.n_vehicle:
+    def _monitor(self, laws: TickLaws) -> ActuatorMonitor | None:
+        if laws.search is None:
             return None
-        return ActuatorMonitor(
-            self._robot,
-            dynamics,
-            bandwidth=gains.observer_vehicle,
-            dt=self.kinematic.dt,
-            alarms=self.kinematic.watchdog.alarms,
-            tuning=tuning,
-        )
+        return ActuatorMonitor(self._robot, self._memory.look, self.kinematic.watchdog.alarms)
 
-    def _laws(self, dynamics: Dynamics, gains: VelocityGains) -> TickLaws:
+    def _laws(self, dynamics: Dynamics, gains: VelocityGains, health: ActuatorHealthTuning | None) -> TickLaws:
         robot, dt = self._robot, self.kinematic.dt
+        search = health if gains.observer_vehicle and robot.n_vehicle else None
         return TickLaws(
             robot=robot,
             velocity=VelocityLaw(
@@ -187,7 +162,8 @@ class DynamicController:
             lag=thruster_lag(robot, lead=gains.lead, dt=dt),
             lift=float(_strength(robot)[2]),
             observer=_observer_law(robot, gains, dt),
-            intake=None if self.monitor is None else self.monitor.intake,
+            intake=None if search is None else intake_of(search, bandwidth=gains.observer_vehicle, dt=dt),
+            search=search,
         )
 
 

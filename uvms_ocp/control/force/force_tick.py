@@ -1,100 +1,97 @@
-"""A tick of the force layer in numbers: its functions, compiled, and the memory that they work on."""
+"""A tick of the force layer in Python: its memory, made once, and the kernel that works on it."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Generic, TypeVar
+from typing import Any
 
 import numpy as np
 
-from uvms_ocp.control.actuator_health.effect import Effect
-from uvms_ocp.control.force.allocation import allocation_of
-from uvms_ocp.control.force.tick_columns import Allocated, Given, Known, Told, Wanted, parts_of, places_of, size_of
-from uvms_ocp.control.force.tick_functions import (
-    TickLaws,
-    effect_sizes,
-    follow_function,
-    observe_function,
-    want_function,
-)
-from uvms_ocp.functions.buffered import BoundFunction
-from uvms_ocp.functions.compile import compile_function
+from uvms_ocp.control.actuator_health.thresholds import ActuatorHealthTuning
+from uvms_ocp.control.actuator_health.watch_memory import look_sizes, write_look
+from uvms_ocp.control.force.allocation import allocation_of, sharing_sizes
+from uvms_ocp.control.force.force_step import ForceMemory, adapt, begin_force, force_step
+from uvms_ocp.control.force.thrust_sharing import MOST
+from uvms_ocp.control.force.tick_columns import Given, Known, Told, places_of, views_of
+from uvms_ocp.control.force.tick_functions import TickLaws, follow_function, observe_function, want_function
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions.kernels.binding import memory_of
+from uvms_ocp.functions.kernels.layout import structure_of
+from uvms_ocp.functions.kernels.smooth import column_view
 from uvms_ocp.model.state import Command
-
-_Parts = TypeVar("_Parts")
-
-
-class _Column(Generic[_Parts]):
-    """Numbers, and views of their parts."""
-
-    __slots__ = ("numbers", "parts")
-
-    def __init__(self, kind: type[_Parts], sizes: dict[str, int]) -> None:
-        self.numbers = np.zeros(size_of(kind, sizes))
-        self.parts = parts_of(kind, sizes, self.numbers)
 
 
 class ForceTick:
-    """From a reference velocity to commands, in four calls: `observe`, `want`, `allocate`, `follow`.
+    """From a reference velocity to commands.
 
     Holds what is known: build one per run. Not for use from two threads at once.
     """
 
-    def __init__(self, laws: TickLaws) -> None:
-        sizes = laws.sizes
-        self._whole = allocation_of(laws.robot)
-        self._allocation = self._whole
-        self._given, self._wanted = _Column(Given, sizes), _Column(Wanted, sizes)
-        self._known, self._now = _Column(Known, sizes), _Column(Known, sizes)
-        self._allocated, self._told = _Column(Allocated, sizes), _Column(Told, sizes)
-        self._effect = _Column(Effect, effect_sizes(sizes))
-        self._effect.parts.share[:] = self._known.parts.share[:] = 1.0
-        self.now: Known = self._now.parts
-        """What is known since `observe`; it may be changed before `want`."""
-        columns = self._given, self._effect, self._known, self._now, self._wanted, self._allocated, self._told
-        given, effect, known, now, wanted, allocated, told = (column.numbers for column in columns)
-        self._observe = BoundFunction(compile_function(observe_function(laws)), [given, effect, known], [now])
-        self._want = BoundFunction(compile_function(want_function(laws)), [given, now], [wanted])
-        self._follow = BoundFunction(
-            compile_function(follow_function(laws)), [given, effect, now, wanted, allocated], [known, told]
+    def __init__(self, laws: TickLaws, *, compiled: bool = True) -> None:
+        """compiled: in C where there is a compiler."""
+        structure = structure_of(ForceMemory, **_sizes(laws))
+        self.memory: Any
+        """A `ForceMemory`"""
+        self.memory, (begin, self._step, self._adapt) = memory_of(
+            structure, (begin_force, force_step, adapt), compiled=compiled
         )
-        self._places = tuple(places_of(Told, sizes).values())
+        self.given: Given = views_of(Given, laws.sizes, self.memory.given)
+        """What the next tick is given."""
+        self.now: Known = views_of(Known, laws.sizes, self.memory.now)
+        """What was known in the last one."""
+        self._told = column_view(self.memory.told)
+        self._places = tuple(places_of(Told, laws.sizes).values())
+        self._write(laws)
+        begin(self.memory)
 
-    def observe(
-        self, q: np.ndarray, v: np.ndarray, command: Command, feedback: tuple[float, float], joints: bool
-    ) -> None:
-        """Find what pushes the robot at q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s] as measured.
+    def give(self, q: np.ndarray, v: np.ndarray, command: Command, feedback: tuple[float, float]) -> None:
+        """The robot at q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s] as measured, and the command of the velocities.
 
-        command: of the velocities. feedback [-]: of vehicle and joints, it and joints as `Given` has them.
+        feedback [-]: of vehicle and joints, as `Given` has it.
         """
-        given = self._given.parts
+        given = self.given
         given.q[:], given.v[:], given.reference[:] = q, v, command.v
         given.feedback[0], given.joint_feedback[0] = feedback
-        given.hold[0], given.stop[0], given.joints[0] = command.hold, command.stop, joints
-        self._observe.evaluate()
+        given.hold[0], given.stop[0] = command.hold, command.stop
+        self.memory.brakes = command.brakes
 
-    def want(self) -> None:
-        """Find the force for the reference velocity."""
-        self._want.evaluate()
+    def step(self, t: float, *, joint_age: float = 0.0, encoders_known: bool = True) -> list[np.ndarray]:
+        """A tick at time t [s]: the parts of `Told`, which the caller owns.
 
-    def allocate(self) -> bool:
-        """Share it out among thrusters; whether their limits keep them from it. Raises `InvalidInput` unless it is finite."""
-        found, result = self._allocated.parts, self._allocation.allocate(self._wanted.parts.wrench)
-        found.thrust[:], found.reached[:], found.unreachable[:] = result.thrust, result.reached, result.unreachable
-        return result.saturated
-
-    def follow(self) -> list[np.ndarray]:
-        """The parts of `Told`, which the caller owns; what is known is that of the next tick from now on."""
-        self._follow.evaluate()
-        told = self._told.numbers.copy()
+        joint_age [s] and encoders_known: as `ForceMemory` has them. Raises `InvalidInput` for a force that is not finite, or
+        that is beyond `MOST`.
+        """
+        memory = self.memory
+        memory.t, memory.joint_age, memory.encoders_known = t, joint_age, encoders_known
+        if not self._step(memory):
+            force = np.array(memory.wanted.force)
+            raise InvalidInput(
+                f"a motion that needs the force {force} [N, N m]; give one of finite forces below {MOST:g}"
+            )
+        told = self._told.copy()
         return [told[place] for place in self._places]
 
-    def adapt(self, effect: Effect) -> None:
-        """From now on: what thrusters make of their commands. What they failed to give has been taken for water so far."""
-        n, old = len(self._told.parts.vehicle_force), self._effect.parts
-        lost = self._whole.matrix @ (old.given(self.now.thrust) - effect.given(self.now.thrust))
-        self.now.estimate[:n] += lost[:n]
-        old.share[:], old.constant[:] = effect.share, effect.constant
-        self._allocation = replace(
-            self._whole, effect=Effect(share=effect.share.copy(), constant=effect.constant.copy())
-        )
+    def adapt(self) -> None:
+        """To the effect in the memory of the look, as a tick does that has found one."""
+        self._adapt(self.memory)
+
+    def _write(self, laws: TickLaws) -> None:
+        memory, robot = self.memory, laws.robot
+        allocation_of(robot).write(memory.sharing)
+        memory.look.n_vehicle = robot.n_vehicle
+        if laws.search is not None and laws.intake is not None and laws.observer is not None:
+            memory.watched, bandwidth = True, float(laws.observer.bandwidth[0])
+            write_look(memory.look, robot, laws.search, laws.intake, bandwidth=bandwidth, dt=laws.velocity.dt)
+
+
+def _sizes(laws: TickLaws) -> dict[str, Any]:
+    """Sizes [-] and functions of a `ForceMemory`."""
+    period = laws.velocity.dt * (laws.intake.every if laws.intake else 1)
+    symbolic, search = laws.velocity.dynamics, laws.search or ActuatorHealthTuning()
+    return {
+        **look_sizes(laws.robot, symbolic, search, period),
+        **sharing_sizes(len(laws.robot.description.thrusters)),
+        **laws.sizes,
+        "observe": observe_function(laws),
+        "want": want_function(laws),
+        "follow": follow_function(laws),
+    }

@@ -13,6 +13,9 @@ from uvms_ocp.control.force.least_power import least_power, prepare_powers
 from uvms_ocp.control.force.limited_thrust import LimitedThrust, limit_thrust
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector
 
+MOST = 1e12
+"""[N, N m] that any part of a wrench may be."""
+
 
 class ThrustSharing(Layout):
     """Of an `Allocation`, whose fields are described there. Room for n thrusters, of which `count` are there."""
@@ -65,19 +68,23 @@ def take_effect(a: ThrustSharing) -> None:
     a.left.powers.count = n
     a.left.problem.rows = len(a.matrix)
     a.left.problem.columns = n
+    _find_known(a)
+    prepare_powers(a.left.powers)
+
+
+def _find_known(a: ThrustSharing) -> None:
     for k in range(len(a.matrix)):
         a.left.powers.wrench_weight[k] = a.wrench_weight[k]
         a.known[k] = 0.0
         for i in range(a.count):
             a.known[k] += a.matrix[k][i] * a.constant[i]
-    prepare_powers(a.left.powers)
 
 
 def share_out(a: ThrustSharing) -> bool:
-    """Find the thrust for the wrench; whether that is finite: if not, there is none."""
+    """Find the thrust for the wrench; whether that is a number, and one whose square is: if not, there is none."""
     finite = True
     for k in range(len(a.matrix)):
-        finite = finite and math.isfinite(a.wrench[k])
+        finite = finite and abs(a.wrench[k]) < MOST
         a.left.wrench[k] = a.wrench[k] - a.known[k]
     if finite:
         least_power(a.left.powers, a.left.wrench, a.left.unbounded)

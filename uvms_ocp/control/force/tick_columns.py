@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from enum import IntEnum
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import casadi as ca
 
 from uvms_ocp.functions.elementwise import Array
+from uvms_ocp.functions.kernels.layout import Layout, Sized, declared_sizes, view
 from uvms_ocp.model.robot import Robot
 
-Parts = TypeVar("Parts")
+Parts = TypeVar("Parts", bound=Layout)
 
 
 class Watch(IntEnum):
@@ -27,139 +28,140 @@ class Watch(IntEnum):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Given:
+class Given(Layout):
     """What a tick is given."""
 
-    q: Array
+    q: Annotated[Array, Sized("n_q")]
     """(n_q,) [m, rad] measured."""
-    v: Array
+    v: Annotated[Array, Sized("n_v")]
     """(n_v,) [m/s, rad/s] measured."""
-    reference: Array
+    reference: Annotated[Array, Sized("n_v")]
     """(n_v,) [m/s, rad/s] velocity that is asked for."""
-    feedback: Array
+    feedback: Annotated[Array, Sized(1)]
     """(1,) [-] share of their bandwidth that the loops of the vehicle come to."""
-    joint_feedback: Array
+    joint_feedback: Annotated[Array, Sized(1)]
     """(1,) [-] the same of the joints."""
-    hold: Array
+    hold: Annotated[Array, Sized(1)]
     """(1,) [-] 1: the vehicle's velocity is not to be trusted."""
-    stop: Array
+    stop: Annotated[Array, Sized(1)]
     """(1,) [-] 1: no thrust."""
-    joints: Array
+    joints: Annotated[Array, Sized(1)]
     """(1,) [-] 1: the joints' velocities are to be trusted."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Known:
+class Known(Layout):
     """What it remembers: all of it 0 before the first tick, but the share, which is 1."""
 
-    thrust: Array
+    thrust: Annotated[Array, Sized("n_thrusters")]
     """(n_thrusters,) [N] modelled, of thrusters that all follow their commands."""
-    torque: Array
+    torque: Annotated[Array, Sized("n_joints")]
     """(n_joints,) [N m or N] last asked."""
-    estimate: Array
+    estimate: Annotated[Array, Sized("n_v")]
     """(n_v,) [N, N m] disturbance."""
-    lead: Array
+    lead: Annotated[Array, Sized("n_v")]
     """(n_v,) [N, N m] as `Observed.lead`."""
-    v_hat: Array
+    v_hat: Annotated[Array, Sized("n_v")]
     """(n_v,) [m/s, rad/s] that the observer expects."""
-    follows: Array
+    follows: Annotated[Array, Sized(1)]
     """(1,) [-] 1 where v_hat is known."""
-    share: Array
+    share: Annotated[Array, Sized("n_v")]
     """(n_v,) [-] of the bandwidth."""
-    integral: Array
+    integral: Annotated[Array, Sized("n_v")]
     """(n_v,) [m, rad] of the error."""
-    before: Array
+    before: Annotated[Array, Sized("n_v")]
     """(n_v,) [m/s, rad/s] the last reference."""
-    asked: Array
+    asked: Annotated[Array, Sized("n_thrusters")]
     """(n_thrusters,) [N] as `Asked.thrust`."""
-    way: Array
+    way: Annotated[Array, Sized("n_v")]
     """(n_v,) [m/s, rad/s] as `Asked.way`."""
-    ticks: Array
+    ticks: Annotated[Array, Sized(1)]
     """(1,) [-] as `Asked.ticks`."""
-    watch: Array
+    watch: Annotated[Array, Sized(1)]
     """(1,) [-] a `Watch`."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Wanted:
+class Wanted(Layout):
     """What it wants, before thrusters are looked at."""
 
-    error: Array
+    error: Annotated[Array, Sized("n_v")]
     """(n_v,) [m/s, rad/s] of the velocity, 0 where that is not to be trusted."""
-    force: Array
+    force: Annotated[Array, Sized("n_v")]
     """(n_v,) [N, N m]"""
-    wrench: Array
+    wrench: Annotated[Array, Sized(6)]
     """(6,) [N, N m] of it, of thrusters."""
-    torque: Array
+    torque: Annotated[Array, Sized("n_joints")]
     """(n_joints,) [N m or N] of it, inside the limits."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Allocated:
+class Allocated(Layout):
     """What thrusters make of it, as `AllocationResult`."""
 
-    thrust: Array
+    thrust: Annotated[Array, Sized("n_thrusters")]
     """(n_thrusters,) [N]"""
-    reached: Array
+    reached: Annotated[Array, Sized(6)]
     """(6,) [N, N m]"""
-    unreachable: Array
+    unreachable: Annotated[Array, Sized(6)]
     """(6,) [N, N m]"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Told:
+class Told(Layout):
     """What it tells."""
 
-    command: Array
+    command: Annotated[Array, Sized("n_thrusters")]
     """(n_thrusters,) [N] asked of the thrusters."""
-    torque: Array
+    torque: Annotated[Array, Sized("n_joints")]
     """(n_joints,) [N m or N] asked of the joint motors."""
-    disturbance: Array
+    disturbance: Annotated[Array, Sized("n_v")]
     """(n_v,) [N, N m]"""
-    vehicle_force: Array
+    vehicle_force: Annotated[Array, Sized("n_vehicle")]
     """(n_vehicle,) [N, N m] wanted of the thrusters."""
-    unreachable: Array
+    unreachable: Annotated[Array, Sized(6)]
     """(6,) [N, N m] of that."""
-    push: Array
+    push: Annotated[Array, Sized(1)]
     """(1,) [-] upward part of the disturbance, as a share of the largest lift of the thrusters."""
 
 
 def sizes_of(robot: Robot) -> dict[str, int]:
-    """Size [-] of each part, by its name."""
-    n_v, n_thrusters = robot.n_v, len(robot.description.thrusters)
-    axes = ("v", "reference", "estimate", "lead", "v_hat", "share", "integral", "before", "way")
+    """Sizes [-] that parts are declared with, by name."""
     return {
-        "q": robot.n_q,
-        **dict.fromkeys((*axes, "error", "force", "disturbance"), n_v),
-        **dict.fromkeys(("thrust", "asked", "command", "constant"), n_thrusters),
-        "torque": robot.n_joints,
-        "vehicle_force": robot.n_vehicle,
-        **dict.fromkeys(("wrench", "reached", "unreachable"), 6),
-        **dict.fromkeys(
-            ("feedback", "joint_feedback", "hold", "stop", "joints", "follows", "ticks", "watch", "push"), 1
-        ),
+        "n_q": robot.n_q,
+        "n_v": robot.n_v,
+        "n_vehicle": robot.n_vehicle,
+        "n_joints": robot.n_joints,
+        "n_thrusters": len(robot.description.thrusters),
     }
 
 
-def places_of(parts: type[Any], sizes: Mapping[str, int]) -> dict[str, slice]:
-    """Where each part of a column is, by its name."""
+def places_of(parts: type[Layout], sizes: Mapping[str, int]) -> dict[str, slice]:
+    """Where each part of a column is, by its name. As in memory, there is room for one number where there is none."""
     places, at = {}, 0
-    for field in fields(parts):
-        places[field.name] = slice(at, at + sizes[field.name])
-        at += sizes[field.name]
+    for name, size in declared_sizes(parts, sizes).items():
+        places[name] = slice(at, at + size)
+        at += max(1, size)
     return places
 
 
-def size_of(parts: type[Any], sizes: Mapping[str, int]) -> int:
+def size_of(parts: type[Layout], sizes: Mapping[str, int]) -> int:
     """Of the whole column [-]."""
-    return sum(sizes[field.name] for field in fields(parts))
+    return sum(max(1, size) for size in declared_sizes(parts, sizes).values())
 
 
 def parts_of(parts: type[Parts], sizes: Mapping[str, int], column: Array) -> Parts:
-    """Views of a column (n,) [any] of numbers, or slices of one of expressions."""
+    """Slices of a column (n,) [any] of expressions."""
     return parts(**{name: column[place] for name, place in places_of(parts, sizes).items()})
+
+
+def views_of(parts: type[Parts], sizes: Mapping[str, int], memory: Any) -> Parts:
+    """Arrays of numbers on the memory of a column."""
+    declared = declared_sizes(parts, sizes).items()
+    return parts(**{name: view(getattr(memory, name))[:size] for name, size in declared})
 
 
 def column_of(parts: Any) -> ca.SX:
     """All parts, which are expressions, one below the other."""
-    return ca.densify(ca.vertcat(*(getattr(parts, field.name) for field in fields(parts))))
+    columns = [getattr(parts, field.name) for field in fields(parts)]
+    return ca.densify(ca.vertcat(*(column if column.numel() else ca.SX(1, 1) for column in columns)))

@@ -6,7 +6,6 @@ of thrusters and motors. What a tick knows goes in and comes out; nothing else i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -15,6 +14,7 @@ import casadi as ca
 
 from uvms_ocp.control.actuator_health.effect import Effect
 from uvms_ocp.control.actuator_health.intake import Asked, Intake
+from uvms_ocp.control.actuator_health.thresholds import ActuatorHealthTuning
 from uvms_ocp.control.force.observer import Observed, ObserverLaw, limited
 from uvms_ocp.control.force.thruster_lag import ThrusterLag
 from uvms_ocp.control.force.tick_columns import (
@@ -50,6 +50,8 @@ class TickLaws:
     observer: ObserverLaw | None = None
     intake: Intake | None = None
     """Of the monitor of actuators, where there is one."""
+    search: ActuatorHealthTuning | None = None
+    """For faulty thrusters and joints, with what is taken in; `None` for none."""
 
     @property
     def sizes(self) -> dict[str, int]:
@@ -60,11 +62,6 @@ class TickLaws:
     def matrix(self) -> ca.DM:
         """Of the thrusters (6, n_thrusters) [-, m]."""
         return sparse(thruster_matrix(self.robot))
-
-
-def effect_sizes(sizes: Mapping[str, int]) -> dict[str, int]:
-    """Sizes [-] of the parts of an `Effect`."""
-    return dict.fromkeys(("share", "constant"), sizes["thrust"])
 
 
 def observe_function(laws: TickLaws) -> ca.Function:
@@ -157,9 +154,8 @@ def _symbols(laws: TickLaws, **kinds: type[Any]) -> tuple[dict[str, ca.SX], tupl
     """Columns by name, and the parts of each."""
     columns, parts = {}, []
     for name, kind in kinds.items():
-        sizes = effect_sizes(laws.sizes) if kind is Effect else laws.sizes
-        columns[name] = ca.SX.sym(name, size_of(kind, sizes))
-        parts.append(parts_of(kind, sizes, columns[name]))
+        columns[name] = ca.SX.sym(name, size_of(kind, laws.sizes))
+        parts.append(parts_of(kind, laws.sizes, columns[name]))
     return columns, tuple(parts)
 
 

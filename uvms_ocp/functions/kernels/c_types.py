@@ -64,3 +64,12 @@ def field_of(owner: CType, name: str) -> CType:
     if name not in fields:
         raise InvalidInput(f"{owner.name} has no field {name!r}; it has {', '.join(fields)}")
     return of_ctypes(fields[name])
+
+
+def column_size(kind: CType) -> int:
+    """Numbers [-] of a structure of nothing else, which are one after the other; 0 of any other type."""
+    if kind.structure is None or kind.sizes:
+        return 0
+    fields = [of_ctypes(item[1]) for item in kind.structure._fields_]
+    alone = all(item.name == "double" for item in fields)
+    return ctypes.sizeof(kind.structure) // ctypes.sizeof(ctypes.c_double) if alone else 0

@@ -85,13 +85,23 @@ def _known(name: str, asked: str, given: Mapping[str, Any]) -> Any:
 
 
 def _item(hint: Any) -> Any:
-    """Type of the entries of an array, however many dimensions it has; `None` for anything else."""
+    """Type of the entries of an array, however many dimensions it has; `None` for anything else.
+
+    What may be an expression elsewhere, and is annotated with Any, is numbers here.
+    """
     if get_origin(hint) is not Annotated or not isinstance(get_args(hint)[1], Sized):
         return None
     item = get_args(hint)[0]
     while get_origin(item) is not None:
         item = get_args(item)[0]
-    return item
+    return float if item is Any else item
+
+
+def declared_sizes(layout: type[Layout], sizes: Mapping[str, int]) -> dict[str, int]:
+    """Entries [-] of each array of one dimension in a layout of nothing else, by name, with the `sizes` [-] given for names."""
+    (*hints,) = get_type_hints(layout, include_extras=True).items()
+    of = {name: get_args(hint)[1].sizes[0] for name, hint in hints}
+    return {name: sizes[size] if isinstance(size, str) else size for name, size in of.items()}
 
 
 def zeros(n: int) -> list[float]:

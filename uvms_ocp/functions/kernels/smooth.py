@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, TypeAlias
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -14,17 +13,16 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.functions.compile import compiled_symbol
 
-Vectors: TypeAlias = Sequence[float] | float | None
-
 
 class Smooth:
     """A field of a layout: a function that kernels call as ``m.levels(q, v, J, lower)``, what it reads first, then what it fills.
 
-    ``structure_of(Memory, levels=function)`` says which. Every argument is a vector of its own size, column after column. A
-    number is a vector of one to read; None is zeros to read, or nothing to fill.
+    ``structure_of(Memory, levels=function)`` says which. Every argument is a vector of its own size, column after column, or a
+    layout of nothing but arrays of numbers, which is their column. A number is a vector of one to read; None is zeros to read,
+    or nothing to fill.
     """
 
-    def __call__(self, *vectors: Vectors) -> None:
+    def __call__(self, *vectors: Any) -> None:
         """What stands in a kernel."""
 
 
@@ -35,13 +33,13 @@ class SmoothStructure(ctypes.Structure):
     function: ca.Function
     """Which it is."""
 
-    def __call__(self, *vectors: Vectors) -> None:
+    def __call__(self, *vectors: Any) -> None:
         """As C does it, without a compiler."""
         call, n = _buffered(self.function), self.function.n_in()
         found = call(*(_given(vector, self.function.size_in(i)) for i, vector in enumerate(vectors[:n])))
         for target, values in zip(vectors[n:], found, strict=True):
             if target is not None:
-                np.ctypeslib.as_array(target)[: values.size] = values.ravel(order="F")
+                _numbers(target)[: values.size] = values.ravel(order="F")
 
 
 @lru_cache(maxsize=256)
@@ -82,7 +80,20 @@ def _buffered(function: ca.Function) -> BufferedFunction:
     return BufferedFunction(function)
 
 
+def column_view(layout: ctypes.Structure) -> np.ndarray:
+    """A layout of nothing but arrays of numbers as one array of them (n,) [any] on the same memory."""
+    n = ctypes.sizeof(layout) // ctypes.sizeof(ctypes.c_double)
+    return np.ctypeslib.as_array((ctypes.c_double * n).from_buffer(layout))
+
+
+def _numbers(vector: Any) -> np.ndarray:
+    """On the memory of the vector, if it is one of ctypes."""
+    if isinstance(vector, ctypes.Structure):
+        return column_view(vector)
+    return np.ctypeslib.as_array(vector) if isinstance(vector, ctypes.Array) else np.array(vector, dtype=float)
+
+
 def _given(vector: Any, size: tuple[int, int]) -> Any:
     if vector is None:
         return np.zeros(size)
-    return np.asarray(vector, dtype=float).ravel()[: size[0] * size[1]].reshape(size, order="F")
+    return _numbers(vector).ravel()[: size[0] * size[1]].reshape(size, order="F")

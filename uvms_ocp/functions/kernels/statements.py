@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from uvms_ocp.functions.buffered import sizes_of
-from uvms_ocp.functions.kernels.c_types import DOUBLE, INT, NOTHING, CType, kernel_error
+from uvms_ocp.functions.kernels.c_types import DOUBLE, INT, NOTHING, CType, column_size, kernel_error
 from uvms_ocp.functions.kernels.expressions import C, Scope, c_name, constant, expression, length, number
 from uvms_ocp.functions.kernels.layout import zeros
 from uvms_ocp.functions.kernels.smooth import SmoothStructure
@@ -171,6 +171,9 @@ def _vector(node: ast.expr, size: int, read: bool, scope: Scope) -> str:
     found = expression(node, scope)
     if found.type.is_number and read and size == 1:
         return f"(const double[]){{{found.text}}}"
+    column = column_size(found.type)
+    if column >= size and column:
+        return f"(double *){found.text}"
     known = found.type.sizes[0] if found.type.sizes else -1
     if found.type.name != "double" or len(found.type.sizes) != 1 or 0 < known < size:
         raise kernel_error(node, f"is no vector of {size} numbers")
