@@ -10,14 +10,13 @@ from pathlib import Path
 from uvms_ocp.arguments import checked
 from uvms_ocp.control.export.c_files import TEMPLATES, ControllerNames, header, source, table, template
 from uvms_ocp.control.export.exported import CController, interface_types
-from uvms_ocp.control.export.made import c_controller, controller_memory, sizes_of, solver_file
+from uvms_ocp.control.export.made import c_controller, controller_memory, kernel_of, sizes_of, solver_file
 from uvms_ocp.control.export.recorded import RecordingController
-from uvms_ocp.control.export.step import control
 from uvms_ocp.control.navigation.degraded import CHANNELS
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.output import claimed
-from uvms_ocp.scenario import ControllerOf, MissionController, Scenario, our_controller
+from uvms_ocp.scenario import ControllerOf, Scenario, our_controller
 from uvms_ocp.solvers.hierarchy.active_set.patience import patience
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.solution import Status
@@ -69,8 +68,9 @@ class _Run:
 
 def _texts(scenario: Scenario) -> tuple[dict[str, str], bytes]:
     """By file; and the recorded run."""
-    kinematic, sizes = our_controller(scenario).kinematic, _sizes(scenario)
-    memory, names, run = controller_memory(kinematic), _names(scenario, kinematic), _recorded(scenario, sizes)
+    controller, sizes = our_controller(scenario), _sizes(scenario)
+    kinematic = controller.kinematic
+    memory, names, run = controller_memory(controller), _names(scenario, kinematic), _recorded(scenario, sizes)
     library = c_controller(memory, sizes)
     rows = sum(kinematic.problem.sizes)
     readme = template("README.md").format(
@@ -85,8 +85,8 @@ def _texts(scenario: Scenario) -> tuple[dict[str, str], bytes]:
         phases=table(names.phases),
     )
     made = {
-        "controller.h": header(library, names),
-        "controller.c": source(library, names, control.__name__),
+        "controller.h": header(library, names, type(memory).__name__),
+        "controller.c": source(library, names, kernel_of(memory).__name__),
         "functions.c": library.functions,
         "solver.c": solver_file(kinematic),
         "README.md": readme,
@@ -95,7 +95,7 @@ def _texts(scenario: Scenario) -> tuple[dict[str, str], bytes]:
 
 
 def _recorded(scenario: Scenario, sizes: dict[str, int]) -> _Run:
-    controller: MissionController = our_controller(scenario)
+    controller = our_controller(scenario)
     inputs, outputs = (kind() for kind in interface_types(sizes))
     recording = RecordingController(controller, controller.kinematic, inputs, outputs)
     scenario.run(controller=recording)

@@ -55,7 +55,7 @@ class MissionController(Protocol):
         """The command for the tick at time t [s]."""
 
 
-def our_controller(scenario: Scenario) -> MissionController:
+def our_controller(scenario: Scenario) -> KinematicController | DynamicController:
     """The hierarchy's, fresh."""
     kinematic = scenario.kinematic_controller()
     if scenario.plant == "kinematic":

@@ -35,14 +35,15 @@ class ControllerNames:
         return {f"CONTROLLER_{name.upper()}": getattr(self, name) for name in self.__dataclass_fields__}
 
 
-def header(library: CLibrary, names: ControllerNames) -> str:
-    """controller.h"""
+def header(library: CLibrary, names: ControllerNames, memory: str) -> str:
+    """controller.h; memory: the name of the type of all that is remembered."""
     return "\n".join(
         [
             "#ifndef CONTROLLER_H",
             "#define CONTROLLER_H",
             "/* All that the controller remembers is a Controller; its parts are nobody else's business. */",
             library.types,
+            f"typedef {memory} Controller;",
             _documented(ControllerInputs),
             _documented(ControllerOutputs),
             "/* Begin the mission. */",

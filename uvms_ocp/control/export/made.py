@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from uvms_ocp.control.export.exported import interface_types
-from uvms_ocp.control.export.step import Controller, control
+from uvms_ocp.control.export.step import ForceController, VelocityController, control_force, control_velocity
+from uvms_ocp.control.force.dynamic import DynamicController
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.kernels.c_library import CLibrary, c_library
@@ -33,19 +35,35 @@ def solver_file(controller: KinematicController) -> str:
     return core_source(problem.function.size2_out(0), problem.sizes)
 
 
-def controller_memory(controller: KinematicController) -> Any:
-    """A `Controller` at the beginning of the mission of a fresh one. Raises `InvalidInput` without a C compiler."""
+def velocity_memory(controller: KinematicController) -> Any:
+    """A `VelocityController` at the beginning of the mission of a fresh one. Raises `InvalidInput` without a C compiler."""
     problem = controller.problem
     solve = LexicographicActiveSet().function(problem.function, problem.sizes)
     if solve is None:
         raise InvalidInput("the controller cannot be written without a C compiler; give one (CC, cc, gcc, clang)")
     sizes = {"n_rows": sum(problem.sizes), "n_statuses": len(Status)}
-    memory: Any = structure_of(Controller, tick=type(controller.memory), solve=solve, **sizes)()
+    memory: Any = structure_of(VelocityController, tick=type(controller.memory), solve=solve, **sizes)()
     memory.tick = controller.memory
     memory.usable[:] = [status.usable for status in Status]
     return memory
 
 
+def controller_memory(controller: KinematicController | DynamicController) -> Any:
+    """The same with the layer of forces, a `ForceController`, for one that has it."""
+    below = velocity_memory(controller.kinematic)
+    if not isinstance(controller, DynamicController):
+        return below
+    memory: Any = structure_of(ForceController, velocity=type(below), force=type(controller.memory))()
+    memory.velocity, memory.force = below, controller.memory
+    memory.has_joints = bool(controller.kinematic.robot.n_joints)
+    return memory
+
+
+def kernel_of(memory: Any) -> Callable[..., None]:
+    """The tick of a `controller_memory`."""
+    return control_force if hasattr(memory, "force") else control_velocity
+
+
 def c_controller(memory: Any, sizes: dict[str, int]) -> CLibrary:
     """Texts of a `controller_memory`, which is given and tells what is of these `sizes_of`."""
-    return c_library((control,), memory, interface_types(sizes))
+    return c_library((kernel_of(memory),), memory, interface_types(sizes))

@@ -1,23 +1,28 @@
-"""One tick of the whole controller as one kernel."""
+"""One tick of the whole controller as one kernel, on one memory."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
 from uvms_ocp.control.export.interface import ControllerInputs, ControllerOutputs
+from uvms_ocp.control.force.force_step import ForceMemory, force_step
+from uvms_ocp.control.navigation.degraded import CHANNELS, ENCODERS
 from uvms_ocp.control.navigation.watchdog import Freshness
 from uvms_ocp.control.velocity.tick.kernels import after, before
 from uvms_ocp.control.velocity.tick.layout import TickMemory
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector
 from uvms_ocp.functions.kernels.smooth import Smooth
 from uvms_ocp.mission.progress import is_over
+from uvms_ocp.model.health import Trust
+
+_ENCODERS, _RATES = CHANNELS.index(ENCODERS), CHANNELS.index("joint_velocities")
 
 
-class Controller(Layout):
-    """All that a controller remembers."""
+class VelocityController(Layout):
+    """All that a controller of velocities remembers."""
 
     tick: TickMemory
-    """Of the velocities."""
+    """Of the mission, and before and after the solver."""
     solve: Smooth
     """Levels and solver: inputs of the levels, active set -> v, active set, report, residual, quantities, activity."""
     active_set: Annotated[Vector, Sized("n_rows")]
@@ -30,8 +35,18 @@ class Controller(Layout):
     """(n_statuses,) which of them have a velocity to use."""
 
 
-def control(c: Controller, given: ControllerInputs, told: ControllerOutputs) -> None:
-    """One tick."""
+class ForceController(Layout):
+    """All that a controller of thrust and torque remembers."""
+
+    velocity: VelocityController
+    """The layer of velocities."""
+    force: ForceMemory
+    """The layer of forces."""
+    has_joints: bool
+
+
+def control_velocity(c: VelocityController, given: ControllerInputs, told: ControllerOutputs) -> None:
+    """One tick of velocities alone."""
     m = c.tick
     _take_in(m, given)
     before(m)
@@ -39,6 +54,21 @@ def control(c: Controller, given: ControllerInputs, told: ControllerOutputs) -> 
     _solve(c, told)
     after(m)
     _tell(m, told)
+
+
+def control_force(c: ForceController, given: ControllerInputs, told: ControllerOutputs) -> None:
+    """One tick down to thrust and torque. A motion that needs forces that are no numbers cuts the thrust."""
+    m, f = c.velocity.tick, c.force
+    control_velocity(c.velocity, given, told)
+    _ask(f, m, told)
+    possible = force_step(f)
+    for i in range(f.sharing.count):
+        told.thrust[i] = f.told.command[i] if possible else 0.0
+    for i in range(len(f.told.torque)):
+        told.torque[i] = f.told.torque[i] if possible else 0.0
+    told.stop = told.stop or not possible
+    told.brakes = f.given.joints[0] == 0.0 if c.has_joints else told.hold
+    _feel(m, f)
 
 
 def _take_in(m: TickMemory, given: ControllerInputs) -> None:
@@ -55,24 +85,11 @@ def _take_in(m: TickMemory, given: ControllerInputs) -> None:
         m.restriction.since[k] = given.since[k]
 
 
-def _solve(c: Controller, told: ControllerOutputs) -> None:
-    m, found = c.tick, c.found_set
-    v, echo, goals = m.v, m.echo, m.goals.values
+def _solve(c: VelocityController, told: ControllerOutputs) -> None:
+    m, found, told_of = c.tick, c.found_set, c.tick.quantities
+    v, goals, active = m.v, m.goals.values, c.active_set
     c.solve(
-        m.q,
-        v,
-        m.previous,
-        m.change,
-        echo,
-        goals,
-        m.gates,
-        c.active_set,
-        m.solved,
-        found,
-        c.report,
-        None,
-        m.quantities,
-        None,
+        m.q, v, m.previous, m.change, m.echo, goals, m.gates, active, m.solved, found, c.report, None, told_of, None
     )
     for i in range(len(c.active_set)):
         c.active_set[i] = c.found_set[i]
@@ -81,8 +98,7 @@ def _solve(c: Controller, told: ControllerOutputs) -> None:
 
 
 def _tell(m: TickMemory, told: ControllerOutputs) -> None:
-    blind = m.freshness != Freshness.FRESH or m.restriction.blind
-    told.hold = blind
+    told.hold = m.freshness != Freshness.FRESH or m.restriction.blind
     told.stop = m.freshness == Freshness.LOST or (m.restriction.ended and not m.restriction.climbs)
     told.brakes = m.restriction.joints_held
     told.finished = is_over(m.mission)
@@ -92,3 +108,31 @@ def _tell(m: TickMemory, told: ControllerOutputs) -> None:
         told.v[i] = m.command[i]
     for i in range(len(m.reported)):
         told.quantities[i] = m.reported[i]
+
+
+def _ask(f: ForceMemory, m: TickMemory, told: ControllerOutputs) -> None:
+    """Of the layer of forces: what that of velocities has found."""
+    less = m.restriction
+    for i in range(len(m.q)):
+        f.given.q[i] = m.q[i]
+    for i in range(len(m.v)):
+        f.given.v[i] = m.v[i]
+        f.given.reference[i] = m.command[i]
+    f.given.feedback[0] = less.feedback
+    f.given.joint_feedback[0] = less.joint_feedback
+    f.given.hold[0] = 1.0 if told.hold else 0.0
+    f.given.stop[0] = 1.0 if told.stop else 0.0
+    f.brakes = told.brakes
+    f.t = m.t
+    f.joint_age = m.joint_age
+    f.encoders_known = less.level[_ENCODERS] == Trust.GOOD and less.level[_RATES] == Trust.GOOD
+
+
+def _feel(m: TickMemory, f: ForceMemory) -> None:
+    """In the next tick: what the layer of forces met."""
+    m.distress.short = f.sharing.saturated
+    m.distress.push = f.told.push[0]
+    if f.look.changed:
+        m.distress.fault = f.gives_up
+        for j in range(f.look.joints.count):
+            m.jammed[f.look.n_vehicle + j] = f.look.joints.jammed[j]

@@ -92,7 +92,8 @@ class DynamicController:
         self._robot, self._has_joints = robot, bool(robot.n_joints)
         laws = self._laws(dynamics, gains, health)
         self._tick = ForceTick(laws)
-        self._memory = self._tick.memory
+        self.memory = self._tick.memory
+        """All that the layer of forces knows, a `ForceMemory`."""
         self.monitor = self._monitor(laws)
         """Of thrusters and joints; `None` where it is off, and without the observer, whose findings it reads."""
         self._fault, self._handicap, self._jammed = "", "", tuple[int, ...]()
@@ -105,14 +106,14 @@ class DynamicController:
         self._tick.give(sound.q, sound.v, command, (bounds.feedback, bounds.joint_feedback))
         known = bounds.doubted.isdisjoint(_ENCODERS)
         told = self._tick.step(tick.t, joint_age=sound.joint_age, encoders_known=known)
-        if self._memory.look.changed and self.monitor is not None:
+        if self.memory.look.changed and self.monitor is not None:
             self._hear(self.monitor, tick.t)
         return self._told(command, told)
 
     def _told(self, command: Command, told: list[np.ndarray]) -> Command:
         """As a command, and to the layer below."""
         thrust, torque, disturbance, wrench, unreachable, push = told
-        short, fault, handicap = bool(self._memory.sharing.saturated), self._fault, self._handicap
+        short, fault, handicap = bool(self.memory.sharing.saturated), self._fault, self._handicap
         self.kinematic.feel(_strain(short=short, push=push.item(), fault=fault, handicap=handicap, jammed=self._jammed))
         telemetry = {
             **command.telemetry,
@@ -128,25 +129,25 @@ class DynamicController:
             torque=torque,
             hold=command.hold,
             stop=command.stop,
-            brakes=not self._memory.given.joints[0] if self._has_joints else command.hold,
+            brakes=not self.memory.given.joints[0] if self._has_joints else command.hold,
             finished=command.finished,
             telemetry=telemetry,
         )
 
     def _hear(self, monitor: ActuatorMonitor, t: float) -> None:
         """What a look at time t [s] has found."""
-        look = self._memory.look
+        look = self.memory.look
         monitor.hear(t)
         if look.jam or look.thruster >= 0:
             n = self._robot.n_vehicle
             self._jammed = tuple(n + j for j in range(look.joints.count) if look.joints.jammed[j])
             self._handicap = monitor.faulty
-        self._fault = f"{self._handicap}: {monitor.authority}" if self._memory.gives_up else ""
+        self._fault = f"{self._handicap}: {monitor.authority}" if self.memory.gives_up else ""
 
     def _monitor(self, laws: TickLaws) -> ActuatorMonitor | None:
         if laws.search is None:
             return None
-        return ActuatorMonitor(self._robot, self._memory.look, self.kinematic.watchdog.alarms)
+        return ActuatorMonitor(self._robot, self.memory.look, self.kinematic.watchdog.alarms)
 
     def _laws(self, dynamics: Dynamics, gains: VelocityGains, health: ActuatorHealthTuning | None) -> TickLaws:
         robot, dt = self._robot, self.kinematic.dt

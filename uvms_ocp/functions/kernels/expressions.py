@@ -68,6 +68,8 @@ class C:
 class Signature:
     """Of a kernel."""
 
+    name: str
+    """In C, behind the prefix: that in Python, with a number where another kernel of the program has it already."""
     parameters: Mapping[str, CType]
     result: CType
 
@@ -270,7 +272,7 @@ def _kernel_call(node: ast.Call, function: Any, scope: Scope) -> C:
             raise kernel_error(node, f"gives {argument.type.name} as {name}, which is {wanted.name}")
         if wanted == INT and argument.type == DOUBLE:
             raise kernel_error(node, f"gives {name} no whole number")
-    return C(f"{PREFIX}{function.__name__}({', '.join(argument.text for argument in given)})", signature.result)
+    return C(f"{PREFIX}{signature.name}({', '.join(argument.text for argument in given)})", signature.result)
 
 
 _TRANSLATED: dict[type, Callable[[Any, Scope], C]] = {

@@ -7,6 +7,7 @@ import ctypes
 import inspect
 import sys
 import textwrap
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, get_type_hints
@@ -51,10 +52,9 @@ def c_program(kernels: Sequence[Callable[..., Any]], structures: Iterable[type[c
         program.signature_of(kernel)
     while program.waiting:
         program.translate(program.waiting.pop(0))
-    public = {kernel.__name__ for kernel in kernels}
-    heads = [f"{'' if name in public else 'static '}{head}" for name, head in program.heads.items()]
-    bodies = [f"{head} {{\n{program.bodies[name]}}}\n" for name, head in zip(program.heads, heads, strict=True)]
-    code = "\n".join([_HEAD, *(f"{head};" for head in heads), "", *bodies])
+    heads = {k: f"{'' if k in kernels else 'static '}{_head(signature)}" for k, signature in program.signatures.items()}
+    bodies = [f"{head} {{\n{program.bodies[kernel]}}}\n" for kernel, head in heads.items()]
+    code = "\n".join([_HEAD, *(f"{head};" for head in heads.values()), "", *bodies])
     return CProgram(types="\n".join(program.declared), code=code)
 
 
@@ -72,11 +72,10 @@ class _Program:
 
     def __init__(self, structures: Iterable[type[ctypes.Structure]]) -> None:
         self.declared: list[str] = []
-        self.heads: dict[str, str] = {}
-        self.bodies: dict[str, str] = {}
+        self.signatures: dict[Callable[..., Any], Signature] = {}
+        self.bodies: dict[Callable[..., Any], str] = {}
         self.waiting: list[Callable[..., Any]] = []
-        self._functions: dict[str, Callable[..., Any]] = {}
-        self._signatures: dict[str, Signature] = {}
+        self._names: Counter[str] = Counter()
         self._structures: dict[str, type[ctypes.Structure]] = {}
         for structure in structures:
             self._declare(structure)
@@ -86,25 +85,23 @@ class _Program:
         name = getattr(kernel, "__name__", str(kernel))
         if not inspect.isfunction(kernel):
             raise InvalidInput(f"{name} is no function written in Python; call kernels and functions of math")
-        if self._functions.setdefault(name, kernel) is not kernel:
-            raise InvalidInput(f"two kernels are named {name}; rename one of them")
-        if name not in self._signatures:
-            self._signatures[name] = found = self._read(name, kernel)
-            given = ", ".join(kind.declared(c_name(p)) for p, kind in found.parameters.items()) or "void"
-            self.heads[name] = f"{found.result.name} {PREFIX}{name}({given})"
+        if kernel not in self.signatures:
+            self._names[name] += 1
+            self.signatures[kernel] = self._read(
+                name if self._names[name] == 1 else f"{name}_{self._names[name]}", kernel
+            )
             self.waiting.append(kernel)
-        return self._signatures[name]
+        return self.signatures[kernel]
 
     def _read(self, name: str, kernel: Callable[..., Any]) -> Signature:
         hints = get_type_hints(kernel)
         result = self._type(f"what {name} returns", hints.pop("return", None))
-        return Signature(
-            {p: self._type(f"{name}: {p}", hints.get(p)) for p in inspect.signature(kernel).parameters}, result
-        )
+        parameters = {p: self._type(f"{name}: {p}", hints.get(p)) for p in inspect.signature(kernel).parameters}
+        return Signature(name, parameters, result)
 
     def translate(self, kernel: Callable[..., Any]) -> None:
         """The body of a kernel."""
-        signature = self._signatures[kernel.__name__]
+        signature = self.signatures[kernel]
         scope = Scope(
             names=vars(sys.modules[kernel.__module__]),
             signature_of=self.signature_of,
@@ -121,7 +118,7 @@ class _Program:
             if name not in signature.parameters
         ]
         own += [f"  (void){name};" for name in scope.local if name == "_"]  # which compilers take for forgotten
-        self.bodies[kernel.__name__] = "".join(f"{line}\n" for line in own + lines)
+        self.bodies[kernel] = "".join(f"{line}\n" for line in own + lines)
 
     def _type(self, what: str, hint: Any) -> CType:
         if hint is None or hint in _PLAIN:
@@ -148,6 +145,11 @@ class _Program:
         self._structures[name] = structure
         fields = "".join(f"  {_field(field, kind)};\n" for field, kind in kinds.items())
         self.declared.append(f"typedef struct {{\n{fields}}} {name};\n")
+
+
+def _head(signature: Signature) -> str:
+    given = ", ".join(kind.declared(c_name(p)) for p, kind in signature.parameters.items()) or "void"
+    return f"{signature.result.name} {PREFIX}{signature.name}({given})"
 
 
 def _smooth(structure: type[SmoothStructure]) -> str:
