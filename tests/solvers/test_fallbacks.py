@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -228,3 +229,16 @@ def test_what_the_memory_held_before_changes_nothing(fill: int) -> None:
     for seed in range(40):
         levels = dependent_hierarchy(seed, 6, SIZES, 10.0 ** -(seed % 12))
         np.testing.assert_array_equal(_broken(levels, soiled).v, _broken(levels, str).v)
+
+
+def test_ticks_whose_rows_are_dependent_to_1e_7_are_solved_warm_in_c_as_in_numpy() -> None:
+    """Two of obstacle_field. That they are solved is proven by multipliers of 1e7, which are hard to find."""
+    kept = np.load(Path(__file__).with_name("dependent_ticks.npz"))
+    sizes = tuple(kept["sizes"].tolist())
+    for rows in zip(*(kept[name] for name in ("jacobian", "lower", "upper", "gate", "active_set")), strict=True):
+        J, *_ = rows
+        v, _, report, _ = (np.array(x).ravel() for x in _function(core_source(J.shape[1], sizes))(*rows))
+        found = solve_levels(*rows, sizes)
+        assert STATUSES[int(report[0])] is found.status is Status.SOLVED
+        assert report[1] <= 5
+        np.testing.assert_allclose(v, found.v, atol=1e-6)

@@ -57,15 +57,15 @@ class Tolerances:
     which of nearly dependent rows is in conflict is then unknown."""
     reach: float = 2.0
     """[-] How far a better velocity is looked for, in normal units: twice the velocity asked for."""
-    near: float = 1e-3
-    """[-] Distance of a row from a bound beyond which the core in C does not ask for a multiplier, in normal units."""
     negligible: float = 1e-9
     """[-] A multiplier of the wrong sign that adds no more to the certificate is left as it is."""
     rounding: float = 2.3e-16
     """[-] Of ``|a| |v|`` and the number of velocities: what rounding leaves open of ``a v``. The spacing of doubles at 1 is
     2.22e-16."""
-    descent: float = 1e-14
-    """[-] Of a gradient: multipliers that reduce it by less are no descent but rounding, and could be taken for ever."""
+    descent: float = 1e-16
+    """[-] Of a gradient: multipliers that reduce it by less are no descent but rounding."""
+    least_descent: float = 1e-18
+    """[-] As `descent`, where no certificate is found with that: large multipliers of nearly dependent rows."""
 
     touching: float = 1e-9
     """[-] Of ``1 + sum |a|``: rows this near to a bound where the levels have ended one by one start

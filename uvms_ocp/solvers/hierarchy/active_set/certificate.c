@@ -12,24 +12,32 @@ typedef struct {
 
 static double size_of(const double *x, int n) { return sqrt(dot(x, x, n)); }
 
-/* min |sum x column - b| over the columns of the set, x of any sign; 0 where they are dependent. */
-static int fit(const Proof *p, const double *b, double *x) {
-  double B[N + 1][N + 1], r[N + 1];
+/* What is left of r behind the reflectors of B, in the coordinates before them: however large the x are, it has no part of
+   the columns but rounding of r. */
+static void turn_back(double (*B)[N + 1], const double *heads, double *r, int n) {
+  for (int c = n - 1; c >= 0; --c) {
+    double uu = heads[c] * heads[c], f = heads[c] * r[c];
+    for (int i = c + 1; i <= N; ++i) uu += B[i][c] * B[i][c], f += B[i][c] * r[i];
+    if (uu == 0) continue;
+    f *= 2 / uu;
+    r[c] -= f * heads[c];
+    for (int i = c + 1; i <= N; ++i) r[i] -= f * B[i][c];
+  }
+}
+
+/* min |sum x column - b| over the columns of the set, x of any sign, and what is left of b; 0 where they are dependent. */
+static int fit(const Proof *p, const double *b, double *x, double *rest) {
+  double B[N + 1][N + 1], heads[N + 1];
   for (int i = 0; i <= N; ++i)
     for (int j = 0; j < p->used; ++j) B[i][j] = p->column[p->set[j]][i];
-  memcpy(r, b, sizeof(r));
-  least_squares(B, r, N + 1, p->used);
-  memcpy(x, r, p->used * sizeof(double));
+  memcpy(rest, b, (N + 1) * sizeof(double));
+  least_squares(B, rest, heads, N + 1, p->used);
+  memcpy(x, rest, p->used * sizeof(double));
+  memset(rest, 0, p->used * sizeof(double));
+  turn_back(B, heads, rest, p->used);
   for (int j = 0; j < p->used; ++j)
     if (!(fabs(x[j]) < ENDLESS)) return 0;
   return 1;
-}
-
-/* b without what the multipliers explain of it. */
-static void remainder_of(const Proof *p, const double *b, double *rest) {
-  memcpy(rest, b, (N + 1) * sizeof(double));
-  for (int j = 0; j < p->used; ++j)
-    for (int i = 0; i <= N; ++i) rest[i] -= p->multiplier[p->set[j]] * p->column[p->set[j]][i];
 }
 
 static int steepest(const Proof *p, const double *rest, double least) {
@@ -62,9 +70,9 @@ static int retreat(Proof *p, const double *x) {
   return 0;
 }
 
-/* Multipliers >= 0 of the columns that leave little of b (Lawson and Hanson). */
-static void search(Proof *p, const double *b) {
-  double rest[N + 1], x[N + 1], least = DESCENT * size_of(b, N + 1);
+/* Multipliers >= 0 of the columns that leave little of b (Lawson and Hanson), none of which reduces it by less than `least`. */
+static void search(Proof *p, const double *b, double least) {
+  double rest[N + 1], trial[N + 1], x[N + 1];
   memcpy(rest, b, sizeof(rest));
   memset(p->multiplier, 0, sizeof(p->multiplier));
   memset(p->is_used, 0, sizeof(p->is_used));
@@ -74,15 +82,15 @@ static void search(Proof *p, const double *b) {
     int chosen = steepest(p, rest, least);
     if (chosen < 0) return;
     p->set[p->used++] = chosen;
-    if (!fit(p, b, x) || x[p->used - 1] <= 0) {
+    if (!fit(p, b, x, trial) || x[p->used - 1] <= 0) {
       p->refused[chosen] = 1;
       --p->used;
       continue;
     }
     p->is_used[chosen] = 1;
     while (!retreat(p, x) && p->used > 0)
-      if (!fit(p, b, x)) return;
-    remainder_of(p, b, rest);
+      if (!fit(p, b, x, trial)) return;
+    memcpy(rest, p->used > 0 ? trial : b, sizeof(rest));
     memset(p->refused, 0, sizeof(p->refused));
   }
 }
@@ -93,11 +101,9 @@ static double gap(const Work *k, const Proof *p, int row, double sign) {
   return distance > p->noise[row] ? distance : 0;
 }
 
-/* Rows far from a bound are left out: where they were needed, v would be far from an optimum. */
 static void add_column(Proof *p, const Work *k, int row, double sign) {
   double *column = p->column[p->count];
   column[N] = gap(k, p, row, sign);
-  if (!(column[N] <= NEAR)) return;
   for (int c = 0; c < N; ++c) column[c] = sign * k->a[row][c] * larger(p->down[c], p->up[c]);
   double length = size_of(column, N + 1);
   if (!(length > 0 && length < INFINITY)) return;
@@ -106,13 +112,13 @@ static void add_column(Proof *p, const Work *k, int row, double sign) {
   p->length[p->count++] = length;
 }
 
-/* Multipliers x of the rows above `begin`, for a level of this gradient. */
-static void search_multipliers(Proof *p, const Work *k, const double *gradient, int begin, double *x) {
+/* Multipliers x of the rows above `begin`, for a level of this gradient, of which `descent` is rounding. */
+static void search_multipliers(Proof *p, const Work *k, const double *gradient, int begin, double descent, double *x) {
   double b[N + 1] = {0};
   for (int c = 0; c < N; ++c) b[c] = -gradient[c] * larger(p->down[c], p->up[c]);
   p->count = 0;
   for (int row = 0; row < begin; ++row) add_column(p, k, row, 1), add_column(p, k, row, -1);
-  search(p, b);
+  search(p, b, descent * size_of(b, N + 1));
   memset(x, 0, M * sizeof(double));
   for (int j = 0; j < p->used; ++j) {
     int at = p->set[j], row = p->row[at];
@@ -163,8 +169,9 @@ static double level_excess(Proof *p, const Work *k, int level, int begin) {
     suggested_multipliers(p, k, level, begin, size, x);
     bound = smaller(bound, evaluate(p, k, gradient, begin, x, RESOLVED * scale));
   }
-  if (bound > enough) {
-    search_multipliers(p, k, gradient, begin, x);
+  /* Where rows are nearly dependent, large multipliers of hardly any descent may explain what is left. */
+  for (int i = 0; i < 2 && bound > enough; ++i) {
+    search_multipliers(p, k, gradient, begin, i == 0 ? DESCENT : LEAST_DESCENT, x);
     bound = smaller(bound, evaluate(p, k, gradient, begin, x, RESOLVED * scale));
   }
   return bound / scale;

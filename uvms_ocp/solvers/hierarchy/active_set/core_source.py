@@ -20,7 +20,7 @@ def solver_source(n: int, sizes: Sequence[int]) -> str:
 
     Nothing is allocated: a call works on the stack, with 60 kB for 13 velocities and 60 rows. It makes 3 L + 3 runs for L levels
     at most, which together end after `Patience.most_of_all` iterations, whatever the numbers, and L + 6 certificates, whose
-    search for every level ends after six rounds per row. Raises `InvalidInput` for levels without a row.
+    search for every level ends after twelve rounds per row. Raises `InvalidInput` for levels without a row.
     """
     filled = [size for size in sizes if size]
     if not filled:

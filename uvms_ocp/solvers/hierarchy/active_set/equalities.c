@@ -119,14 +119,15 @@ static void factorise(Work *k) {
   k->column[L] = c;
 }
 
-/* min |B y - r| for B (m, n) of full column rank, n <= N + 1; overwrites B and r, y in r[0..n). */
-static void least_squares(double (*B)[N + 1], double *r, int m, int n) {
+/* B to R by reflectors, whose heads are kept beside their tails below R; r behind them. */
+static void triangulate(double (*B)[N + 1], double *r, double *heads, int m, int n) {
   for (int c = 0; c < n; ++c) {
     double size = 0;
     for (int i = c; i < m; ++i) size += B[i][c] * B[i][c];
     size = sqrt(size);
     double alpha = B[c][c] > 0 ? -size : size, head = B[c][c] - alpha, uu = head * head;
     for (int i = c + 1; i < m; ++i) uu += B[i][c] * B[i][c];
+    heads[c] = head;
     if (uu == 0) continue;
     B[c][c] = head;
     for (int j = c + 1; j <= n; ++j) {
@@ -140,6 +141,11 @@ static void least_squares(double (*B)[N + 1], double *r, int m, int n) {
     }
     B[c][c] = alpha;
   }
+}
+
+/* min |B y - r| for B (m, n) of full column rank, n <= N + 1; overwrites B and r, y in r[0..n). */
+static void least_squares(double (*B)[N + 1], double *r, double *heads, int m, int n) {
+  triangulate(B, r, heads, m, n);
   for (int c = n - 1; c >= 0; --c) {
     for (int j = c + 1; j < n; ++j) r[c] -= B[c][j] * r[j];
     r[c] /= B[c][c];
@@ -166,9 +172,9 @@ static void solve_level(Work *k, int level, double *y) {
     return;
   }
   if (rank == 0) return;
-  double B[M][N + 1];
+  double B[M][N + 1], heads[N + 1];
   for (int j = 0; j < m; ++j) memcpy(B[j], k->t[k->order[begin + j]] + c0, rank * sizeof(double));
-  least_squares(B, r, m, rank);
+  least_squares(B, r, heads, m, rank);
   memcpy(y + c0, r, rank * sizeof(double));
   for (int j = 0; j < m; ++j) {
     int row = k->order[begin + j];
