@@ -89,12 +89,11 @@ class DynamicController:
             )
         self.kinematic = kinematic
         gains = gains or VelocityGains()
-        self._robot, self._has_joints = robot, bool(robot.n_joints)
+        self._robot = robot
         laws = self._laws(dynamics, gains, health)
         self._tick = ForceTick(laws)
         # Parts of the memory are made anew whenever they are asked for.
         self._memory, self._look, self._sharing = self._tick.memory, self._tick.memory.look, self._tick.memory.sharing
-        self._joints = self._tick.memory.given.joints
         self.monitor = self._monitor(laws)
         """Of thrusters and joints; `None` where it is off, and without the observer, whose findings it reads."""
         self._fault, self._handicap, self._jammed = "", "", tuple[int, ...]()
@@ -130,7 +129,7 @@ class DynamicController:
             torque=torque,
             hold=command.hold,
             stop=command.stop,
-            brakes=not self._joints[0] if self._has_joints else command.hold,
+            brakes=bool(self._memory.locks),
             finished=command.finished,
             telemetry=telemetry,
         )

@@ -80,7 +80,7 @@ class ForceTick:
     def _write(self, laws: TickLaws) -> None:
         memory, robot = self.memory, laws.robot
         allocation_of(robot).write(memory.sharing)
-        memory.look.n_vehicle = robot.n_vehicle
+        memory.look.n_vehicle, memory.look.joints.count = robot.n_vehicle, robot.n_joints
         if laws.search is not None and laws.intake is not None and laws.observer is not None:
             memory.watched, bandwidth = True, float(laws.observer.bandwidth[0])
             write_look(memory.look, robot, laws.search, laws.intake, bandwidth=bandwidth, dt=laws.velocity.dt)
