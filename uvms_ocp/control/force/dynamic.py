@@ -89,11 +89,13 @@ class DynamicController:
             )
         self.kinematic = kinematic
         gains = gains or VelocityGains()
-        self._robot, self._has_joints = robot, bool(robot.n_joints)
+        self._robot = robot
         laws = self._laws(dynamics, gains, health)
         self._tick = ForceTick(laws)
-        self.memory = self._tick.memory
+        self.memory = memory = self._tick.memory
         """All that the layer of forces knows, a `ForceMemory`."""
+        # Parts of it are made anew whenever they are asked for.
+        self._look, self._sharing = memory.look, memory.sharing
         self.monitor = self._monitor(laws)
         """Of thrusters and joints; `None` where it is off, and without the observer, whose findings it reads."""
         self._fault, self._handicap, self._jammed = "", "", tuple[int, ...]()
@@ -104,16 +106,16 @@ class DynamicController:
         tick = self.kinematic.observe(measurement, t)
         sound, command, bounds = tick.measurement, self.kinematic.command(tick), tick.restriction
         self._tick.give(sound.q, sound.v, command, (bounds.feedback, bounds.joint_feedback))
-        known = bounds.doubted.isdisjoint(_ENCODERS)
-        told = self._tick.step(tick.t, joint_age=sound.joint_age, encoders_known=known)
-        if self.memory.look.changed and self.monitor is not None:
+        known = not bounds.doubted or bounds.doubted.isdisjoint(_ENCODERS)
+        told = self._tick.step(tick.t, sound.joint_age, known)
+        if self._look.changed and self.monitor is not None:
             self._hear(self.monitor, tick.t)
         return self._told(command, told)
 
     def _told(self, command: Command, told: list[np.ndarray]) -> Command:
         """As a command, and to the layer below."""
         thrust, torque, disturbance, wrench, unreachable, push = told
-        short, fault, handicap = bool(self.memory.sharing.saturated), self._fault, self._handicap
+        short, fault, handicap = bool(self._sharing.saturated), self._fault, self._handicap
         self.kinematic.feel(_strain(short=short, push=push.item(), fault=fault, handicap=handicap, jammed=self._jammed))
         telemetry = {
             **command.telemetry,
@@ -129,14 +131,14 @@ class DynamicController:
             torque=torque,
             hold=command.hold,
             stop=command.stop,
-            brakes=not self.memory.given.joints[0] if self._has_joints else command.hold,
+            brakes=bool(self.memory.locks),
             finished=command.finished,
             telemetry=telemetry,
         )
 
     def _hear(self, monitor: ActuatorMonitor, t: float) -> None:
         """What a look at time t [s] has found."""
-        look = self.memory.look
+        look = self._look
         monitor.hear(t)
         if look.jam or look.thruster >= 0:
             n = self._robot.n_vehicle
@@ -147,7 +149,7 @@ class DynamicController:
     def _monitor(self, laws: TickLaws) -> ActuatorMonitor | None:
         if laws.search is None:
             return None
-        return ActuatorMonitor(self._robot, self.memory.look, self.kinematic.watchdog.alarms)
+        return ActuatorMonitor(self._robot, self._look, self.kinematic.watchdog.alarms)
 
     def _laws(self, dynamics: Dynamics, gains: VelocityGains, health: ActuatorHealthTuning | None) -> TickLaws:
         robot, dt = self._robot, self.kinematic.dt

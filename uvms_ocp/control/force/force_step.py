@@ -45,6 +45,8 @@ class ForceMemory(Layout):
     wanted: Wanted
     allocated: Allocated
     told: Told
+    locks: bool
+    """Joints are to be locked; without joints, whether the vehicle holds."""
     gives_up: bool
     """What is left is not enough for a mission."""
 
@@ -65,6 +67,7 @@ def force_step(m: ForceMemory) -> bool:
     without end.
     """
     m.given.joints[0] = 0.0 if m.brakes or m.joint_age > _ENCODER_SILENCE else 1.0
+    m.locks = m.given.joints[0] == 0.0 if m.look.joints.count > 0 else m.given.hold[0] != 0.0
     m.observe(m.given, m.effect, m.known, m.now)
     m.look.changed = False
     if m.watched:

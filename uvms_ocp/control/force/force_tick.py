@@ -36,6 +36,8 @@ class ForceTick:
         )
         self.given: Given = views_of(Given, laws.sizes, self.memory.given)
         """What the next tick is given."""
+        parts = {name: getattr(self.memory.given, name) for name in Given.__dataclass_fields__}
+        self._flags = Given(**parts)  # of ctypes, which take single numbers sooner than NumPy
         self.now: Known = views_of(Known, laws.sizes, self.memory.now)
         """What was known in the last one."""
         self._told = column_view(self.memory.told)
@@ -50,11 +52,12 @@ class ForceTick:
         """
         given = self.given
         given.q[:], given.v[:], given.reference[:] = q, v, command.v
-        given.feedback[0], given.joint_feedback[0] = feedback
-        given.hold[0], given.stop[0] = command.hold, command.stop
+        flags = self._flags
+        flags.feedback[0], flags.joint_feedback[0] = feedback
+        flags.hold[0], flags.stop[0] = command.hold, command.stop
         self.memory.brakes = command.brakes
 
-    def step(self, t: float, *, joint_age: float = 0.0, encoders_known: bool = True) -> list[np.ndarray]:
+    def step(self, t: float, joint_age: float = 0.0, encoders_known: bool = True) -> list[np.ndarray]:
         """A tick at time t [s]: the parts of `Told`, which the caller owns.
 
         joint_age [s] and encoders_known: as `ForceMemory` has them. Raises `InvalidInput` for a force that is not finite, or
@@ -77,7 +80,7 @@ class ForceTick:
     def _write(self, laws: TickLaws) -> None:
         memory, robot = self.memory, laws.robot
         allocation_of(robot).write(memory.sharing)
-        memory.look.n_vehicle = robot.n_vehicle
+        memory.look.n_vehicle, memory.look.joints.count = robot.n_vehicle, robot.n_joints
         if laws.search is not None and laws.intake is not None and laws.observer is not None:
             memory.watched, bandwidth = True, float(laws.observer.bandwidth[0])
             write_look(memory.look, robot, laws.search, laws.intake, bandwidth=bandwidth, dt=laws.velocity.dt)

@@ -10,6 +10,7 @@ import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, get_type_hints
 
 from uvms_ocp.exceptions import InvalidInput
@@ -172,6 +173,7 @@ def _variable(name: str, kind: CType, *, own: bool) -> str:
     return f"{kind.name} {c_name(name)} = 0"
 
 
+@lru_cache(maxsize=1024)
 def _syntax(kernel: Callable[..., Any]) -> ast.FunctionDef:
     found = ast.parse(textwrap.dedent(inspect.getsource(kernel))).body[0]
     if not isinstance(found, ast.FunctionDef) or found.decorator_list:
