@@ -45,7 +45,10 @@ class MissionParameters:
         self.values = np.zeros(n or 0)
         """(n,) [their units] as last asked for."""
         self._asked = list[_Asked]()
-        self.measures = any(task.nearest_pairs is not None for task in mission.hierarchy.tasks)
+        asking = [task.nearest_pairs for task in mission.hierarchy.tasks if task.nearest_pairs is not None]
+        for pairs in asking:
+            _search(pairs.model, pairs.n_rows, pairs.threshold)  # now, not in the first tick
+        self.measures = bool(asking)
         """Whether any task asks for distances."""
 
     def at(
