@@ -40,7 +40,7 @@ def closest_approach(
     floor: bool = True,
     spacing: Positive = 0.25,
 ) -> ClosestApproach:
-    """The closest approach of the whole robot to the floor and all obstacles over configurations q (n, n_q) [m, rad], by coal.
+    """The closest approach of the whole robot to the floor and all obstacles over configurations q (n, n_q) [m, rad].
 
     floor: count it, which a robot that has landed touches. spacing [m] of the mesh for a floor that is not flat.
     """

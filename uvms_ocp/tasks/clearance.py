@@ -23,8 +23,8 @@ from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, require_posi
 class Clearance(Task):
     """CL: the nearest pairs of shapes stay `threshold` apart, one row per pair.
 
-    Distances and gradients are numbers, by coal. Raises `InvalidInput` for a number that is not positive or a model
-    without pairs.
+    Distances and gradients are numbers, of `model`. Raises `InvalidInput` for a number that is not positive or a model without
+    pairs.
     """
 
     equality: ClassVar[bool] = False

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from itertools import product
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
 from solid_pairs import KINDS, SolidPair, by_coal, height, random_pose
+
+from uvms_ocp.model.shapes.distance_kernels.distance_memory import least_distance, place_solids
 
 PAIRS = [*product(KINDS, KINDS)]
 EXACT = 1e-6  # [m]
@@ -57,3 +60,115 @@ def test_solids_that_overlap_part_after_their_depth_and_along_no_direction_befor
         for n in directions / np.linalg.norm(directions, axis=1)[:, None]:
             reach = height(one, size_1, X_1.rotation.T @ n) + height(other, size_2, X_2.rotation.T @ n)
             assert found.distance >= n @ (X_2.translation - X_1.translation) - reach - EXACT
+
+
+@pytest.mark.parametrize(("one", "other"), PAIRS)
+def test_gradients_equal_finite_differences(pair: SolidPair, one: str, other: str) -> None:
+    """Of solids apart, and, as exactly as a depth is, overlapping; but for those whose nearest features change in between."""
+    rng, right = np.random.default_rng(3), 0
+    for _ in range(100):
+        pair.take(*(KINDS[kind](size) for kind, size in zip((one, other), sizes(rng), strict=True)))
+        q = np.concatenate([pin.SE3ToXYZQUAT(random_pose(rng, spread)) for spread in (0.0, rng.choice([0.2, 1.0]))])
+        v, found = rng.normal(size=12), pair.at_q(q)
+        step, within = (1e-6, 1e-4) if found.distance > 1e-3 else (2e-4, 5e-3)
+        ahead, behind = (pair.at_q(pin.integrate(pair.model, q, sign * step * v)).distance for sign in (1.0, -1.0))
+        right += abs(found.gradient @ v - (ahead - behind) / (2 * step)) < within
+    assert right >= 97
+
+
+@pytest.mark.parametrize(("one", "other"), PAIRS)
+def test_the_same_two_solids_are_as_far_the_other_way_round(pair: SolidPair, one: str, other: str) -> None:
+    rng = np.random.default_rng(4)
+    for _ in range(100):
+        first, second = (KINDS[kind](size) for kind, size in zip((one, other), sizes(rng), strict=True))
+        X_1, X_2 = random_pose(rng, 0.3), random_pose(rng, rng.choice([0.1, 1.0]))
+        pair.take(first, second)
+        there = pair.at(X_1, X_2)
+        pair.take(second, first)
+        back = pair.at(X_2, X_1)
+        assert back.distance == pytest.approx(there.distance, abs=1e-10 if there.distance > 0.0 else 2e-7)
+        if there.distance > 1e-3:
+            np.testing.assert_allclose(back.normal, -there.normal, atol=2e-5)
+
+
+UPRIGHT, LYING = np.eye(3), pin.rpy.rpyToMatrix(0.0, np.pi / 2, 0.0)
+BOX, CYLINDER, CAPSULE, BALL = (
+    coal.Box(1.0, 1.0, 1.0),
+    coal.Cylinder(0.1, 1.0),
+    coal.Capsule(0.1, 1.0),
+    coal.Sphere(0.5),
+)
+SPECIAL = {
+    "boxes that touch": (BOX, BOX, UPRIGHT, (1.0, 0.0, 0.0), 0.0),
+    "boxes face to face": (BOX, BOX, UPRIGHT, (1.25, 0.5, 0.0), 0.25),
+    "boxes edge to edge": (BOX, BOX, UPRIGHT, (1.3, 1.4, 0.2), 0.5),
+    "boxes one in the other": (BOX, BOX, UPRIGHT, (0.0, 0.0, 0.0), -1.0),
+    "cylinders side by side": (CYLINDER, CYLINDER, UPRIGHT, (0.3, 0.0, 0.0), 0.1),
+    "cylinders end to end": (CYLINDER, CYLINDER, UPRIGHT, (0.0, 0.0, 1.5), 0.5),
+    "cylinders that touch": (CYLINDER, CYLINDER, UPRIGHT, (0.0, 0.2, 0.7), 0.0),
+    "cylinders one in the other": (CYLINDER, CYLINDER, UPRIGHT, (0.0, 0.0, 0.0), -0.2),
+    "cylinders that cross": (CYLINDER, CYLINDER, LYING, (0.0, 0.0, 0.0), -0.2),
+    "capsules side by side": (CAPSULE, CAPSULE, UPRIGHT, (0.3, 0.0, 0.2), 0.1),
+    "capsules in line": (CAPSULE, CAPSULE, UPRIGHT, (0.0, 0.0, 0.4), -0.2),
+    "capsules that cross": (CAPSULE, CAPSULE, LYING, (0.0, 0.0, 0.0), -0.2),
+    "a cylinder that lies on a box": (BOX, CYLINDER, LYING, (0.0, 0.0, 0.6), 0.0),
+    "a cylinder in a box": (BOX, CYLINDER, UPRIGHT, (0.0, 0.0, 0.0), -0.6),
+    "a ball in the middle of a cylinder": (CYLINDER, BALL, UPRIGHT, (0.0, 0.0, 0.0), -0.6),
+    "a ball in the middle of a ball": (BALL, BALL, UPRIGHT, (0.0, 0.0, 0.0), -1.0),
+    "a ball that touches a corner": (BOX, BALL, UPRIGHT, (0.8, 0.9, 0.5), 0.0),
+    "a small box in a large floor": (coal.Box(40.0, 40.0, 1.0), BOX, UPRIGHT, (3.0, 2.0, 0.9), -0.1),
+}
+
+
+@pytest.mark.parametrize("name", SPECIAL)
+def test_special_places_have_the_distance_that_one_can_see(pair: SolidPair, name: str) -> None:
+    first, second, R, p, expected = SPECIAL[name]
+    rng = np.random.default_rng(5)
+    pair.take(first, second)
+    for X in (pin.SE3.Identity(), *(random_pose(rng, 1.0) for _ in range(5))):
+        assert pair.at(X, X * pin.SE3(R, np.array(p))).distance == pytest.approx(expected, abs=1e-7)
+
+
+@pytest.mark.parametrize(("one", "other"), [("capsule", "box"), ("cylinder", "cylinder"), ("box", "cylinder")])
+def test_python_and_c_find_the_same_bits(pair: SolidPair, one: str, other: str) -> None:
+    slow, rng = SolidPair(compiled=False), np.random.default_rng(6)
+    for spread in (0.02, 0.3, 1.0):
+        solids = [KINDS[kind](size) for kind, size in zip((one, other), sizes(rng), strict=True)]
+        poses = random_pose(rng, 0.0), random_pose(rng, spread)
+        found = []
+        for either in (pair, slow):
+            either.take(*solids)
+            found.append(either.at(*poses))
+        assert found[0].distance == found[1].distance
+        np.testing.assert_array_equal(found[0].normal, found[1].normal)
+        # Placements come from CasADi, in C and in its virtual machine.
+        np.testing.assert_allclose(found[0].gradient, found[1].gradient, rtol=0, atol=1e-12)
+
+
+def test_the_bound_by_the_direction_found_last_is_below_the_distance(pair: SolidPair) -> None:
+    rng, tight = np.random.default_rng(7), 0
+    for kinds in PAIRS:
+        pair.take(*(KINDS[kind](size) for kind, size in zip(kinds, sizes(rng), strict=True)))
+        q = np.concatenate([pin.SE3ToXYZQUAT(random_pose(rng, spread)) for spread in (0.0, 1.0)])
+        for _ in range(20):
+            pair.at_q(q)
+            q = pin.integrate(pair.model, q, 0.02 * rng.normal(size=12))
+            place_solids(pair.memory, q.tolist())
+            bound = least_distance(pair.memory, 0)
+            exact = pair.at_q(q).distance
+            assert bound <= exact + 1e-9
+            tight += exact - bound < 0.01
+    assert tight > 200
+
+
+def test_what_is_no_number_gives_no_number(pair: SolidPair) -> None:
+    rng = np.random.default_rng(8)
+    for kinds in PAIRS:
+        pair.take(*(KINDS[kind](size) for kind, size in zip(kinds, sizes(rng), strict=True)))
+        q = np.concatenate([pin.SE3ToXYZQUAT(random_pose(rng, 1.0)) for _ in range(2)])
+        usual = pair.at_q(q).distance
+        for wrong in (np.nan, np.inf, -np.inf):
+            q[rng.integers(14)], kept = wrong, q.copy()
+            assert not np.isfinite(pair.at_q(q).distance)
+            q = kept
+        assert pair.at_q(q).distance == usual

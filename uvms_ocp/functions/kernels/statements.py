@@ -110,10 +110,17 @@ def _for(node: ast.For, scope: Scope) -> list[str]:
     if node.orelse or len(bounds) > 2 or any(bound.type != INT for bound in bounds):
         raise kernel_error(node, "has to go over a range of one or two whole numbers, without else")
     start, end = ("0", bounds[0].text) if len(bounds) == 1 else (bounds[0].text, bounds[1].text)
-    _declare(node.target, INT, scope)
     k, last = f"at_{node.lineno}", f"end_{node.lineno}"  # as Python, which looks at the bounds once
     head = f"for (int {k} = {start}, {last} = {end}; {k} < {last}; ++{k}) {{"
-    return [head, f"  {c_name(node.target.id)} = {k};", *block(node.body, scope), "}"]
+    return [head, *_counter(node.target, k, scope), *block(node.body, scope), "}"]
+
+
+def _counter(target: ast.Name, k: str, scope: Scope) -> list[str]:
+    """A variable of the kernel's own, as it keeps its value after the loop; none where it is called ``_``."""
+    if target.id == "_":
+        return []
+    _declare(target, INT, scope)
+    return [f"  {c_name(target.id)} = {k};"]
 
 
 def _while(node: ast.While, scope: Scope) -> list[str]:

@@ -1,1 +1,1 @@
-"""Shapes of robots and obstacles in, signed distances out, by coal."""
+"""Shapes of robots and obstacles in, signed distances out, in machine code or by coal."""

@@ -10,7 +10,7 @@ import math
 from typing import Annotated
 
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, zeros
-from uvms_ocp.model.shapes.distance_kernels.simplex import FAR, Simplex, find_nearest, keep_nearest
+from uvms_ocp.model.shapes.distance_kernels.simplex import FAR, Simplex, find_nearest, keep_last, keep_nearest
 from uvms_ocp.model.shapes.distance_kernels.solids import (
     Solid,
     between,
@@ -25,7 +25,8 @@ from uvms_ocp.model.shapes.distance_kernels.solids import (
 ROUNDS = 128
 """[-] bound of a search; what it found is then what is told."""
 _TURNS = 3  # [-] of nearest points, after which most pairs are almost done
-_EXACT = 1e-12  # [m] between what is found and what no point can be nearer than
+_EXACT = 1e-12  # [-] of the distance, by which none can be smaller: its square root is what the normal is wrong by
+_STALLS = 4  # [-] rounds without a gain, after which rounding is all that is left
 TOUCHING = 1e-9
 """[m] nearer solids count as overlapping, as rounding is all that is left of a direction."""
 
@@ -94,25 +95,30 @@ def add(m: Meeting, a: Solid, b: Solid, d: Vector) -> None:
 
 def search(m: Meeting, a: Solid, b: Solid) -> bool:
     """Whether A and B are apart; if so, their distance, normal and nearest points. A kernel."""
-    s, away, before = m.simplex, zeros(3), math.inf
+    s, before, stalled = m.simplex, math.inf, 0
     begin(m, a, b)
-    for _ in range(ROUNDS):
+    for k in range(ROUNDS):
         find_nearest(s)
         if s.inside or s.squared <= TOUCHING * TOUCHING:
-            s.n = 0
             return False
         keep_nearest(s)
-        for i in range(3):
-            away[i] = -s.v[i]
-        add(m, a, b, away)
-        s.n -= 1  # it stays where it is not found to be superfluous
-        gap = s.squared - dot(s.v, s.w[s.n])
-        if gap <= _EXACT * math.sqrt(s.squared) or s.squared >= before:
+        look_beyond(m, a, b)
+        stalled += 1 if s.squared >= before else 0
+        if s.squared - dot(s.v, s.w[s.n]) <= _EXACT * s.squared or stalled > _STALLS:
             break
-        before = s.squared
-        s.n += 1
+        before = s.squared if k > 0 else math.inf
+        keep_last(s, k > 0)
     tell_apart(m)
     return True
+
+
+def look_beyond(m: Meeting, a: Solid, b: Solid) -> None:
+    """Write the points that are farthest towards the origin behind those of the simplex, without counting them. A kernel."""
+    s, away = m.simplex, zeros(3)
+    for i in range(3):
+        away[i] = -s.v[i]
+    add(m, a, b, away)
+    s.n -= 1
 
 
 def tell_apart(m: Meeting) -> None:

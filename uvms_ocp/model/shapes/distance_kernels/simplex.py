@@ -136,3 +136,14 @@ def keep_nearest(s: Simplex) -> None:
             s.lot[n] = s.lot[m]
             n += 1
     s.n = n
+
+
+def keep_last(s: Simplex, others: bool) -> None:
+    """Count the point behind the last one; without the others, which first ones that are no corners give way to. A kernel."""
+    if not others:
+        for c in range(3):
+            s.a[0][c] = s.a[s.n][c]
+            s.b[0][c] = s.b[s.n][c]
+            s.w[0][c] = s.w[s.n][c]
+        s.n = 0
+    s.n += 1

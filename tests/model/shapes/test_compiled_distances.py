@@ -1,0 +1,120 @@
+"""Distances of robots in machine code and by coal: the same, and each where it can."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import uvms_ocp as uo
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions.kernels.binding import memory_of
+from uvms_ocp.functions.kernels.layout import structure_of
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes import compiled_pairs, nearest_search
+from uvms_ocp.model.shapes.coal_pairs import CoalPairs
+from uvms_ocp.model.shapes.collision_model import CollisionModel, self_pairs, shapes_among
+from uvms_ocp.model.shapes.distance_kernels.distance_memory import DistanceMemory
+from uvms_ocp.model.shapes.nearest_search import NearestSearch
+from uvms_ocp.model.shapes.obstacles import mesh_shape, obstacle
+
+ROCKS = (
+    obstacle("ball", coal.Sphere(0.4), (1.6, 0.4, -0.3)),
+    obstacle("pillar", coal.Capsule(0.2, 2.0), (-1.8, 0.3, 0.4)),
+    obstacle("pipe", coal.Cylinder(0.3, 1.0), (0.3, 1.9, 0.0), pin.rpy.rpyToMatrix(0.4, 0.2, 0.0)),
+    obstacle("wreck", coal.Box(0.8, 0.5, 0.6), (0.2, -1.9, -0.5), pin.rpy.rpyToMatrix(0.1, 0.5, 0.3)),
+)
+PYRAMID = mesh_shape(
+    np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0], [0, 0, 1]]), np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+)
+MESH = obstacle("rubble", PYRAMID, (0.0, 0.0, -2.5))
+
+
+@pytest.fixture(scope="module", params=["girona_maris7_full", "bluerov2_alpha5", "planar5"])
+def robot(request: pytest.FixtureRequest) -> Robot:
+    return uo.load_robot(request.param)
+
+
+def configurations(robot: Robot, n: int = 25) -> list[np.ndarray]:
+    rng = np.random.default_rng(9)
+    v = rng.uniform(-0.4, 0.4, (n, robot.n_v))
+    return [pin.integrate(robot.model, robot.configuration(), row) for row in v]
+
+
+def oracle(robot: Robot, obstacles: tuple[uo.Obstacle, ...]) -> CoalPairs:
+    geometry, n = shapes_among(robot, obstacles), robot.collision_model.ngeoms
+    pairs = [(o, i) for o in range(n, geometry.ngeoms) for i in range(n)]
+    return CoalPairs(robot.model, geometry, pairs + self_pairs(robot))
+
+
+@pytest.mark.parametrize("obstacles", [ROCKS, (*ROCKS, MESH)], ids=["rocks", "with a mesh"])
+def test_distances_and_gradients_are_those_of_coal(robot: Robot, obstacles: tuple[uo.Obstacle, ...]) -> None:
+    model, by_coal, alike, total = CollisionModel(robot, obstacles), oracle(robot, obstacles), 0, 0
+    everything = np.arange(model.n_pairs)
+    for q in configurations(robot):
+        found = model.distances(q)
+        expected = by_coal.values(q, everything)
+        apart = np.flatnonzero(expected > 0.0)
+        np.testing.assert_allclose(found.value[apart], expected[apart], rtol=0, atol=1e-6)
+        same = np.abs(found.gradient - by_coal.gradients(q, everything)).max(axis=1)[apart] < 1e-3
+        alike, total = alike + int(same.sum()), total + len(same)
+        some = everything[::-3]
+        np.testing.assert_allclose(model.values(q, some), found.value[some], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(model.distances(q, some).gradient, found.gradient[some], rtol=0, atol=1e-9)
+    assert alike >= 0.98 * total
+
+
+def test_shapes_without_a_form_in_c_are_named(robot: Robot) -> None:
+    cone = obstacle("cone", coal.Cone(0.2, 0.5), (3.0, 0.0, 0.0))
+    model = CollisionModel(robot, [*ROCKS, MESH, cone])
+    assert model.without_c_form == ("rubble", "cone")
+    assert model.by_coal
+    memory = structure_of(DistanceMemory, **model.memory_sizes())()
+    with pytest.raises(InvalidInput, match="shapes rubble, cone have no form in C; give spheres, capsules"):
+        model.write(memory)
+    clear = CollisionModel(robot, ROCKS)
+    assert clear.without_c_form == ()
+    clear.write(structure_of(DistanceMemory, **clear.memory_sizes())())
+
+
+def test_without_a_compiler_coal_measures_the_same(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled = CollisionModel(robot, ROCKS)
+    for module in (compiled_pairs, nearest_search):
+        monkeypatch.setattr(module, "memory_of", partial(memory_of, compiled=False))
+    model = CollisionModel(robot, ROCKS)
+    assert model.by_coal
+    assert model.without_c_form == ()
+    for q in configurations(robot, 5):
+        expected = compiled.values(q)
+        apart = expected > 0.0
+        np.testing.assert_allclose(model.values(q)[apart], expected[apart], rtol=0, atol=1e-6)
+
+
+def test_the_nearest_are_the_same_step_by_step(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = NearestSearch(CollisionModel(robot, ROCKS), n=6, threshold=0.1, far=1e3)
+    monkeypatch.setattr(compiled_pairs, "memory_of", partial(memory_of, compiled=False))
+    steps = NearestSearch(CollisionModel(robot, ROCKS), n=6, threshold=0.1, far=1e3)
+    rng, moved = np.random.default_rng(10), 0
+    for q in configurations(robot):
+        v = rng.uniform(-0.4, 0.4, robot.n_v)
+        ahead = [pin.integrate(robot.model, q, v * t) for t in (0.25, 0.5)]
+        first, second = whole(q, v, (0.25, 0.5), ahead), steps(q, v, (0.25, 0.5), ahead)
+        if first.smallest <= 0.0 or (first.distance <= 0.0).any():
+            continue
+        assert first.smallest == pytest.approx(second.smallest, abs=1e-6)
+        np.testing.assert_allclose(first.distance, second.distance, rtol=0, atol=1e-6)
+        moved += int((first.closing < 1e3).sum())
+    assert moved > 20
+
+
+def test_what_was_asked_before_does_not_matter(robot: Robot) -> None:
+    model = CollisionModel(robot, ROCKS)
+    places = configurations(robot, 6)
+    first = [model.distances(q) for q in places]
+    again = [model.distances(q) for q in reversed(places)][::-1]
+    for one, other in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one.value, other.value)
+        np.testing.assert_array_equal(one.gradient, other.gradient)
