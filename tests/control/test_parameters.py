@@ -13,8 +13,7 @@ import pytest
 
 import uvms_ocp as uo
 from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.control.velocity.parameters import measured, mission_parameters, take_goals
-from uvms_ocp.control.velocity.stop import Stop, StopAhead
+from uvms_ocp.control.velocity.parameters import Motion, measured, mission_parameters, take_goals
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.mission.progress import write_state
 from uvms_ocp.model.loading import load_robot
@@ -51,11 +50,15 @@ def split(pairs: NearestPairs, values: np.ndarray) -> tuple[float, np.ndarray, n
     return smallest.item(), distance.ravel(), closing.ravel(), gradient
 
 
-def random_motion(robot: Robot, rng: np.random.Generator) -> tuple[np.ndarray, StopAhead]:
+def way_of(motion: Motion, q: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Durations (4,) [s] at the present velocity, and where they lead to: quarters of the proportional stop, by Pinocchio."""
+    durations = 0.5 * (np.abs(motion.v) / motion.robot.limits.acceleration).max() * np.array([0.25, 0.5, 0.75, 1.0])
+    return durations, [pin.integrate(motion.robot.model, q, motion.v * duration) for duration in durations]
+
+
+def random_motion(robot: Robot, rng: np.random.Generator) -> tuple[np.ndarray, Motion]:
     q = robot.configuration(position=rng.uniform(-0.5, 0.5, 3), rpy=rng.uniform(-0.3, 0.3, 3))
-    stop = Stop(robot, DT).ahead(q, rng.uniform(-0.5, 0.5, robot.n_v) * robot.limits.velocity)
-    assert stop is not None
-    return q, stop
+    return q, Motion(robot=robot, v=rng.uniform(-0.5, 0.5, robot.n_v) * robot.limits.velocity, dt=DT)
 
 
 def test_the_nearest_pairs_come_first(robot: Robot) -> None:
@@ -74,9 +77,9 @@ def test_of_all_pairs_those_are_measured_that_come_nearest_at_any_place_of_the_s
     model, rng = CollisionModel(robot, [ball(1.6, 0.4, -0.3), ball(-1.8, 0.0, 0.4)]), np.random.default_rng(6)
     pairs, moved = NearestPairs(task="CL", model=model, n=6, threshold=0.05), 0
     for _ in range(20):
-        q, stop = random_motion(robot, rng)
-        smallest, distance, closing, gradient = split(pairs, measured(pairs, q, stop))
-        places = (q, *stop.configurations)
+        q, motion = random_motion(robot, rng)
+        smallest, distance, closing, gradient = split(pairs, measured(pairs, q, motion))
+        places = (q, *way_of(motion, q)[1])
         everywhere = np.array([model.values(place) for place in places])
         order = np.argsort(everywhere.min(axis=0))[:6]
         worst = everywhere[:, order].argmin(axis=0)
@@ -96,9 +99,8 @@ def test_a_row_counts_the_smallest_distance_on_the_way_to_rest(robot: Robot) -> 
     pairs = Clearance(model=model, threshold=0.05).nearest_pairs
     q, v = robot.configuration(), np.zeros(robot.n_v)
     v[5] = 0.5
-    stop, ahead = Stop(robot, DT).ahead(q, v), Stop(robot, DT).ahead(q, 1.02 * v)
-    assert stop is not None
-    assert ahead is not None
+    stop, ahead = Motion(robot=robot, v=v, dt=DT), Motion(robot=robot, v=1.02 * v, dt=DT)
+    longest = way_of(stop, q)[0][-1]
     swept = [model.values(pin.integrate(robot.model, q, v * t))[0] for t in np.linspace(0.0, 0.25, 51)]
     smallest, (nearest,), (fastest,), (gradient,) = split(pairs, measured(pairs, q, stop))
     assert smallest == pytest.approx(swept[0])
@@ -106,8 +108,8 @@ def test_a_row_counts_the_smallest_distance_on_the_way_to_rest(robot: Robot) -> 
     assert nearest < smallest - 0.01
     # The stop from a slightly faster turn ends nearer by what the row's gradient and speed say.
     change = split(pairs, measured(pairs, q, ahead))[1][0] - nearest
-    assert change == pytest.approx(2.0 * stop.durations[-1] * gradient @ (0.02 * v), rel=0.05)
-    assert fastest == pytest.approx((nearest - 0.05) / (2.0 * stop.durations[-1]) - gradient @ v, rel=1e-6)
+    assert change == pytest.approx(2.0 * longest * gradient @ (0.02 * v), rel=0.05)
+    assert fastest == pytest.approx((nearest - 0.05) / (2.0 * longest) - gradient @ v, rel=1e-6)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -147,7 +149,7 @@ def test_a_task_of_ones_own_on_distances_has_its_goal_and_what_is_measured(robot
     mission, q = standing_off(robot, 0.4), robot.configuration()
     task, state = mission.tasks_of(0)[0], mission.start()
     assert task.nearest_pairs is not None
-    found = mission_parameters(mission, state, 0.0, gates=np.ones(1), q=q, stop=None)
+    found = mission_parameters(mission, state, 0.0, gates=np.ones(1), q=q, motion=None)
     np.testing.assert_array_equal(found, [0.4, *measured(task.nearest_pairs, q)])
 
 
@@ -173,8 +175,17 @@ def test_nothing_is_measured_for_a_task_that_is_off(robot: Robot, monkeypatch: p
         raise AssertionError(arguments)
 
     monkeypatch.setattr(CollisionModel, "values", refuse)
-    found = mission_parameters(mission, mission.start(), 0.0, gates=np.zeros(1), q=q, stop=None)
+    found = mission_parameters(mission, mission.start(), 0.0, gates=np.zeros(1), q=q, motion=None)
     np.testing.assert_array_equal(found, mission.tasks_of(0)[0].reference(0.0))
+    for asked in (mission, standing_off(robot, 0.4)):
+        control = KinematicController(robot=robot, mission=asked, solver=uo.LexicographicActiveSet(), dt=DT)
+        at = Measurement(q=q, v=np.zeros(robot.n_v), altimeter_range=5.0)
+        if asked is mission:
+            control(at, 0.0)
+            np.testing.assert_array_equal(control._memory.goals.values, found)
+        else:
+            with pytest.raises(AssertionError):
+                control.observe(at, 0.0)
 
 
 def test_pairs_that_cannot_be_measured_are_refused(robot: Robot) -> None:
@@ -219,9 +230,9 @@ def test_a_goal_that_moves_is_asked_at_every_tick_and_a_still_one_once_in_a_phas
         for t in (1.0, 2.0, 3.0):
             write_state(memory.mission, now)
             take_goals(memory.goals, memory.mission, memory.climb, t)
-            control._parameters.ask(now, t, gates=np.ones(2), q=q, stop=None)
+            control._parameters.ask(now, t)
             np.testing.assert_array_equal(memory.goals.values, [goal, 0.0, t, 1.0])
-            found = mission_parameters(mission, now, t, gates=np.ones(2), q=q, stop=None)
+            found = mission_parameters(mission, now, t, gates=np.ones(2), q=q, motion=None)
             np.testing.assert_array_equal(memory.goals.values, found)
     assert moving.asked.count(2.0) == 6
 
@@ -241,12 +252,12 @@ def test_a_goal_that_ends_is_held_as_samples_and_not_asked_again(robot: Robot, m
     memory, q = control._memory, robot.configuration()
     states = [replace(mission.start(), phase=phase, since=100 * DT) for phase in (0, 1)]
     ticks = [(state, k * DT) for state in states for k in (0, 100, 227, 300.25, 400, 499.5, 5000)]
-    wanted = [mission_parameters(mission, *at, gates=np.ones(2), q=q, stop=None) for at in ticks]
+    wanted = [mission_parameters(mission, *at, gates=np.ones(2), q=q, motion=None) for at in ticks]
     monkeypatch.setattr(PiecewisePolynomial, "__call__", lambda self, t: None)
     for (state, t), parameters in zip(ticks, wanted, strict=True):
         write_state(memory.mission, state)
         take_goals(memory.goals, memory.mission, memory.climb, t)
-        control._parameters.ask(state, t, gates=np.ones(2), q=q, stop=None)
+        control._parameters.ask(state, t)
         close = 1e-9 if t / DT == round(t / DT) else 1e-2
         np.testing.assert_allclose(memory.goals.values, parameters, rtol=0, atol=close)
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import coal
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from uvms_ocp.control.velocity.climb import climb_goal
@@ -17,9 +19,16 @@ from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.mission.progress import gates_at
 from uvms_ocp.model.health import ChannelHealth, Trust
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.collision_model import CollisionModel
+from uvms_ocp.model.shapes.obstacles import Obstacle
 from uvms_ocp.model.state import Measurement
 from uvms_ocp.scenario import Scenario, pose_at
 from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.tasks.clearance import Clearance
+from uvms_ocp.tasks.hierarchy import Hierarchy
+from uvms_ocp.tasks.pose import VehiclePose
 
 DT = 0.02
 CHANNELS = ("position", "altimeter_range", "joint_positions", "linear_velocity", "attitude")
@@ -146,6 +155,37 @@ def test_giving_up_is_that_of_the_mission_alone_in_c_and_in_python(
         assert mission.abandon(climbing, late.t, late.reason, goal)[1] == late
         assert control.state.aborted == stalled.reason
         assert 1.0 < goal.translation[2] - scenario.start[2] < 3.0
+
+
+def towards_a_ball(robot: Robot) -> KinematicController:
+    """With a collision model of its own: coal begins a search where its last one ended."""
+    ball = Obstacle(name="ball", shape=coal.Sphere(0.4), X_WO=pin.SE3(np.eye(3), np.array([1.9, 0.3, 0.1])))
+    tasks = (
+        Clearance(model=CollisionModel(robot, [ball], self_collision=False)),
+        VehiclePose(goal=pose_at((4.0, 0.0, 0.0)), gain_linear=2.0),
+    )
+    reached = Transition(to="done", when=(Below(quantity="PC.position_error", limit=0.01),))
+    phase = Phase(name="A", gates={"CL": 1.0, "PC": 1.0}, transitions=(reached,))
+    mission = Mission(hierarchy=Hierarchy(tasks), phases=(phase,))
+    return KinematicController(robot=robot, mission=mission, solver=LexicographicActiveSet(), dt=DT)
+
+
+def test_distances_and_their_limits_in_python_give_the_same_bits(
+    scenario: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = scenario.robot
+    quick, slow = twins(lambda: towards_a_ball(robot), monkeypatch)
+    q, v, moving = robot.configuration(), np.zeros(robot.n_v), 0
+    for k in range(250):
+        measurement = Measurement(q=q, v=v, altimeter_range=5.0)
+        first, second = quick(measurement, k * DT), slow(measurement, k * DT)
+        np.testing.assert_array_equal(first.v, second.v)
+        np.testing.assert_array_equal(quick._memory.goals.values, slow._memory.goals.values)
+        moving += quick._memory.nearest.moves
+        v = first.v
+        q = pin.integrate(robot.model, q, v * DT)
+    assert moving > 20
+    assert 0.09 < quick.quantities["CL.clearance"] < 0.3
 
 
 def test_gates_of_a_mission_without_memory_are_those_of_the_controller(scenario: Scenario) -> None:

@@ -25,8 +25,14 @@ from uvms_ocp.control.velocity.climb import climb_goal
 from uvms_ocp.control.velocity.distress import Distress, Strain, Why
 from uvms_ocp.control.velocity.guards import Guarding, guards_of, rule_sizes
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
-from uvms_ocp.control.velocity.parameters import MissionParameters, mission_parameters
-from uvms_ocp.control.velocity.stop import StopAhead
+from uvms_ocp.control.velocity.parameters import (
+    Measuring,
+    MissionParameters,
+    Motion,
+    asking_of,
+    mission_parameters,
+    nearest_sizes,
+)
 from uvms_ocp.control.velocity.tick.kernels import after, before, is_unknown, take
 from uvms_ocp.control.velocity.tick.memory import altimeter_of, arrays_of, inputs_of, tick_memory
 from uvms_ocp.control.velocity.tick_state import TickState
@@ -87,11 +93,14 @@ class KinematicController:
         names, tasks = self.problem.quantity_names, mission.hierarchy.tasks
         guards = guards_of(robot, tasks, names)
         tracks = tracks_of(mission, dt)
-        sizes = {**rule_sizes(robot, guards, dt), **track_sizes(tracks)}
+        asking = asking_of(mission)
+        nearest = nearest_sizes(robot, [pairs for _, _, pairs in asking], robot.n_q, robot.n_v)
+        sizes = {**rule_sizes(robot, guards, dt), **track_sizes(tracks), **nearest}
         self.memory = memory = tick_memory(robot, mission, self.problem, self.watchdog, sizes)
         """All that a tick knows, a `TickMemory`."""
         self._arrays = arrays_of(memory, self.problem)
         self._parameters = MissionParameters(mission, memory.goals, tracks, dt)
+        self._measuring = Measuring(memory.nearest, asking)
         tick, inputs = (
             solver.bind(self.problem.function, self.problem.sizes),
             inputs_of(memory, self._arrays, self.problem),
@@ -121,7 +130,10 @@ class KinematicController:
     @property
     def without_c_form(self) -> dict[str, str]:
         """Names of tasks that Python is asked about at every tick, and for what."""
-        return self._parameters.without_c_form
+        asked = {name: "a goal that moves without telling its end" for name in self._parameters.asked_of}
+        return asked | {
+            task.name: "distances" for task in self.mission.hierarchy.tasks if task.nearest_pairs is not None
+        }
 
     @property
     def kinematic(self) -> KinematicController:
@@ -146,6 +158,7 @@ class KinematicController:
         if bad or self._restriction is not FREE:
             write_channels(memory.restriction, bad)
         self._before(memory)
+        self._measuring.answer.check()
         measurement = self._sound.standing_for(measurement)
         restriction = self._restricted(bad) if bad or self._restriction is not FREE else FREE
         freshness = _FRESHNESS[memory.freshness]
@@ -172,8 +185,8 @@ class KinematicController:
     def command(self, tick: TickState) -> Command:
         """The command for what `observe` has found."""
         arrays, memory = self._arrays, self.memory
-        if self._parameters.asks[tick.mission.phase]:
-            self._ask(tick)
+        if self._parameters.asked[tick.mission.phase]:
+            self._parameters.ask(tick.mission, tick.t)
         result = self._solve()
         arrays.solved[:] = result.v
         arrays.quantities[:] = result.extras[0]
@@ -214,7 +227,8 @@ class KinematicController:
         """
         state = state or self.state
         (echo, known), gates, q = self._echo.at(measurement), self.mission.gates(state, t), measurement.q
-        parameters = mission_parameters(self.mission, state, t, gates=gates, q=q, stop=self._stop_ahead(q))
+        moves = Motion(robot=self.robot, v=self._arrays.command.copy(), dt=self.dt) if self.memory.near else None
+        parameters = mission_parameters(self.mission, state, t, gates=gates, q=q, motion=moves)
         motion = self._arrays.command / self.memory.pace, self._arrays.change
         outputs = self.problem.function(q, measurement.v, *motion, echo, parameters, gates)
         quantities = np.array(outputs[self.problem.function.index_out("quantities")]).ravel()
@@ -242,16 +256,6 @@ class KinematicController:
         if changed:
             for axis in range(self.robot.n_v):
                 self.memory.jammed[axis] = axis in self._jammed
-
-    def _ask(self, tick: TickState) -> None:
-        """What no kernel knows of the goals."""
-        q = tick.measurement.q
-        self._parameters.ask(tick.mission, tick.t, gates=tick.gates, q=q, stop=self._stop_ahead(q))
-
-    def _stop_ahead(self, q: np.ndarray) -> StopAhead | None:
-        """Where distances are measured on the way to rest."""
-        asked = self._parameters.measures and self.memory.near
-        return self._guarding.stop.ahead(q, self._arrays.command.copy()) if asked else None
 
     def _advance(self, tick: TickState) -> None:
         """What the kernels have made of the mission, in words."""

@@ -12,18 +12,21 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import Annotated, Any
 
+import casadi as ca
 import numpy as np
 
 from uvms_ocp.control.velocity.climb import ClimbMemory
-from uvms_ocp.control.velocity.stop import StopAhead
+from uvms_ocp.control.velocity.nearest import NearestMemory, look_ahead, measure
 from uvms_ocp.control.velocity.tracks import Track, TracksMemory, follow_tracks, write_tracks
-from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, view
+from uvms_ocp.functions.kernels.ask import Answer
+from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, doubles, structure_of, view
 from uvms_ocp.mission.mission import Mission, is_still
 from uvms_ocp.mission.phase import MissionState
 from uvms_ocp.mission.progress import MissionMemory
-from uvms_ocp.model.shapes.collision_model import CollisionModel
-from uvms_ocp.model.shapes.nearest_search import NearestSearch
-from uvms_ocp.tasks.nearest_pairs import FAR, NearestPairs
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.symbolic.tree import SymbolicModel
+from uvms_ocp.tasks.limits import ENDLESS
+from uvms_ocp.tasks.nearest_pairs import NearestPairs
 from uvms_ocp.tasks.task import Task
 
 
@@ -53,17 +56,14 @@ def take_goals(g: GoalsMemory, m: MissionMemory, climb: ClimbMemory, t: float) -
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Asked:
-    """A task that is asked at every tick of a phase."""
+    """A task whose goal is asked for at every tick of a phase."""
 
-    index: int
-    """In the hierarchy."""
-    task: Task
+    name: str
+    """Of the task."""
     place: slice
-    """Of its own among the parameters of all tasks."""
+    """Of its goal among the parameters of all tasks."""
     reference: Callable[[float], np.ndarray]
-    """Its goal at a time [s]."""
-    moves: bool
-    """Whether that changes with time."""
+    """Its goal at a time [s], and what stands for distances behind it."""
     of_phase: bool
     """Whether that time is the time since the start of the phase."""
 
@@ -74,90 +74,142 @@ class MissionParameters:
     def __init__(self, mission: Mission, memory: Any, tracks: Sequence[Track], dt: float) -> None:
         """memory: a `GoalsMemory`, which is set up. tracks: those of the mission, every dt [s]."""
         self._mission, self._values = mission, view(memory.values)
-        found = [mission.references_of(phase) for phase in range(len(mission.all_phases))]
-        starts = [[reference(0.0) for reference, _ in references] for references in found]
-        ends = np.cumsum([0, *map(len, starts[0])]).tolist()
-        self._places = [slice(start, end) for start, end in pairwise(ends)]
-        for phase, values in enumerate(starts):
-            view(memory.of_phase)[phase, : ends[-1]] = np.concatenate(values)
+        self._places = places_of(mission)
+        for phase in range(len(mission.all_phases)):
+            goals = [reference(0.0) for reference, _ in mission.references_of(phase)]
+            view(memory.of_phase)[phase, : self._places[-1].stop] = np.concatenate(goals)
         if mission.abort is not None:
             climb = self._places[mission.hierarchy.index(mission.abort.climb)]
             memory.climb = climb.start
             view(memory.of_phase)[-1, climb] = 0.0
         write_tracks(memory.tracks, tracks, self._places, dt)
         self._tracked = {(track.phase, track.task) for track in tracks}
-        self._asked = [self._asked_in(phase) for phase in range(len(mission.all_phases))]
-        self.asks = [bool(asked) for asked in self._asked]
-        """Of each phase, whether there is anything to ask."""
-        self.measures = any(task.nearest_pairs is not None for task in mission.hierarchy.tasks)
-        """Whether any task asks for distances."""
+        self.asked = [self._asked_in(phase) for phase in range(len(mission.all_phases))]
+        """Of each phase, what is asked for."""
 
     @property
-    def without_c_form(self) -> dict[str, str]:
-        """Names of the tasks that are asked, and for what."""
-        asked = [item for phase in self._asked for item in phase]
-        return {a.task.name: "a goal that moves without telling its end" if a.moves else "distances" for a in asked}
+    def asked_of(self) -> tuple[str, ...]:
+        """Names of the tasks."""
+        return tuple(dict.fromkeys(item.name for phase in self.asked for item in phase))
 
-    def ask(self, state: MissionState, t: float, *, gates: np.ndarray, q: np.ndarray, stop: StopAhead | None) -> None:
-        """Complete what the kernel has taken for the tick at t [s].
-
-        gates (n_tasks,) [-]: of now. Nothing is measured for tasks that are off, and stay off. q (n_q,) [m, rad]: as
-        measured. stop: the stop from the present velocity, where it could come near a limit.
-        """
-        idle = self._mission.idle(state, gates)
-        for asked in self._asked[state.phase]:
-            if asked.moves:
-                self._values[asked.place] = asked.reference(t - state.since if asked.of_phase else t)
-            if not idle[asked.index]:
-                now = self._values[asked.place]
-                now[:] = parameters_of(asked.task, now, q, stop)
+    def ask(self, state: MissionState, t: float) -> None:
+        """Complete what the kernel has taken for the tick at t [s]."""
+        for asked in self.asked[state.phase]:
+            goal = asked.reference(t - state.since if asked.of_phase else t)
+            self._values[asked.place] = goal[: asked.place.stop - asked.place.start]
 
     def _asked_in(self, phase: int) -> tuple[_Asked, ...]:
-        tasks, references = self._mission.tasks_of(phase), self._mission.references_of(phase)
-        found = [
-            _Asked(index=i, task=task, place=place, reference=reference, moves=not is_still(reference), of_phase=own)
-            for i, (task, place, (reference, own)) in enumerate(zip(tasks, self._places, references, strict=True))
-        ]
-        return tuple(a for a in found if (a.moves or a.task.nearest_pairs) and not self._is_known(phase, a.index))
+        found = []
+        for i, (task, (reference, own)) in enumerate(
+            zip(self._mission.tasks_of(phase), self._mission.references_of(phase), strict=True)
+        ):
+            if not (is_still(reference) or self._mission.climbs(phase, i) or (phase, i) in self._tracked):
+                place, pairs = self._places[i], task.nearest_pairs
+                end = place.stop - (0 if pairs is None else pairs.n_parameters)
+                found.append(_Asked(name=task.name, place=slice(place.start, end), reference=reference, of_phase=own))
+        return tuple(found)
 
-    def _is_known(self, phase: int, task: int) -> bool:
-        return self._mission.climbs(phase, task) or (phase, task) in self._tracked
+
+def asking_of(mission: Mission) -> list[tuple[int, int, NearestPairs]]:
+    """Tasks that ask for distances: index, where its parameters end among those of all, its pairs."""
+    found = zip(mission.hierarchy.tasks, places_of(mission), strict=True)
+    return [
+        (i, place.stop, task.nearest_pairs) for i, (task, place) in enumerate(found) if task.nearest_pairs is not None
+    ]
+
+
+def places_of(mission: Mission) -> list[slice]:
+    """Of each task, highest priority first, among the parameters of all."""
+    ends = np.cumsum([0, *(len(reference(0.0)) for reference, _ in mission.references_of(0))]).tolist()
+    return [slice(start, end) for start, end in pairwise(ends)]
+
+
+class Measuring:
+    """What a `NearestMemory` knows of the tasks that ask, and who answers for their pairs: `CollisionModel`."""
+
+    def __init__(self, memory: Any, asking: Sequence[tuple[int, int, NearestPairs]]) -> None:
+        """memory: of the `nearest_sizes`, which is set up. asking: index of each task, where its parameters end, its pairs."""
+        self._memory, self._places = memory, view(memory.place)
+        self._models = [pairs.model for _, _, pairs in asking]
+        memory.n_asking = len(asking)
+        self.answer = Answer(memory.ask, self._look)
+        for p, (task, end, pairs) in zip(memory.pairs, asking, strict=False):
+            p.task, p.first, p.n, p.n_pairs = task, end - pairs.n_parameters, pairs.n_rows, pairs.model.n_pairs
+            p.threshold = pairs.threshold
+            view(p.reach)[:] = np.where(np.isfinite(pairs.model.reach), pairs.model.reach, np.inf)
+
+    def _look(self) -> None:
+        memory = self._memory
+        p, model, where = memory.pairs[memory.asked], self._models[memory.asked], self._places[memory.at]
+        if memory.of_gradients:
+            chosen = view(p.chosen)[: p.n]
+            rows = np.flatnonzero(view(p.worst)[chosen] == memory.at)
+            view(p.gradient)[rows] = model.distances(where, chosen[rows]).gradient
+        else:
+            rows = np.flatnonzero(view(p.counts)[: p.n_pairs])
+            view(p.value)[rows] = model.values(where, rows if memory.at else None)
+
+
+def nearest_sizes(robot: Robot | None, asking: Sequence[NearestPairs], n_q: int, n_v: int) -> dict[str, Any]:
+    """Of a `NearestMemory` for a q (n_q,) [m, rad] and velocities (n_v,) [m/s, rad/s]; without a robot nothing moves."""
+    q, way = ca.SX.sym("q", n_q), ca.SX.sym("way", n_v)
+    stay = ca.Function("stay", [q, way], [q])
+    return {
+        "n_q": n_q,
+        "n_v": n_v,
+        "n_asking": len(asking),
+        "n_pairs": max((pairs.model.n_pairs for pairs in asking), default=0),
+        "n_rows": max((pairs.n_rows for pairs in asking), default=0),
+        "integrate": _integrate(robot) if robot is not None and asking else stay,
+    }
+
+
+@lru_cache(maxsize=8)
+def _integrate(robot: Robot) -> ca.Function:
+    q, way = ca.SX.sym("q", robot.n_q), ca.SX.sym("way", robot.n_v)
+    return ca.Function("displaced", [q, way], [ca.densify(SymbolicModel(robot.model).integrate(q, way))], {"cse": True})
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Motion:
+    """Of a robot that is to stop."""
+
+    robot: Robot
+    v: np.ndarray
+    """(n_v,) [m/s, rad/s]"""
+    dt: float
+    """[s] control period."""
 
 
 def mission_parameters(
-    mission: Mission, state: MissionState, t: float, *, gates: np.ndarray, q: np.ndarray, stop: StopAhead | None
+    mission: Mission, state: MissionState, t: float, *, gates: np.ndarray, q: np.ndarray, motion: Motion | None
 ) -> np.ndarray:
     """Parameters (n_parameters,) [their units] of all tasks at t [s], in any state.
 
-    gates (n_tasks,) [-], q (n_q,) [m, rad] and stop as in `MissionParameters.ask`.
+    gates (n_tasks,) [-]: of then. Nothing is measured for tasks that are off, and stay off. q (n_q,) [m, rad]: as measured.
+    motion: where it could come near a limit.
     """
     found = zip(mission.tasks_of(state.phase), mission.references(state, t), mission.idle(state, gates), strict=True)
-    return np.concatenate([goal if off else parameters_of(task, goal, q, stop) for task, goal, off in found])
+    return np.concatenate([goal if off else parameters_of(task, goal, q, motion) for task, goal, off in found])
 
 
-def parameters_of(task: Task, reference: np.ndarray, q: np.ndarray, stop: StopAhead | None = None) -> np.ndarray:
+def parameters_of(task: Task, reference: np.ndarray, q: np.ndarray, motion: Motion | None = None) -> np.ndarray:
     """A task's reference (n_parameters,) [its units], at its end the distances that it asks for at q (n_q,) [m, rad]."""
     pairs = task.nearest_pairs
     if pairs is None:
         return reference
-    return np.concatenate([reference[: -pairs.n_parameters], measured(pairs, q, stop)])
+    return np.concatenate([reference[: -pairs.n_parameters], measured(pairs, q, motion)])
 
 
-def measured(pairs: NearestPairs, q: np.ndarray, stop: StopAhead | None = None) -> np.ndarray:
-    """The smallest distance now, at q (n_q,) [m, rad]; of the nearest pairs distance, largest closing speed, and gradient.
-
-    Distance and gradient are those of the place on the way to rest where the pair is nearest: on a curved path, or
-    with a face that turns, that is nearer than the gradient of here and now tells. The speed is the one whose stop
-    just leaves the threshold. As one vector (`NearestPairs.parameters`).
-    """
-    search = _search(pairs.model, pairs.n_rows, pairs.threshold)
-    way = (np.zeros(pairs.model.n_v), (), ()) if stop is None else (stop.velocity, stop.durations, stop.configurations)
-    found = search(q, *way)
-    return pairs.parameters(
-        smallest=found.smallest, distance=found.distance, closing=found.closing, gradient=found.gradient
-    )
-
-
-@lru_cache(maxsize=64)
-def _search(model: CollisionModel, n: int, threshold: float) -> NearestSearch:
-    return NearestSearch(model, n=n, threshold=threshold, far=FAR)
+def measured(pairs: NearestPairs, q: np.ndarray, motion: Motion | None = None) -> np.ndarray:
+    """What `measure` finds at q (n_q,) [m, rad], and on the way to rest, as one vector (`NearestPairs.parameters`)."""
+    robot, n_v = None if motion is None else motion.robot, pairs.model.n_v
+    memory: Any = structure_of(NearestMemory, **nearest_sizes(robot, [pairs], len(q), n_v))()
+    answer, values = Measuring(memory, [(0, pairs.n_parameters, pairs)]).answer, doubles(np.zeros(pairs.n_parameters))
+    v, acceleration, dt = np.zeros(n_v), np.ones(n_v), np.inf
+    if motion is not None:
+        v, acceleration, dt = motion.v, np.minimum(motion.robot.limits.acceleration, ENDLESS), motion.dt
+    look_ahead(memory, doubles(q), doubles(v), doubles(acceleration), dt)
+    measure(memory, 0, values)
+    answer.check()
+    return np.array(values)

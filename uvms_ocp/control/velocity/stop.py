@@ -7,13 +7,11 @@ swing into it.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Any
 
 import casadi as ca
 import numpy as np
-import pinocchio as pin
 
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, doubles, structure_of, view
 from uvms_ocp.functions.kernels.smooth import Smooth
@@ -22,7 +20,6 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.symbolic.tree import SymbolicModel
 from uvms_ocp.tasks.limits import ENDLESS, stopping_speed
 
-_SAMPLES = np.array([0.25, 0.5, 0.75, 1.0])  # shares of the way to rest
 _STILL = 1e-12  # [s] to rest
 NONE = -1
 """No limit asks to be looked at."""
@@ -110,18 +107,6 @@ def go_on(m: WayToRest) -> int:
             m.room[k] -= way * m.dt
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class StopAhead:
-    """A few configurations on the way to rest along the present velocity, all axes slowing down in proportion."""
-
-    velocity: np.ndarray
-    """(n_v,) [m/s, rad/s] now."""
-    durations: np.ndarray
-    """(k,) [s] at the present velocity, as each of them is away."""
-    configurations: tuple[np.ndarray, ...]
-    """k of (n_q,) [m, rad]."""
-
-
 def stop_sizes(robot: Robot, dt: float) -> dict[str, Any]:
     """Of a `WayToRest` at control period dt [s], but for `n_limits`."""
     step, slower = _functions(robot, dt)
@@ -133,7 +118,6 @@ class Stop:
 
     def __init__(self, robot: Robot, dt: float, memory: Any = None) -> None:
         """dt [s] is the control period; memory: a `WayToRest` of the caller's, which is set up."""
-        self._model, self._dt = robot.model, dt
         if memory is None:
             memory = structure_of(WayToRest, n_limits=1, **stop_sizes(robot, dt))()
         self.way: Any = memory
@@ -161,19 +145,6 @@ class Stop:
         while not self.way.done:
             step_on(self.way)
             yield np.array(self.way.q), np.array(self.way.velocity)
-
-    def ahead(self, q: np.ndarray, v: np.ndarray) -> StopAhead | None:
-        """The proportional stop alone, from q (n_q,) [m, rad] in one motion along v (n_v,) [m/s, rad/s]; None at rest."""
-        length = 0.5 * self._time(v)
-        if length < self._dt:
-            return None
-        durations = length * _SAMPLES
-        configurations = tuple(pin.integrate(self._model, q, v * duration) for duration in durations)
-        return StopAhead(velocity=v, durations=durations, configurations=configurations)
-
-    def _time(self, v: np.ndarray) -> float:
-        """[s] that the slowest axis needs to rest."""
-        return time_to_rest(self.acceleration.tolist(), v.tolist(), len(v))
 
 
 @lru_cache(maxsize=8)

@@ -12,6 +12,7 @@ from uvms_ocp.control.navigation.last_known import echo_range, last_sound, look_
 from uvms_ocp.control.navigation.watchdog import Freshness, verdict_on
 from uvms_ocp.control.velocity.climb import aim
 from uvms_ocp.control.velocity.distress import Why, distress_of
+from uvms_ocp.control.velocity.nearest import look_ahead, measure
 from uvms_ocp.control.velocity.parameters import take_goals
 from uvms_ocp.control.velocity.restraint import restrain
 from uvms_ocp.control.velocity.stop import set_out, step_on
@@ -63,6 +64,20 @@ def before(m: TickMemory) -> None:
     )
     for i in range(len(m.previous)):
         m.previous[i] = m.command[i] / m.pace
+    _measure_distances(m)
+
+
+def _measure_distances(m: TickMemory) -> None:
+    """For tasks that are on or begin; on the way to rest where that could come near a limit."""
+    target, looked = m.mission.targets[m.mission.phase], False
+    for k in range(m.nearest.n_asking):
+        i = m.nearest.pairs[k].task
+        if target[i] != 0.0 or m.gates[i] != 0.0:
+            if not looked:
+                least = m.rule.stop.dt if m.near else math.inf
+                look_ahead(m.nearest, m.q, m.command, m.rule.stop.acceleration, least)
+                looked = True
+            measure(m.nearest, k, m.goals.values)
 
 
 def after(m: TickMemory) -> None:

@@ -8,6 +8,7 @@ from uvms_ocp.control.navigation.degraded import RestrictionMemory
 from uvms_ocp.control.navigation.last_known import EchoMemory, SoundMemory
 from uvms_ocp.control.velocity.climb import ClimbMemory
 from uvms_ocp.control.velocity.distress import DistressMemory
+from uvms_ocp.control.velocity.nearest import NearestMemory
 from uvms_ocp.control.velocity.parameters import GoalsMemory
 from uvms_ocp.control.velocity.restraint import RestraintMemory
 from uvms_ocp.control.velocity.viability import RuleMemory
@@ -36,6 +37,8 @@ class TickMemory(Layout):
     """Where the abort phase leads to."""
     goals: GoalsMemory
     """Parameters of the tasks, an input of the levels."""
+    nearest: NearestMemory
+    """Distances among them."""
 
     velocity_limit: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s]"""

@@ -1,0 +1,185 @@
+"""Distances that tasks ask for: those of the pairs of shapes that come nearest on the way to rest, as kernels.
+
+Distance and gradient are those of the place on the way where the pair is nearest: on a curved path, or with a face that turns,
+that is nearer than the gradient of here and now tells. The speed is the one whose stop just leaves the threshold.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from uvms_ocp.control.velocity.stop import time_to_rest
+from uvms_ocp.functions.kernels.ask import Ask
+from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector
+from uvms_ocp.functions.kernels.smooth import Smooth
+from uvms_ocp.tasks.nearest_pairs import FAR
+
+N_PLACES = 4
+"""[-] that are looked at on the way, besides the present one."""
+
+
+class PairsMemory(Layout):
+    """Of one task: as `NearestPairs`, and what is measured of them."""
+
+    task: int
+    """Index in the hierarchy."""
+    first: int
+    """Where what is measured begins among the parameters of all tasks."""
+    n: int
+    """[-] rows."""
+    n_pairs: int
+    """[-] all of them."""
+    threshold: float
+    """[m]"""
+    reach: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [-, m] of any pair's distance, infinite where nobody knows."""
+    counts: Annotated[list[int], Sized("n_pairs")]
+    """(n_pairs,) which are asked for."""
+    value: Annotated[Vector, Sized("n_pairs")]
+    """(n_pairs,) [m] distances of those where they were asked for last."""
+    lowest: Annotated[Vector, Sized("n_pairs")]
+    """(n_pairs,) [m] smallest on the way; infinite of those that cannot come near."""
+    worst: Annotated[list[int], Sized("n_pairs")]
+    """(n_pairs,) where that is: 0 now, k at the k-th place."""
+    chosen: Annotated[list[int], Sized("n_rows")]
+    """(n,) pairs that come nearest."""
+    taken: Annotated[list[int], Sized("n_pairs")]
+    """(n_pairs,) which they are."""
+    gradient: Annotated[list[Vector], Sized("n_rows", "n_v")]
+    """(n, n_v) [-, m] of each at its place."""
+
+
+class NearestMemory(Layout):
+    """Of all tasks, and the way to rest: all axes slow down in proportion."""
+
+    n_asking: int
+    """[-] tasks that ask."""
+    pairs: Annotated[list[PairsMemory], Sized("n_asking")]
+    """(n_asking,)"""
+    integrate: Smooth
+    """q and a displacement (n_v,) [m, rad] to q."""
+    moves: bool
+    """It takes longer than a tick to rest; all else is of no meaning where it does not."""
+    velocity: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s] now."""
+    duration: Annotated[Vector, Sized(1 + N_PLACES)]
+    """(1 + N_PLACES,) [s] at the present velocity, as each place is away."""
+    place: Annotated[list[Vector], Sized(1 + N_PLACES, "n_q")]
+    """(1 + N_PLACES, n_q) [m, rad] configuration now, and at each place."""
+    way: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m, rad] to a place."""
+    ask: Ask
+    """The distances of `asked` at the place `at` of pairs that count; of those chosen whose worst it is the gradients."""
+    asked: int
+    """Index in `pairs`."""
+    at: int
+    """Index of a place."""
+    of_gradients: bool
+    """What is asked for."""
+
+
+def look_ahead(m: NearestMemory, q: Vector, v: Vector, acceleration: Vector, dt: float) -> None:
+    """Places on the way to rest from q [m, rad] with v [m/s, rad/s], by `acceleration` [m/s2, rad/s2]. A kernel.
+
+    dt [s]: of a tick, within which a robot rests; infinite: nothing but q is looked at.
+    """
+    length, place = 0.5 * time_to_rest(acceleration, v, len(m.velocity)), m.place[0]
+    m.moves = length >= dt
+    for i in range(len(place)):
+        place[i] = q[i]
+    for i in range(len(m.velocity)):
+        m.velocity[i] = v[i]
+    for k in range(len(m.duration)):
+        m.duration[k] = length * k / N_PLACES
+        if m.moves and k > 0:
+            for i in range(len(m.way)):
+                m.way[i] = v[i] * m.duration[k]
+            m.integrate(q, m.way, m.place[k])
+
+
+def measure(m: NearestMemory, k: int, values: Vector) -> None:
+    """What a task asks for, into the parameters [their units] of all, as `NearestPairs.parameters` has it. A kernel."""
+    p = m.pairs[k]
+    m.asked = k
+    for i in range(p.n_pairs):
+        p.counts[i] = 1
+        p.worst[i] = 0
+    _ask_at(m, 0)
+    for i in range(p.n_pairs):
+        p.lowest[i] = p.value[i]
+    _choose_nearest(p)
+    values[p.first] = p.lowest[p.chosen[0]]
+    if m.moves:
+        _follow_the_way(m, p)
+    _ask_for_gradients(m, p)
+    for row in range(p.n):
+        _write_row(m, p, row, values)
+
+
+def _ask_at(m: NearestMemory, place: int) -> None:
+    m.at = place
+    m.of_gradients = False
+    m.ask()
+
+
+def _choose_nearest(p: PairsMemory) -> None:
+    """The pairs of the smallest distances, in their order."""
+    for i in range(p.n_pairs):
+        p.taken[i] = 0
+    for row in range(p.n):
+        best = -1
+        for i in range(p.n_pairs):
+            if p.taken[i] == 0 and (best < 0 or p.lowest[i] < p.lowest[best]):
+                best = i
+        p.chosen[row] = best
+        p.taken[best] = 1
+
+
+def _follow_the_way(m: NearestMemory, p: PairsMemory) -> None:
+    """The smallest distance of each pair that may become one of the nearest."""
+    farthest = p.lowest[p.chosen[p.n - 1]] + _approach(m, p)
+    for i in range(p.n_pairs):
+        p.counts[i] = p.lowest[i] <= farthest
+        if p.counts[i] == 0:
+            p.lowest[i] = math.inf
+    for place in range(1, len(m.duration)):
+        _ask_at(m, place)
+        for i in range(p.n_pairs):
+            if p.counts[i] != 0 and p.value[i] < p.lowest[i]:
+                p.lowest[i] = p.value[i]
+                p.worst[i] = place
+    _choose_nearest(p)
+
+
+def _approach(m: NearestMemory, p: PairsMemory) -> float:
+    """[m] that any distance changes on the whole way at most."""
+    change = 0.0
+    for i in range(len(m.velocity)):
+        if m.velocity[i] != 0.0:
+            change += p.reach[i] * abs(m.velocity[i])
+    return change * m.duration[len(m.duration) - 1]
+
+
+def _ask_for_gradients(m: NearestMemory, p: PairsMemory) -> None:
+    m.of_gradients = True
+    for place in range(len(m.duration)):
+        asks = False
+        for row in range(p.n):
+            asks = asks or p.worst[p.chosen[row]] == place
+        if asks:
+            m.at = place
+            m.ask()
+
+
+def _write_row(m: NearestMemory, p: PairsMemory, row: int, values: Vector) -> None:
+    pair, gradient, speed = p.chosen[row], p.gradient[row], 0.0
+    closing, place = FAR, p.worst[p.chosen[row]]
+    for i in range(len(m.velocity)):
+        speed += gradient[i] * m.velocity[i]
+        values[p.first + 1 + 2 * p.n + i * p.n + row] = gradient[i]
+    if place > 0:
+        # The way to rest grows with the square of the speed.
+        closing = (p.lowest[pair] - p.threshold) / (2.0 * m.duration[place]) - speed
+    values[p.first + 1 + row] = p.lowest[pair]
+    values[p.first + 1 + p.n + row] = closing
