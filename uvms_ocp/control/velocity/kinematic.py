@@ -130,7 +130,7 @@ class KinematicController:
     @property
     def without_c_form(self) -> dict[str, str]:
         """Names of tasks that Python is asked about at every tick, and for what."""
-        asked = {name: "a goal that moves without telling its end" for name in self._parameters.asked_of}
+        asked = dict.fromkeys(self._parameters.asked_of, "a goal that moves without telling its end")
         return asked | {
             task.name: "distances" for task in self.mission.hierarchy.tasks if task.nearest_pairs is not None
         }
