@@ -15,7 +15,7 @@ from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.control.velocity.levels import LevelsProblem
 from uvms_ocp.exceptions import InvalidInput, plain_line
 from uvms_ocp.solvers.hierarchy.active_set.codes import STATUSES
-from uvms_ocp.solvers.hierarchy.active_set.core_source import solver_source
+from uvms_ocp.solvers.hierarchy.active_set.core_source import solver_declaration, solver_source
 from uvms_ocp.solvers.hierarchy.active_set.patience import patience
 from uvms_ocp.solvers.hierarchy.tick import Tick, TickResult, dense
 
@@ -132,6 +132,7 @@ def _header(problem: LevelsProblem, levels: ca.Function) -> str:
             "   part of the tick. However many runs it takes, they have TICK_MOST_ITERATIONS iterations together. */",
             "int tick(const double *const in[TICK_N_IN], double active_set[TICK_N_ROWS], double v[TICK_N_V],",
             "         double quantities[TICK_N_QUANTITIES]);",
+            solver_declaration(),
             "#endif",
             "",
         ]

@@ -5,8 +5,6 @@
 #include <string.h>
 
 int levels(const double **arg, double **res, long long int *iw, double *w, int mem);
-int solve_levels(const double *jacobian, const double *lower, const double *upper, const double *gate, double *active_set,
-                 double *v, double *residual, int *iterations);
 
 /* One tick nearer to rest, as the controller in Python does where it has no solution. */
 static void brake(const double *previous, double v[TICK_N_V]) {
