@@ -11,7 +11,7 @@ import pytest
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.hierarchy.active_set.codes import STATUSES
-from uvms_ocp.solvers.hierarchy.active_set.core_source import core_source, solver_source
+from uvms_ocp.solvers.hierarchy.active_set.core_source import core_source, solver_declaration, solver_source
 from uvms_ocp.solvers.hierarchy.solution import Status
 
 COMPILER = shutil.which("gcc") or shutil.which("cc") or ""
@@ -63,6 +63,11 @@ def test_it_keeps_its_promises_for_random_numbers_under_the_sanitizers(tmp_path:
     assert sum(counts) == 10_000
     assert most <= allowed
     assert all(count[status] > 100 for status in Status if status is not Status.REGULARISED)
+
+
+@needs_compiler
+def test_it_is_what_its_declaration_says(tmp_path: Path) -> None:
+    _compiled(solver_declaration() + solver_source(3, (1, 2)), tmp_path, "-Wmissing-prototypes", "-c")
 
 
 def test_levels_without_a_row_have_no_source() -> None:

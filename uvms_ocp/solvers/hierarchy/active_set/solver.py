@@ -35,9 +35,9 @@ class LexicographicActiveSet:
     then goes level by level, then with fewer levels, as said in `uvms_ocp.solvers.hierarchy.active_set.fallbacks`; a call
     takes ``120 + 60 M`` iterations at most for M rows of all levels, whatever the numbers.
 
-    What a gate between 0 and 1 does
-    is said in `uvms_ocp.solvers.hierarchy.gated_rows`. In a controller priorities stay strict and accelerations within their
-    limits while gates change, and the jerk is bounded (`uvms_ocp.control.velocity.easing`); `Icat` keeps none of the three.
+    What a gate between 0 and 1 does is said in `uvms_ocp.solvers.hierarchy.gated_rows`. In a controller priorities stay strict
+    and accelerations within their limits while gates change, and the jerk is bounded (`uvms_ocp.control.velocity.easing`);
+    `Icat` keeps none of the three.
     """
 
     compiled: bool = True
