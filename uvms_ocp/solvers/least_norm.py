@@ -80,7 +80,7 @@ def row_space(s: Rows, m: int, n: int) -> int:
     largest = 0.0
     for k in range(min(m, n)):
         row = _longest(s, m, n)
-        size = _length(s.W[row], n)
+        size = _row_length(s.W[row], n)
         largest = max(largest, size)
         if size <= _RANK * largest:
             return k
@@ -110,7 +110,7 @@ def _orthogonal_to_the_others(s: Rows, k: int, n: int) -> None:
         along = dot(s.basis[k], s.basis[earlier], n)
         for j in range(n):
             s.basis[k][j] -= along * s.basis[earlier][j]
-    size = _length(s.basis[k], n)
+    size = _row_length(s.basis[k], n)
     for j in range(n):
         s.basis[k][j] /= size
 
@@ -143,5 +143,5 @@ def dot(x: Vector, y: Vector, n: int) -> float:
     return total
 
 
-def _length(x: Vector, n: int) -> float:
+def _row_length(x: Vector, n: int) -> float:
     return math.sqrt(dot(x, x, n))

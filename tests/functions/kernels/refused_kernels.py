@@ -18,6 +18,11 @@ class Small(Layout):
     root: Smooth
 
 
+def of_a_layout_that_is_no_vector(m: Small) -> None:
+    """m is no vector of 4 numbers"""
+    m.root(m, m.values)
+
+
 def to_a_power(m: Small) -> float:
     """line \\d+: m.x \\*\\* 3 is nothing that a kernel can do"""
     return m.x**3
@@ -115,6 +120,7 @@ def that_is_nested(m: Small) -> float:
 
 
 ALL = (
+    of_a_layout_that_is_no_vector,
     to_a_power,
     of_a_text,
     of_a_field_that_is_not_there,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
-from typing import Annotated
+from typing import Annotated, Any
 
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, zeros
 from uvms_ocp.functions.kernels.smooth import Smooth
@@ -44,6 +44,26 @@ def advance(m: Motion, push: float, n: int) -> float:
             m.x[i] += 0.01 * m.rate[i]
     m.dynamics(m.x, None, None, None, m.energy)
     return m.energy[0]
+
+
+class Column(Layout):
+    """Numbers alone, which may be expressions elsewhere."""
+
+    first: Annotated[Vector, Sized(1)]
+    rest: Annotated[Any, Sized(3)]
+
+
+class Roots(Layout):
+    """Of `take_roots`."""
+
+    root: Smooth
+    given: Column
+    told: Column
+
+
+def take_roots(m: Roots) -> None:
+    """Column by column."""
+    m.root(m.given, m.told)
 
 
 class Memory(Layout):

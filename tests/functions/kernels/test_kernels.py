@@ -10,12 +10,13 @@ import casadi as ca
 import numpy as np
 import pytest
 import refused_kernels
-from sample_kernels import Memory, Motion, advance, tick
+from sample_kernels import Memory, Motion, Roots, advance, take_roots, tick
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.kernels.binding import bind_kernels, memory_of
 from uvms_ocp.functions.kernels.layout import Layout, structure_of
 from uvms_ocp.functions.kernels.program import c_program
+from uvms_ocp.functions.kernels.smooth import column_view
 
 
 def _numbers(memory: ctypes.Structure) -> list[float]:
@@ -80,6 +81,15 @@ def test_two_functions_of_one_form_are_not_mixed_up() -> None:
         memory.x[0] = 1.0
         in_c(memory, 0.0, 1)
         assert memory.x[0] == 1.0 + 0.01 * gain
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_a_layout_of_nothing_but_numbers_is_a_vector_of_them(compiled: bool) -> None:
+    memory, (roots,) = memory_of(structure_of(Roots, root=_ROOT), (take_roots,), compiled=compiled)
+    memory.given.first[0], memory.given.rest[:] = 4.0, [9.0, 16.0, 25.0]
+    roots(memory)
+    assert (*memory.told.first, *memory.told.rest) == (2.0, 3.0, 4.0, 5.0)
+    np.testing.assert_array_equal(column_view(memory.told), [2.0, 3.0, 4.0, 5.0])
 
 
 def test_a_function_with_structural_zeros_is_refused() -> None:

@@ -60,14 +60,14 @@ def _reach_out(a: AuthorityMemory, trimmed: bool) -> None:
     """Along all axes within the limits of the program; trimmed: of what is left, from the wrench that holds the robot still."""
     for axis in range(6):
         for way in range(2):
-            most = _largest(a, axis, way, trimmed)
+            most = _largest_along(a, axis, way, trimmed)
             if trimmed:
                 a.reach[axis][way] = most
             else:
                 a.sound[axis][way] = most
 
 
-def _largest(a: AuthorityMemory, axis: int, way: int, trimmed: bool) -> float:
+def _largest_along(a: AuthorityMemory, axis: int, way: int, trimmed: bool) -> float:
     """Largest x with ``matrix T + s = trim + way x e``, T within its limits, s within what the water balances.
 
     way: 0 down the axis, 1 up. NaN where there is none.

@@ -99,9 +99,8 @@ def _item(hint: Any) -> Any:
 
 def declared_sizes(layout: type[Layout], sizes: Mapping[str, int]) -> dict[str, int]:
     """Entries [-] of each array of one dimension in a layout of nothing else, by name, with the `sizes` [-] given for names."""
-    (*hints,) = get_type_hints(layout, include_extras=True).items()
-    of = {name: get_args(hint)[1].sizes[0] for name, hint in hints}
-    return {name: sizes[size] if isinstance(size, str) else size for name, size in of.items()}
+    declared = {name: get_args(hint)[1].sizes[0] for name, hint in get_type_hints(layout, include_extras=True).items()}
+    return {name: sizes[size] if isinstance(size, str) else size for name, size in declared.items()}
 
 
 def zeros(n: int) -> list[float]:
