@@ -58,7 +58,7 @@ class NearestSearch:
     def __call__(
         self, q: np.ndarray, velocity: np.ndarray, durations: Sequence[float], ahead: Sequence[np.ndarray]
     ) -> Nearest:
-        """From q (n_q,) [m, rad] with velocity (n_v,) [m/s, rad/s], past places `ahead` (n_q,) [m, rad] after `durations` [s]."""
+        """From q (n_q,) [m, rad] with velocity (n_v,) [m/s, rad/s], past up to 4 `ahead` (n_q,) after `durations` [s]."""
         arrays, memory = self._arrays, self._memory
         memory.n_places = 1 + len(ahead)
         arrays["q"][0], arrays["velocity"][:] = q, velocity

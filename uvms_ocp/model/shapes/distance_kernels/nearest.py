@@ -107,10 +107,10 @@ def choose_near(m: NearestMemory) -> None:
     for k in range(m.n_pairs):
         m.near[k] = k
         m.lowest[k] = m.table[0][k]
-    select(m)
+    select_pairs(m)
     m.smallest = m.lowest[m.pair[0]]
     m.limit = m.lowest[m.pair[m.n_rows - 1]]
-    bound = m.limit + approach(m)
+    bound = m.limit + approach_on_way(m)
     m.n_near = 0
     for k in range(m.n_pairs):
         if not m.lowest[k] > bound:  # also what is not a number
@@ -118,7 +118,7 @@ def choose_near(m: NearestMemory) -> None:
             m.n_near += 1
 
 
-def approach(m: NearestMemory) -> float:
+def approach_on_way(m: NearestMemory) -> float:
     """[m] that any pair comes nearer by on the way, at most. A kernel."""
     speed = 0.0
     for i in range(len(m.velocity)):
@@ -132,7 +132,7 @@ def choose_nearest(m: NearestMemory) -> None:
         k = m.near[i]
         for place in range(1, m.n_places):
             m.lowest[k] = min(m.lowest[k], m.table[place][k])
-    select(m)
+    select_pairs(m)
     for row in range(m.n_rows):
         k = m.pair[row]
         m.distance[row] = m.lowest[k]
@@ -147,7 +147,7 @@ def first_place(m: NearestMemory, k: int) -> int:
     return 0
 
 
-def select(m: NearestMemory) -> None:
+def select_pairs(m: NearestMemory) -> None:
     """The n_rows pairs of `near` that are lowest, the first ones of equals. A kernel."""
     for k in range(m.n_pairs):
         m.taken[k] = 0
