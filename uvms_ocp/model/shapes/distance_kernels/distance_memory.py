@@ -21,7 +21,7 @@ from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, zeros
 from uvms_ocp.functions.kernels.smooth import Smooth
 from uvms_ocp.model.shapes.distance_kernels.hull import Hull
 from uvms_ocp.model.shapes.distance_kernels.meeting import Meeting
-from uvms_ocp.model.shapes.distance_kernels.pair import measure
+from uvms_ocp.model.shapes.distance_kernels.pair import measure_solids
 from uvms_ocp.model.shapes.distance_kernels.solids import Solid, dot, height, rotated, subtract, turned_back
 
 _NOTHING = 1e-5
@@ -116,7 +116,7 @@ def distance_of(m: DistanceMemory, k: int) -> float:
     """Signed distance [m] of pair k, as its solids are placed. A kernel."""
     pair, meeting = m.pairs[k], m.meeting
     a, b = m.solids[pair.first], m.solids[pair.second]
-    measure(meeting, m.hull, a, b)
+    measure_solids(meeting, m.hull, a, b)
     rotated(a.R, meeting.normal, pair.normal)
     rotated(a.R, meeting.at, pair.at)
     for i in range(3):

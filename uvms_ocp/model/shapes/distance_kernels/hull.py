@@ -11,7 +11,7 @@ from typing import Annotated
 
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, zeros
 from uvms_ocp.model.shapes.distance_kernels.axes import try_axis
-from uvms_ocp.model.shapes.distance_kernels.meeting import Meeting, add
+from uvms_ocp.model.shapes.distance_kernels.meeting import Meeting, add_corners
 from uvms_ocp.model.shapes.distance_kernels.solids import Solid, cross, dot, subtract
 
 GROWTH = 96
@@ -42,7 +42,7 @@ class Hull(Layout):
     """(n_edges, 2) points of the edges of the hole that faces leave which go."""
 
 
-def grow(h: Hull, m: Meeting, a: Solid, b: Solid) -> None:
+def grow_hull(h: Hull, m: Meeting, a: Solid, b: Solid) -> None:
     """Find a shallower direction than that of `m`, or that there is none. A kernel."""
     enclose(h, m, a, b)
     for _ in range(GROWTH):
@@ -50,7 +50,7 @@ def grow(h: Hull, m: Meeting, a: Solid, b: Solid) -> None:
         if -m.distance - h.offset[k] <= _OPEN:
             break
         try_axis(m, a, b, h.normal[k])
-        support(h, m, a, b, h.normal[k])
+        write_corner(h, m, a, b, h.normal[k])
         if dot(h.normal[k], h.w[h.n]) - h.offset[k] <= _OPEN:
             break
         open_up(h)
@@ -58,10 +58,10 @@ def grow(h: Hull, m: Meeting, a: Solid, b: Solid) -> None:
             break
 
 
-def support(h: Hull, m: Meeting, a: Solid, b: Solid, d: Vector) -> None:
+def write_corner(h: Hull, m: Meeting, a: Solid, b: Solid, d: Vector) -> None:
     """Write the point that is farthest along d (3,) behind the others, without counting it. A kernel."""
     m.simplex.n = 0
-    add(m, a, b, d)
+    add_corners(m, a, b, d)
     m.simplex.n = 0
     for i in range(3):
         h.w[h.n][i] = m.simplex.w[0][i]
@@ -98,7 +98,7 @@ def enclose(h: Hull, m: Meeting, a: Solid, b: Solid) -> None:
 
 def add_opposite(h: Hull, m: Meeting, a: Solid, b: Solid, d: Vector, u: Vector) -> None:
     """Two points, farthest along d (3,) and against it, and from the middle to the first, u (3,) [m]. A kernel."""
-    support(h, m, a, b, d)
+    write_corner(h, m, a, b, d)
     for i in range(3):
         u[i] = h.w[h.n][i] + m.p[i]
         h.w[h.n + 1][i] = -u[i] - m.p[i]
@@ -129,13 +129,13 @@ def open_up(h: Hull) -> None:
     while k < h.n_faces:
         if dot(h.normal[k], h.w[h.n]) > h.offset[k] + _SEEN:
             for c in range(3):
-                cut(h, h.face[k][c], h.face[k][(c + 1) % 3])
+                cut_edge(h, h.face[k][c], h.face[k][(c + 1) % 3])
             drop_face(h, k)
         else:
             k += 1
 
 
-def cut(h: Hull, i: int, j: int) -> None:
+def cut_edge(h: Hull, i: int, j: int) -> None:
     """An edge of a face that goes, which is of the hole unless the other face goes too. A kernel."""
     for k in range(h.n_edges):
         if (h.edge[k][0] == i and h.edge[k][1] == j) or (h.edge[k][0] == j and h.edge[k][1] == i):

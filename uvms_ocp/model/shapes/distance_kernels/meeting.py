@@ -56,7 +56,7 @@ def bring_together(m: Meeting, a: Solid, b: Solid) -> None:
     between(a.R, b.R, m.R)
 
 
-def begin(m: Meeting, a: Solid, b: Solid) -> None:
+def begin_search(m: Meeting, a: Solid, b: Solid) -> None:
     """One point of each, which lie near each other: nearest to the other's, in turn. A kernel."""
     x, y, s = zeros(3), zeros(3), m.simplex
     for i in range(3):
@@ -69,11 +69,11 @@ def begin(m: Meeting, a: Solid, b: Solid) -> None:
         rotated(m.R, s.b[0], x)
         for i in range(3):
             x[i] += m.p[i]
-    place(m, 0)
+    place_difference(m, 0)
     s.n = 1
 
 
-def place(m: Meeting, k: int) -> None:
+def place_difference(m: Meeting, k: int) -> None:
     """The difference of the k-th points. A kernel."""
     there, s = zeros(3), m.simplex
     rotated(m.R, s.b[k], there)
@@ -81,7 +81,7 @@ def place(m: Meeting, k: int) -> None:
         s.w[k][i] = s.a[k][i] - m.p[i] - there[i]
 
 
-def add(m: Meeting, a: Solid, b: Solid, d: Vector) -> None:
+def add_corners(m: Meeting, a: Solid, b: Solid, d: Vector) -> None:
     """The points of A and B whose difference is farthest along d (3,). A kernel."""
     s, back = m.simplex, zeros(3)
     farthest(a, d, s.a[s.n])
@@ -89,14 +89,14 @@ def add(m: Meeting, a: Solid, b: Solid, d: Vector) -> None:
     for i in range(3):
         back[i] = -back[i]
     farthest(b, back, s.b[s.n])
-    place(m, s.n)
+    place_difference(m, s.n)
     s.n += 1
 
 
-def search(m: Meeting, a: Solid, b: Solid) -> bool:
+def search_apart(m: Meeting, a: Solid, b: Solid) -> bool:
     """Whether A and B are apart; if so, their distance, normal and nearest points. A kernel."""
     s, before, stalled = m.simplex, math.inf, 0
-    begin(m, a, b)
+    begin_search(m, a, b)
     for k in range(ROUNDS):
         find_nearest(s)
         if s.inside or s.squared <= TOUCHING * TOUCHING:
@@ -117,7 +117,7 @@ def look_beyond(m: Meeting, a: Solid, b: Solid) -> None:
     s, away = m.simplex, zeros(3)
     for i in range(3):
         away[i] = -s.v[i]
-    add(m, a, b, away)
+    add_corners(m, a, b, away)
     s.n -= 1
 
 

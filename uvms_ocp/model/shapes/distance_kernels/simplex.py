@@ -39,7 +39,7 @@ def find_nearest(s: Simplex) -> None:
     s.squared = FAR
     s.inside = s.n == 4 and holds_origin(s)
     if s.n == 1:
-        offer(s, 0, 0, 0, 0.0, 0.0)
+        offer_point(s, 0, 0, 0, 0.0, 0.0)
     elif s.n == 2:
         try_edge(s, 0, 1)
     elif s.n == 3:
@@ -62,9 +62,9 @@ def try_edge(s: Simplex, i: int, j: int) -> None:
     subtract(wj, wi, e)
     length = dot(e, e)
     if length > 0.0:
-        offer(s, i, j, j, min(1.0, max(0.0, -dot(wi, e) / length)), 0.0)
+        offer_point(s, i, j, j, min(1.0, max(0.0, -dot(wi, e) / length)), 0.0)
     else:
-        offer(s, i, i, i, 0.0, 0.0)
+        offer_point(s, i, i, i, 0.0, 0.0)
 
 
 def try_face(s: Simplex, i: int, j: int, k: int) -> None:
@@ -81,14 +81,14 @@ def try_face(s: Simplex, i: int, j: int, k: int) -> None:
         cross(wi, e, turned)
         y = dot(normal, turned) / area
     if x >= 0.0 and y >= 0.0 and x + y <= 1.0:
-        offer(s, i, j, k, x, y)
+        offer_point(s, i, j, k, x, y)
     else:
         try_edge(s, i, j)
         try_edge(s, i, k)
         try_edge(s, j, k)
 
 
-def offer(s: Simplex, i: int, j: int, k: int, x: float, y: float) -> None:
+def offer_point(s: Simplex, i: int, j: int, k: int, x: float, y: float) -> None:
     """Take the point w_i + x (w_j - w_i) + y (w_k - w_i), x and y [-], if it is the nearest so far. A kernel."""
     v, wi, wj, wk = zeros(3), s.w[i], s.w[j], s.w[k]
     for c in range(3):
