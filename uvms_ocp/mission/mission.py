@@ -169,7 +169,8 @@ class Mission:
         """
         memory = self._memory(state)
         give_up(memory, t, climb_to is not None)
-        return gave_up(self.all_phases, state, memory, t, why, self.climb_goals(climb_to))
+        goals = () if climb_to is None else self.climb_goals(climb_to)
+        return gave_up(self.all_phases, state, memory, t, why, goals)
 
     def climbs(self, phase: int, task: int) -> bool:
         """Whether a task has a goal that is made as a phase begins: the one that climbs in the abort phase."""
@@ -177,9 +178,9 @@ class Mission:
             return False
         return self.hierarchy.tasks[task].name == self.abort.climb
 
-    def climb_goals(self, climb_to: pin.SE3 | None) -> GoalFunctions:
-        """Of all tasks in the abort phase, which climbs to a pose; none without such a phase or pose."""
-        if self.abort is None or climb_to is None:
+    def climb_goals(self, climb_to: pin.SE3) -> GoalFunctions:
+        """Of all tasks in the abort phase, which climbs to a pose; none without such a phase."""
+        if self.abort is None:
             return ()
         climb = self.abort.climb
         tasks = [task.with_goal(climb_to) if task.name == climb else task for task in self._tasks[-1]]

@@ -6,6 +6,7 @@ import math
 from enum import IntEnum
 from typing import Annotated, Any
 
+from uvms_ocp.functions.kernels.ask import Ask
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, zeros
 from uvms_ocp.functions.kernels.smooth import Smooth
 
@@ -126,3 +127,18 @@ def tick(m: Memory, x: float, quiet: bool) -> float:
     m.out[0] = s + math.erf(x) + math.remainder(x, LIMIT)
     m.now += 0.1
     return total + halvings(x) + int(x) + float(m.windows[0].mood)
+
+
+class Curious(Layout):
+    """What somebody in Python changes when asked."""
+
+    ask: Ask
+    x: float
+
+
+def inquire(m: Curious, n: int) -> float:
+    """Ask so often."""
+    for i in range(n):
+        m.x += i
+        m.ask()
+    return m.x

@@ -10,9 +10,10 @@ import casadi as ca
 import numpy as np
 import pytest
 import refused_kernels
-from sample_kernels import Memory, Motion, Roots, advance, take_roots, tick
+from sample_kernels import Curious, Memory, Motion, Roots, advance, inquire, take_roots, tick
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions.kernels.ask import Answer
 from uvms_ocp.functions.kernels.binding import bind_kernels, memory_of
 from uvms_ocp.functions.kernels.layout import Layout, structure_of
 from uvms_ocp.functions.kernels.program import c_program
@@ -90,6 +91,26 @@ def test_a_layout_of_nothing_but_numbers_is_a_vector_of_them(compiled: bool) -> 
     roots(memory)
     assert (*memory.told.first, *memory.told.rest) == (2.0, 3.0, 4.0, 5.0)
     np.testing.assert_array_equal(column_view(memory.told), [2.0, 3.0, 4.0, 5.0])
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_a_kernel_asks_python_which_answers_in_its_memory(compiled: bool) -> None:
+    memory: Any
+    memory, (ask_on,) = memory_of(structure_of(Curious), (inquire,), compiled=compiled)
+    assert compiled == (ask_on is not inquire)
+
+    def double() -> None:
+        if memory.x > 20.0:
+            raise OverflowError(f"{memory.x:g} is too much")
+        memory.x *= 2.0
+
+    answer = Answer(memory.ask, double)
+    assert ask_on(memory, 4) == 22.0
+    answer.check()
+    assert ask_on(memory, 1) == 22.0
+    with pytest.raises(OverflowError, match="22 is too much"):
+        answer.check()
+    answer.check()
 
 
 def test_a_function_with_structural_zeros_is_refused() -> None:

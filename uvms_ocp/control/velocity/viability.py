@@ -204,8 +204,9 @@ def _largest_share(m: RuleMemory, q: Vector, wanted: Vector) -> float:
     _mix(m, wanted, 1.0)
     if _is_clear(m, q, m.mixed):
         return 1.0
-    low, high = 0.0, 1.0
-    for _ in range(_HALVINGS):
+    low, high, left = 0.0, 1.0, _HALVINGS
+    while left > 0:
+        left -= 1
         middle = 0.5 * (low + high)
         _mix(m, wanted, middle)
         if _is_clear(m, q, m.mixed):

@@ -118,7 +118,6 @@ class _Program:
             for name, kind in scope.local.items()
             if name not in signature.parameters
         ]
-        own += [f"  (void){name};" for name in scope.local if name == "_"]  # which compilers take for forgotten
         self.bodies[kernel] = "".join(f"{line}\n" for line in own + lines)
 
     def _type(self, what: str, hint: Any) -> CType:
