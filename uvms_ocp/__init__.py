@@ -6,8 +6,7 @@ Public names; notation and frames: `uvms_ocp.model.spatial`.
 from uvms_ocp import scenarios as scenarios
 from uvms_ocp.control.velocity.kinematic import KinematicController as KinematicController
 from uvms_ocp.exceptions import UvmsError as UvmsError
-from uvms_ocp.export import export_controller as export_controller
-from uvms_ocp.export import exported_controller as exported_controller
+from uvms_ocp.export.controller import export_controller as export_controller
 from uvms_ocp.mission.conditions import DONE as DONE
 from uvms_ocp.mission.conditions import Above as Above
 from uvms_ocp.mission.conditions import Below as Below

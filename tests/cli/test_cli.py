@@ -98,7 +98,7 @@ def test_a_mission_out_of_time_exits_with_3_and_says_why(tmp_path: Path) -> None
         (["run", "--out", "taken/out"], "cannot write there"),
         (["run", "--out", ""], "names no folder"),
         (["plan", "curve", "--to", "3", "0", "0", "--out", ""], "names no folder"),
-        (["export", "tick", " "], "names no folder"),
+        (["export", "controller", "case1", " "], "names no folder"),
         (["run", "--out", "a\nb"], r"'a\nb' has control characters; give a folder without"),
         (["check", "table2"], "table2 is a study of many missions; give one scenario: case1"),
         (["run", "table2", "--seabed", "-39"], "table2 has no option --seabed"),
@@ -182,19 +182,21 @@ def test_a_mission_prints_as_a_table_or_a_diagram(tmp_path: Path) -> None:
     assert cli("mission", "case1", "--mermaid", cwd=tmp_path).stdout.startswith("stateDiagram-v2")
 
 
-def test_export_writes_the_tick_whole_or_not_at_all(tmp_path: Path) -> None:
-    process = cli("export", "tick", "--scenario", "case1", "c", cwd=tmp_path)
+def test_export_writes_the_controller_whole_or_not_at_all(tmp_path: Path) -> None:
+    process = cli("export", "controller", "case1", "c", "--plant", "kinematic", cwd=tmp_path)
     assert process.returncode == 0, process.stderr
     assert {path.name for path in (tmp_path / "c").iterdir()} >= {
-        "tick.h",
-        "levels.c",
-        "active_set.c",
+        "controller.h",
+        "controller.c",
+        "replay.c",
+        "recorded.bin",
         "CMakeLists.txt",
+        "README.md",
     }
-    assert cli("export", "tick", "--scenario", "case9", "d", cwd=tmp_path).returncode == 2
+    assert cli("export", "controller", "case9", "d", cwd=tmp_path).returncode == 2
     assert not (tmp_path / "d").exists()
     (tmp_path / "file").write_text("")
-    refused = cli("export", "tick", "file/c", cwd=tmp_path)
+    refused = cli("export", "controller", "case1", "file/c", cwd=tmp_path)
     assert refused.returncode == 2
     assert "cannot write there" in refused.stderr
     assert "--out" not in refused.stderr  # it has no such option

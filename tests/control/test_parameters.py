@@ -182,7 +182,7 @@ def test_nothing_is_measured_for_a_task_that_is_off(robot: Robot, monkeypatch: p
         at = Measurement(q=q, v=np.zeros(robot.n_v), altimeter_range=5.0)
         if asked is mission:
             control(at, 0.0)
-            np.testing.assert_array_equal(control._memory.goals.values, found)
+            np.testing.assert_array_equal(control.memory.goals.values, found)
         else:
             with pytest.raises(AssertionError):
                 control.observe(at, 0.0)
@@ -223,7 +223,7 @@ def test_a_goal_that_moves_is_asked_at_every_tick_and_a_still_one_once_in_a_phas
     ]
     mission = uo.Mission(hierarchy=Hierarchy(tasks), phases=tuple(phases))
     control = KinematicController(robot=robot, mission=mission, solver=uo.LexicographicActiveSet(), dt=DT)
-    memory, q, state = control._memory, robot.configuration(), mission.start()
+    memory, q, state = control.memory, robot.configuration(), mission.start()
     moving.asked.clear()
     for phase, goal in ((0, 0.1), (1, 0.2), (0, 0.1)):
         now = replace(state, phase=phase)
@@ -249,7 +249,7 @@ def test_a_goal_that_ends_is_held_as_samples_and_not_asked_again(robot: Robot, m
     ]
     mission = uo.Mission(hierarchy=Hierarchy([tasks[0], tasks[1].with_goal(curves[1])]), phases=tuple(phases))
     control = KinematicController(robot=robot, mission=mission, solver=uo.LexicographicActiveSet(), dt=DT)
-    memory, q = control._memory, robot.configuration()
+    memory, q = control.memory, robot.configuration()
     states = [replace(mission.start(), phase=phase, since=100 * DT) for phase in (0, 1)]
     ticks = [(state, k * DT) for state in states for k in (0, 100, 227, 300.25, 400, 499.5, 5000)]
     wanted = [mission_parameters(mission, *at, gates=np.ones(2), q=q, motion=None) for at in ticks]

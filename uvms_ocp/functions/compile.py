@@ -50,10 +50,13 @@ _log = logging.getLogger(__name__)
 
 
 @checked
-def compile_library(source: str, flags: Sequence[str] = (), name: str = "C code") -> Path | None:
+def compile_library(
+    source: str, flags: Sequence[str] = (), name: str = "C code", others: Sequence[str] = ()
+) -> Path | None:
     """Path of the library of ``source`` (C, linked with libm), which can be loaded; None where there is none (logged once).
 
-    name: what it is called where the log tells, at level INFO, that it is being compiled.
+    name: what it is called where the log tells, at level INFO, that it is being compiled. others: more sources of the same
+    library, each compiled by itself.
 
     The path is inside the user's cache, or inside ``UVMS_OCP_CACHE`` if that is set. A compiler is stopped after
     ``UVMS_OCP_COMPILE_TIMEOUT`` seconds, 300 by default. Raises `InvalidInput` where that is no time.
@@ -67,10 +70,11 @@ def compile_library(source: str, flags: Sequence[str] = (), name: str = "C code"
         return None
     flags = (*_FLAGS, *flags)
     try:
-        library = directory / f"{_key(source, flags, compiler)}.so"
+        sources = (source, *others)
+        library = directory / f"{_key(sources, flags, compiler)}.so"
         if _is_intact(library) and not _load_error(library):
             return library
-        return library if _build(compiler, source, flags, library, name) else None
+        return library if _build(compiler, sources, flags, library, name) else None
     except subprocess.TimeoutExpired as error:
         _HUNG.add(compiler)
         _warn_once(f"{compiler} was stopped after {error.timeout:g} s")
@@ -113,8 +117,8 @@ def loaded_library(path: Path) -> ctypes.CDLL:
     return ctypes.CDLL(str(path))
 
 
-def _key(source: str, flags: Sequence[str], compiler: str) -> str:
-    identity = (source, *flags, compiler, _version(compiler), platform.machine(), sys.platform)
+def _key(sources: Sequence[str], flags: Sequence[str], compiler: str) -> str:
+    identity = (*sources, *flags, compiler, _version(compiler), platform.machine(), sys.platform)
     return hashlib.sha256("\0".join(identity).encode()).hexdigest()
 
 
@@ -171,21 +175,22 @@ def _load_error(library: Path) -> str:
     return ""
 
 
-def _build(compiler: str, source: str, flags: Sequence[str], library: Path, name: str) -> bool:
+def _build(compiler: str, sources: Sequence[str], flags: Sequence[str], library: Path, name: str) -> bool:
     _announce(library.parent)
     _log.info("compiling %s", name)
     try:
         with tempfile.TemporaryDirectory(prefix="build-", dir=library.parent) as folder:
-            return _build_in(Path(folder), compiler, source, flags, library)
+            return _build_in(Path(folder), compiler, sources, flags, library)
     except OSError as error:
         _warn_once("compilation failed", error.strerror or str(error))
         return False
 
 
-def _build_in(folder: Path, compiler: str, source: str, flags: Sequence[str], library: Path) -> bool:
-    code, built = folder / "source.c", folder / "library.so"
-    code.write_text(source, encoding="utf-8")
-    failed, said = call([compiler, *flags, "-o", str(built), str(code), "-lm"], compile_timeout())
+def _build_in(folder: Path, compiler: str, sources: Sequence[str], flags: Sequence[str], library: Path) -> bool:
+    built, codes = folder / "library.so", [folder / f"source{k}.c" for k in range(len(sources))]
+    for code, source in zip(codes, sources, strict=True):
+        code.write_text(source, encoding="utf-8")
+    failed, said = call([compiler, *flags, "-o", str(built), *map(str, codes), "-lm"], compile_timeout())
     if failed:
         _warn_once(f"{compiler} failed", ascii(" ".join(said.split())[-200:]))
         return False

@@ -48,7 +48,7 @@ def interface_types(sizes: dict[str, int]) -> tuple[type[ctypes.Structure], type
 
 def _library(folder: Path) -> ctypes.CDLL:
     try:
-        header, *files = (
+        header, kernels, *others = (
             (folder / name).read_text(encoding="utf-8")
             for name in ("controller.h", "controller.c", "functions.c", "solver.c")
         )
@@ -56,7 +56,7 @@ def _library(folder: Path) -> ctypes.CDLL:
         raise InvalidInput(
             f"{folder} has no controller: {error.strerror}; `uvms-ocp export controller` writes one"
         ) from None
-    path = compile_library("\n".join([header, *files]).replace(_INCLUDE, ""), name="the exported controller")
+    path = compile_library(kernels.replace(_INCLUDE, header), name="the exported controller", others=others)
     if path is None:
         raise InvalidInput(f"the controller in {folder} cannot be compiled; give a C compiler (CC, cc, gcc, clang)")
     return loaded_library(path)

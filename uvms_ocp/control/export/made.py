@@ -55,7 +55,6 @@ def controller_memory(controller: KinematicController | DynamicController) -> An
         return below
     memory: Any = structure_of(ForceController, velocity=type(below), force=type(controller.memory))()
     memory.velocity, memory.force = below, controller.memory
-    memory.has_joints = bool(controller.kinematic.robot.n_joints)
     return memory
 
 

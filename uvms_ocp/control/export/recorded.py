@@ -34,6 +34,7 @@ class RecordingController:
         """(n,) each [in their units]."""
 
     def __call__(self, measurement: Measurement, t: float) -> Command:
+        """The command for the tick at time t [s]."""
         write_measurement(self._inputs, measurement, t)
         command = self._controller(measurement, t)
         _write_command(self._outputs, command)

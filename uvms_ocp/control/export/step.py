@@ -42,7 +42,6 @@ class ForceController(Layout):
     """The layer of velocities."""
     force: ForceMemory
     """The layer of forces."""
-    has_joints: bool
 
 
 def control_velocity(c: VelocityController, given: ControllerInputs, told: ControllerOutputs) -> None:
@@ -67,7 +66,7 @@ def control_force(c: ForceController, given: ControllerInputs, told: ControllerO
     for i in range(len(f.told.torque)):
         told.torque[i] = f.told.torque[i] if possible else 0.0
     told.stop = told.stop or not possible
-    told.brakes = f.given.joints[0] == 0.0 if c.has_joints else told.hold
+    told.brakes = f.locks
     _feel(m, f)
 
 

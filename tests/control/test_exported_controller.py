@@ -1,0 +1,145 @@
+"""The controller in C is the one in Python: the same commands on every tick, whatever happens."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import uvms_ocp as uo
+from uvms_ocp.control.navigation.degraded import CHANNELS
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.export import export_controller, exported_controller
+from uvms_ocp.scenario import Scenario
+from uvms_ocp.scenarios import SCENARIOS, case1
+
+COMPILER = shutil.which("gcc") or shutil.which("cc") or ""
+pytestmark = pytest.mark.skipif(not COMPILER or sys.platform == "win32", reason="needs a C compiler")
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
+GENERATED = ("controller.c", "functions.c", "solver.c")
+SANITIZED = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+RANDOM_INPUTS = Path(__file__).with_name("random_inputs.c")
+FAULTY = ("altimeter:frozen@3", "thruster3:dead@6", "joint2:jam@10")
+
+
+def scenario_of(name: str) -> Scenario:
+    if name == "faulty":
+        return case1(noise=True, faults=FAULTY, duration=25.0)
+    if name == "kinematic":
+        return case1(plant="kinematic", dt=0.02)
+    return SCENARIOS[name](duration=30.0)
+
+
+@cache
+def exported(name: str) -> Path:
+    """The folder of the controller of a scenario, written once."""
+    folder = _FOLDERS / name
+    export_controller(scenario_of(name), folder)
+    return folder
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _folders(tmp_path_factory: pytest.TempPathFactory) -> None:
+    global _FOLDERS
+    _FOLDERS = tmp_path_factory.mktemp("exported")
+    exported.cache_clear()
+
+
+_FOLDERS = Path()
+
+
+def built(folder: Path, program: str, main: Path, options: Sequence[str] = ("-O1",)) -> Path:
+    """A program of the controller and a file of its own."""
+    objects = []
+    for source in (main, *(folder / name for name in GENERATED)):
+        objects.append(folder / f"{program}_{source.stem}.o")
+        own = ("-Wno-unused-parameter",) if source.name in GENERATED else ()
+        command = [
+            COMPILER,
+            *STRICT,
+            *own,
+            *options,
+            "-ffp-contract=off",
+            f"-I{folder}",
+            "-c",
+            source,
+            "-o",
+            objects[-1],
+        ]
+        subprocess.run([str(part) for part in command], check=True)
+    subprocess.run([COMPILER, *options, *map(str, objects), "-lm", "-o", str(folder / program)], check=True)
+    return folder / program
+
+
+@pytest.mark.parametrize("name", ["kinematic", "case1", "case2", "current_drift", "bluerov_inspection", "faulty"])
+def test_fed_with_the_recorded_measurements_it_gives_the_recorded_commands(name: str) -> None:
+    folder = exported(name)
+    said = subprocess.run(
+        [built(folder, "replay", folder / "replay.c"), folder / "recorded.bin"],
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
+    assert ", 0 apart, " in said
+    assert int(said.split()[0]) > 100
+
+
+def test_a_replay_that_differs_fails(tmp_path: Path) -> None:
+    folder = exported("kinematic")
+    changed = bytearray((folder / "recorded.bin").read_bytes())
+    robot = scenario_of("kinematic").robot
+    first = 1 + robot.n_q + robot.n_v + 3 + 2 * len(CHANNELS)  # what is told, behind what is given
+    np.frombuffer(changed, dtype="<f8")[first] += 1e-3
+    (tmp_path / "other.bin").write_bytes(bytes(changed))
+    process = subprocess.run(
+        [built(folder, "replay", folder / "replay.c"), tmp_path / "other.bin"], capture_output=True
+    )
+    assert process.returncode == 1
+
+
+@pytest.mark.parametrize("name", ["kinematic", "faulty"])
+def test_no_input_does_harm(name: str) -> None:
+    """10,000 random ones, NaN and infinities among them, under the sanitizers; what it tells stays finite."""
+    folder = exported(name)
+    program = built(folder, "random", RANDOM_INPUTS, SANITIZED)
+    subprocess.run([program, folder / "recorded.bin"], check=True, capture_output=True, timeout=300.0)
+
+
+def test_in_the_loop_it_takes_the_place_of_pythons(tmp_path: Path) -> None:
+    ours = case1(noise=True, dt=0.01, duration=12.0)
+    export_controller(ours, tmp_path / "c")
+    theirs = replace(ours, controller=exported_controller(tmp_path / "c"))
+    record, watched = ours.run(), theirs.run()
+    for name in ("q", "command", "thrust", "torque", "phase"):
+        np.testing.assert_allclose(watched[name], record[name], rtol=0.0, atol=1e-9, err_msg=name)
+
+
+def test_a_controller_of_another_robot_is_refused() -> None:
+    other = replace(SCENARIOS["bluerov_inspection"](), controller=exported_controller(exported("case1")))
+    with pytest.raises(InvalidInput, match="is of a controller for another robot or mission; export this one"):
+        other.run()
+
+
+def test_a_folder_without_a_controller_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="has no controller: No such file"):
+        replace(case1(), controller=exported_controller(tmp_path)).run()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"solver": uo.Icat()}, "no form in C: solver Icat; LexicographicActiveSet has"),
+        ({"controller": lambda scenario: None}, "no form in C: the controller that the scenario was given"),
+    ],
+)
+def test_what_has_no_form_in_c_is_refused_by_its_name(changes: dict, message: str, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match=message):
+        export_controller(replace(case1(), **changes), tmp_path / "c")
+    assert not (tmp_path / "c").exists()
