@@ -145,7 +145,7 @@ def test_giving_up_is_that_of_the_mission_alone_in_c_and_in_python(
         assert [event.target for event in control.events] == ["climb", ABORT]
         stalled, late = control.events
         before, climbing = control.left
-        goal = climb_goal(control._memory.climb)
+        goal = climb_goal(control.memory.climb)
         began, event = mission.abandon(before, stalled.t, stalled.reason, goal)
         assert event == stalled
         assert (began.phase, began.since, began.why) == (climbing.phase, climbing.since, climbing.why)
@@ -180,8 +180,8 @@ def test_distances_and_their_limits_in_python_give_the_same_bits(
         measurement = Measurement(q=q, v=v, altimeter_range=5.0)
         first, second = quick(measurement, k * DT), slow(measurement, k * DT)
         np.testing.assert_array_equal(first.v, second.v)
-        np.testing.assert_array_equal(quick._memory.goals.values, slow._memory.goals.values)
-        moving += quick._memory.nearest.moves
+        np.testing.assert_array_equal(quick.memory.goals.values, slow.memory.goals.values)
+        moving += quick.memory.nearest.moves
         v = first.v
         q = pin.integrate(robot.model, q, v * DT)
     assert moving > 20
@@ -194,7 +194,7 @@ def test_gates_of_a_mission_without_memory_are_those_of_the_controller(scenario:
         tick = control.observe(measured(scenario), t)
         np.testing.assert_array_equal(tick.gates, mission.gates(mission.start(), t))
     gates = [0.0] * mission.n_tasks
-    gates_at(control._memory.mission, 0.1, gates)
+    gates_at(control.memory.mission, 0.1, gates)
     np.testing.assert_allclose(gates, 0.5 * np.array([row["A"] for row in mission.table()]))
 
 
