@@ -12,7 +12,6 @@ import pinocchio as pin
 import pytest
 
 import uvms_ocp as uo
-from uvms_ocp.control.velocity.distance_room import distance_room
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.control.velocity.nearest import NearestMemory, look_ahead, measure
 from uvms_ocp.control.velocity.parameters import (
@@ -30,6 +29,7 @@ from uvms_ocp.mission.progress import write_state
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.collision_model import CollisionModel
+from uvms_ocp.model.shapes.distance_room import distance_room
 from uvms_ocp.model.shapes.obstacles import Obstacle, mesh_shape
 from uvms_ocp.model.state import Measurement
 from uvms_ocp.tasks.clearance import Clearance

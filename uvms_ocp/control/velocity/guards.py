@@ -10,7 +10,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.control.velocity.distance_room import distance_room, in_c, without_c_form
 from uvms_ocp.control.velocity.stop import NONE, Stop, stop_sizes
 from uvms_ocp.control.velocity.viability import RuleMemory, comes_near, keep
 from uvms_ocp.functions.kernels.ask import Answer
@@ -19,6 +18,7 @@ from uvms_ocp.functions.kernels.layout import doubles, structure_of, view
 from uvms_ocp.model.limits import PositionLimit
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.collision_model import CollisionModel
+from uvms_ocp.model.shapes.distance_room import distance_room, in_c, without_c_form
 from uvms_ocp.tasks.limits import ENDLESS
 from uvms_ocp.tasks.task import Task
 

@@ -22,7 +22,6 @@ from uvms_ocp.control.navigation.degraded import (
 from uvms_ocp.control.navigation.last_known import LastEcho, LastSound
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.control.velocity.climb import climb_goal
-from uvms_ocp.control.velocity.distance_room import distance_room
 from uvms_ocp.control.velocity.distress import Distress, Strain, Why
 from uvms_ocp.control.velocity.guards import Guarding, guards_of, models_of, rule_sizes
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
@@ -46,6 +45,7 @@ from uvms_ocp.mission.phase import Event, MissionState
 from uvms_ocp.mission.progress import is_over, write_state
 from uvms_ocp.model.health import ChannelHealth
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.distance_room import distance_room
 from uvms_ocp.model.state import Command, Measurement
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.solvers.hierarchy.tick import SharedTick, Tick, TickResult

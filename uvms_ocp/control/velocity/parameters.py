@@ -16,7 +16,6 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.control.velocity.climb import ClimbMemory
-from uvms_ocp.control.velocity.distance_room import distance_room, in_c, without_c_form
 from uvms_ocp.control.velocity.nearest import NearestMemory, look_ahead, measure
 from uvms_ocp.control.velocity.tracks import Track, TracksMemory, follow_tracks, write_tracks
 from uvms_ocp.functions.kernels.ask import Answer
@@ -25,6 +24,7 @@ from uvms_ocp.mission.mission import Mission, is_still
 from uvms_ocp.mission.phase import MissionState
 from uvms_ocp.mission.progress import MissionMemory
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.distance_room import distance_room, in_c, without_c_form
 from uvms_ocp.model.symbolic.tree import SymbolicModel
 from uvms_ocp.tasks.limits import ENDLESS
 from uvms_ocp.tasks.nearest_pairs import NearestPairs

@@ -78,7 +78,7 @@ def functions_in(memory: Any) -> Iterator[SmoothStructure]:
     if isinstance(memory, SmoothStructure):
         yield memory
     elif isinstance(memory, ctypes.Structure):
-        for name, *_ in type(memory)._fields_:  # type: ignore[misc]
+        for name, *_ in type(memory)._fields_:
             yield from functions_in(getattr(memory, name))
     elif isinstance(memory, ctypes.Array) and issubclass(memory._type_, ctypes.Structure):
         for part in memory:
