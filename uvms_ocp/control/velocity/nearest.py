@@ -52,6 +52,8 @@ class PairsMemory(Layout):
     """(n_pairs,) [m] smallest on the way; infinite of those that cannot come near."""
     bounded: Annotated[list[int], Sized("n_pairs")]
     """(n_pairs,) of which `lowest` is no more than a bound from below."""
+    seen: Annotated[list[int], Sized("n_pairs")]
+    """(n_pairs,) place where it was measured last, if it was."""
     worst: Annotated[list[int], Sized("n_pairs")]
     """(n_pairs,) where that is: 0 now, k at the k-th place."""
     chosen: Annotated[list[int], Sized("n_rows")]
@@ -145,7 +147,12 @@ def _look_at(m: NearestMemory, p: PairsMemory, place: int, limit: float) -> None
         if p.counts[i] != 0:
             p.value[i] = least_distance(p.distances, i)
             if p.value[i] <= min(limit, p.lowest[i]):
-                p.value[i] = distance_of(p.distances, i)
+                p.value[i] = _measured(p, i, place)
+
+
+def _measured(p: PairsMemory, pair: int, place: int) -> float:
+    p.seen[pair] = place
+    return distance_of(p.distances, pair)
 
 
 def _ask_at(m: NearestMemory, place: int, of_gradients: bool) -> None:
@@ -161,7 +168,7 @@ def _choose_nearest(p: PairsMemory) -> None:
     for row in range(p.n):
         best = _lowest_left(p)
         while p.bounded[best] != 0:
-            p.lowest[best] = distance_of(p.distances, best)
+            p.lowest[best] = _measured(p, best, 0)
             p.bounded[best] = 0
             best = _lowest_left(p)
         p.chosen[row] = best
@@ -219,7 +226,8 @@ def _measure_gradients(m: NearestMemory, p: PairsMemory, place: int) -> None:
     for row in range(p.n):
         k = p.chosen[row]
         if p.worst[k] == place:
-            distance_of(p.distances, k)
+            if p.seen[k] != place:
+                _measured(p, k, place)
             pair_gradient(p.distances, k, p.gradient[row])
 
 

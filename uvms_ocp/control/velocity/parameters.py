@@ -126,7 +126,7 @@ def places_of(mission: Mission) -> list[slice]:
 
 
 class Measuring:
-    """What a `NearestMemory` knows of the tasks that ask, and who answers for their pairs: `CollisionModel`."""
+    """What a `NearestMemory` knows of the tasks that ask, and who answers where kernels cannot measure: `CollisionModel`."""
 
     def __init__(self, memory: Any, asking: Sequence[tuple[int, int, NearestPairs]], robot: Robot | None) -> None:
         """memory: of the `nearest_sizes`, which is set up. asking: index of each task, where its parameters end, its pairs.
