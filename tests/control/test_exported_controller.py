@@ -78,7 +78,9 @@ def built(folder: Path, program: str, main: Path, options: Sequence[str] = ("-O1
     return folder / program
 
 
-@pytest.mark.parametrize("name", ["kinematic", "case1", "case2", "current_drift", "bluerov_inspection", "faulty"])
+@pytest.mark.parametrize(
+    "name", ["kinematic", "case1", "case2", "current_drift", "obstacle_field", "bluerov_inspection", "faulty"]
+)
 def test_fed_with_the_recorded_measurements_it_gives_the_recorded_commands(name: str) -> None:
     folder = exported(name)
     said = subprocess.run(

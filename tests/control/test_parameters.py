@@ -13,13 +13,24 @@ import pytest
 
 import uvms_ocp as uo
 from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.control.velocity.parameters import Motion, measured, mission_parameters, take_goals
+from uvms_ocp.control.velocity.nearest import NearestMemory, look_ahead, measure
+from uvms_ocp.control.velocity.parameters import (
+    Measuring,
+    Motion,
+    measured,
+    mission_parameters,
+    nearest_sizes,
+    take_goals,
+)
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions.kernels.binding import bind_to
+from uvms_ocp.functions.kernels.layout import doubles, structure_of
 from uvms_ocp.mission.progress import write_state
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.collision_model import CollisionModel
-from uvms_ocp.model.shapes.obstacles import Obstacle
+from uvms_ocp.model.shapes.distance_room import distance_room
+from uvms_ocp.model.shapes.obstacles import Obstacle, mesh_shape
 from uvms_ocp.model.state import Measurement
 from uvms_ocp.tasks.clearance import Clearance
 from uvms_ocp.tasks.hierarchy import Hierarchy
@@ -39,6 +50,13 @@ def robot() -> Robot:
 
 def ball(x: float, y: float, z: float, radius: float = 0.3) -> Obstacle:
     return Obstacle(name="ball", shape=coal.Sphere(radius), X_WO=pin.SE3(np.eye(3), np.array([x, y, z])))
+
+
+def mesh(x: float, y: float, z: float) -> Obstacle:
+    corners, faces = np.vstack([np.zeros(3), 0.3 * np.eye(3)]), [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+    return Obstacle(
+        name="rubble", shape=mesh_shape(corners, np.array(faces)), X_WO=pin.SE3(np.eye(3), np.array([x, y, z]))
+    )
 
 
 def split(pairs: NearestPairs, values: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
@@ -138,8 +156,8 @@ class StandOff(Task):
         return equality_rows(pairs.jacobian, 0.5 * error, {"error": ca.fabs(error[0]), "distance": pairs.smallest})
 
 
-def standing_off(robot: Robot, goal: float, gate: float = 1.0) -> uo.Mission:
-    model = CollisionModel(robot, [ball(2.0, 0.0, 0.0)], self_collision=False, links=["base_link_0"])
+def standing_off(robot: Robot, goal: float, gate: float = 1.0, by: Obstacle | None = None) -> uo.Mission:
+    model = CollisionModel(robot, [by or ball(2.0, 0.0, 0.0)], self_collision=False, links=["base_link_0"])
     reached = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="SO.error", limit=1e-3),))
     phase = uo.Phase(name="go", gates={"SO": gate}, transitions=(reached,), goals={"SO": goal})
     return uo.Mission(hierarchy=Hierarchy([StandOff(model=model, goal=0.0)]), phases=(phase,), ramp=0.0)
@@ -169,23 +187,42 @@ def test_a_task_of_ones_own_on_distances_is_carried_out(robot: Robot) -> None:
 
 
 def test_nothing_is_measured_for_a_task_that_is_off(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    mission, q = standing_off(robot, 0.4, gate=0.0), robot.configuration()
+    q = robot.configuration()
 
     def refuse(*arguments: object) -> np.ndarray:
         raise AssertionError(arguments)
 
+    rubble = mesh(2.0, 0.0, 0.0)
+    off, on = standing_off(robot, 0.4, gate=0.0, by=rubble), standing_off(robot, 0.4, by=rubble)
     monkeypatch.setattr(CollisionModel, "values", refuse)
-    found = mission_parameters(mission, mission.start(), 0.0, gates=np.zeros(1), q=q, motion=None)
-    np.testing.assert_array_equal(found, mission.tasks_of(0)[0].reference(0.0))
-    for asked in (mission, standing_off(robot, 0.4)):
-        control = KinematicController(robot=robot, mission=asked, solver=uo.LexicographicActiveSet(), dt=DT)
-        at = Measurement(q=q, v=np.zeros(robot.n_v), altimeter_range=5.0)
-        if asked is mission:
-            control(at, 0.0)
-            np.testing.assert_array_equal(control.memory.goals.values, found)
-        else:
-            with pytest.raises(AssertionError):
-                control.observe(at, 0.0)
+    found = mission_parameters(off, off.start(), 0.0, gates=np.zeros(1), q=q, motion=None)
+    np.testing.assert_array_equal(found, off.tasks_of(0)[0].reference(0.0))
+    at = Measurement(q=q, v=np.zeros(robot.n_v), altimeter_range=5.0)
+    for mission in (off, standing_off(robot, 0.4, gate=0.0)):
+        control = KinematicController(robot=robot, mission=mission, solver=uo.LexicographicActiveSet(), dt=DT)
+        control(at, 0.0)
+        np.testing.assert_array_equal(control.memory.goals.values, found)
+    with pytest.raises(AssertionError):
+        KinematicController(robot=robot, mission=on, solver=uo.LexicographicActiveSet(), dt=DT).observe(at, 0.0)
+
+
+def test_kernels_and_python_measure_the_same_of_shapes_that_have_a_form_in_c(robot: Robot) -> None:
+    """In motion, where bounds stand in for what is far; Python, as `evaluate` asks it, takes the distances of all pairs."""
+    rocks, rng = [ball(1.6, 0.4, -0.3), ball(-1.8, 0.0, 0.4)], np.random.default_rng(6)
+    pairs = NearestPairs(task="CL", model=CollisionModel(robot, rocks), n=6, threshold=0.05)
+    sizes = nearest_sizes(robot, [pairs], robot.n_q, robot.n_v) | distance_room([pairs.model], robot)
+    memory = structure_of(NearestMemory, **sizes)()
+    Measuring(memory, [(0, pairs.n_parameters, pairs)], robot)
+    assert memory.pairs[0].in_c
+    looks, measures = bind_to(memory, (look_ahead, measure))
+    values, acceleration, moved = doubles(np.zeros(pairs.n_parameters)), doubles(robot.limits.acceleration), 0
+    for _ in range(40):
+        q, motion = random_motion(robot, rng)
+        looks(memory, doubles(q), doubles(motion.v), acceleration, motion.dt)
+        measures(memory, 0, values)
+        np.testing.assert_array_equal(values, measured(pairs, q, motion))
+        moved += int((split(pairs, np.array(values))[2] < FAR).sum())
+    assert moved > 20
 
 
 def test_pairs_that_cannot_be_measured_are_refused(robot: Robot) -> None:

@@ -92,6 +92,34 @@ def test_reckless_wishes_break_no_limit(robot: Robot) -> None:
     assert min(lowest for _, lowest in runs) > -1e-6
 
 
+def test_distances_that_kernels_measure_make_the_velocities_that_those_of_python_do(robot: Robot) -> None:
+    """Kernels pass over what a bound tells to be clear, and Python is asked for every pair that counts."""
+    kernels, python = Guarded(robot), Guarded(robot)
+    asked, model, clearance = [0], python.clearance.model, python.clearance.position_limit(robot)
+
+    def values(q: np.ndarray, rows: np.ndarray | None) -> np.ndarray:
+        asked[0] += 1
+        return model.values(q, rows)
+
+    limit = replace(clearance, values=values)
+    task = SimpleNamespace(name="CL", position_limit=lambda robot: limit)
+    python.rule = Viability(
+        robot=robot, tasks=(python.altitude, task), quantity_names=("MAC.altitude", "CL.clearance"), dt=DT
+    )
+    limits, q, v, rng, slowed = robot.limits, robot.configuration(), np.zeros(robot.n_v), np.random.default_rng(3), 0
+    for index in range(400):
+        if index % 50 == 0:
+            push = rng.choice([-1.0, 1.0], robot.n_v)
+        wanted = np.clip(v + push * limits.acceleration * DT, -limits.velocity, limits.velocity)
+        found = [rule.kept(q, v, wanted, (1.0, 1.0)) for rule in (kernels, python)]
+        np.testing.assert_array_equal(found[0], found[1])
+        slowed += int((found[0] != wanted).any())
+        v = found[0]
+        q = pin.integrate(robot.model, q, v * DT)
+    assert slowed > 30
+    assert asked[0] > 300
+
+
 def straight(name: str, axis: int, upper: float, reach: float = 1.0) -> SimpleNamespace:
     """A stand-in for a task: the planar robot's coordinate `axis` stays at or below `upper`."""
     limit = PositionLimit(

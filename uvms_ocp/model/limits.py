@@ -68,7 +68,10 @@ class PositionLimit:
     lower: float
     """[m] the bound."""
     values: ca.Function | Callable[[np.ndarray, np.ndarray | None], np.ndarray]
-    """Function of q (n_q,) [m, rad]: the positions (m,) [m]. One that is not CasADi's is told which of them, None for all."""
+    """Function of q (n_q,) [m, rad]: the positions (m,) [m]. One that is not CasADi's is told which of them, None for all.
+
+    Kernels measure those of a `CollisionModel` by themselves where they can; Python is asked for any others.
+    """
     n: int = 1
     """[-] m"""
     relative: bool = False

@@ -14,11 +14,10 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.kernels.binding import memory_of
 from uvms_ocp.functions.kernels.layout import structure_of
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.shapes import compiled_pairs, nearest_search
+from uvms_ocp.model.shapes import compiled_pairs
 from uvms_ocp.model.shapes.coal_pairs import CoalPairs
 from uvms_ocp.model.shapes.collision_model import CollisionModel, self_pairs, shapes_among
 from uvms_ocp.model.shapes.distance_kernels.distance_memory import DistanceMemory
-from uvms_ocp.model.shapes.nearest_search import NearestSearch
 from uvms_ocp.model.shapes.obstacles import mesh_shape, obstacle
 
 ROCKS = (
@@ -82,8 +81,7 @@ def test_shapes_without_a_form_in_c_are_named(robot: Robot) -> None:
 
 def test_without_a_compiler_coal_measures_the_same(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     compiled = CollisionModel(robot, ROCKS)
-    for module in (compiled_pairs, nearest_search):
-        monkeypatch.setattr(module, "memory_of", partial(memory_of, compiled=False))
+    monkeypatch.setattr(compiled_pairs, "memory_of", partial(memory_of, compiled=False))
     model = CollisionModel(robot, ROCKS)
     assert model.by_coal
     assert model.without_c_form == ()
@@ -91,23 +89,6 @@ def test_without_a_compiler_coal_measures_the_same(robot: Robot, monkeypatch: py
         expected = compiled.values(q)
         apart = expected > 0.0
         np.testing.assert_allclose(model.values(q)[apart], expected[apart], rtol=0, atol=1e-6)
-
-
-def test_the_nearest_are_the_same_step_by_step(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = NearestSearch(CollisionModel(robot, ROCKS), n=6, threshold=0.1, far=1e3)
-    monkeypatch.setattr(compiled_pairs, "memory_of", partial(memory_of, compiled=False))
-    steps = NearestSearch(CollisionModel(robot, ROCKS), n=6, threshold=0.1, far=1e3)
-    rng, moved = np.random.default_rng(10), 0
-    for q in configurations(robot):
-        v = rng.uniform(-0.4, 0.4, robot.n_v)
-        ahead = [pin.integrate(robot.model, q, v * t) for t in (0.25, 0.5)]
-        first, second = whole(q, v, (0.25, 0.5), ahead), steps(q, v, (0.25, 0.5), ahead)
-        if first.smallest <= 0.0 or (first.distance <= 0.0).any():
-            continue
-        assert first.smallest == pytest.approx(second.smallest, abs=1e-6)
-        np.testing.assert_allclose(first.distance, second.distance, rtol=0, atol=1e-6)
-        moved += int((first.closing < 1e3).sum())
-    assert moved > 20
 
 
 def test_what_was_asked_before_does_not_matter(robot: Robot) -> None:

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from types import MethodType
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.control.velocity.stop import Stop, stop_sizes
+from uvms_ocp.control.velocity.stop import NONE, Stop, stop_sizes
 from uvms_ocp.control.velocity.viability import RuleMemory, comes_near, keep
 from uvms_ocp.functions.kernels.ask import Answer
 from uvms_ocp.functions.kernels.binding import bind_to
 from uvms_ocp.functions.kernels.layout import doubles, structure_of, view
 from uvms_ocp.model.limits import PositionLimit
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.collision_model import CollisionModel
+from uvms_ocp.model.shapes.distance_room import distance_room, in_c, without_c_form
 from uvms_ocp.tasks.limits import ENDLESS
 from uvms_ocp.tasks.task import Task
 
@@ -38,6 +41,13 @@ class Guard:
         """Where they are among those of all limits."""
         return slice(self.first, self.first + self.limit.n)
 
+    @property
+    def model(self) -> CollisionModel | None:
+        """Whose distances the positions are, where they are."""
+        values = self.limit.values
+        owner = values.__self__ if isinstance(values, MethodType) and not self.limit.relative else None
+        return owner if isinstance(owner, CollisionModel) and values == owner.values else None
+
 
 def guards_of(robot: Robot, tasks: Sequence[Task], quantity_names: Sequence[str]) -> tuple[Guard, ...]:
     """The limits that `tasks` stand for, those with an expression first; quantity_names: of the vector, "task.quantity"."""
@@ -50,11 +60,17 @@ def guards_of(robot: Robot, tasks: Sequence[Task], quantity_names: Sequence[str]
     )
 
 
+def models_of(guards: Sequence[Guard]) -> list[CollisionModel]:
+    """Those that the guards have."""
+    return [guard.model for guard in guards if guard.model is not None]
+
+
 def rule_sizes(robot: Robot, guards: Sequence[Guard], dt: float) -> dict[str, Any]:
-    """Of a `RuleMemory` at control period dt [s]."""
+    """Of a `RuleMemory` at control period dt [s], but for the `distance_room` of its guards."""
     q = ca.SX.sym("q", robot.n_q)
     smooth = [guard.limit.values(q) for guard in guards if isinstance(guard.limit.values, ca.Function)]
     return {
+        "n_distances": sum(in_c(model, robot) for model in models_of(guards)),
         "n_limits": len(guards),
         "n_positions": sum(guard.limit.n for guard in guards),
         "smooth": ca.Function("positions", [q], [ca.densify(ca.vertcat(ca.SX(0, 1), *smooth))], {"cse": True}),
@@ -70,19 +86,40 @@ class Guarding:
         self.stop = Stop(robot, dt, memory.stop)
         """On the way to rest that the rule looks along."""
         self._guards, self._memory = guards, memory
+        self._robot, self._n_distances = robot, 0
         self._place, self._position, self._counts = map(view, (memory.place, memory.position, memory.counts))
         self.answer = Answer(memory.ask, self._look)
         memory.n_limits = memory.stop.n_limits = len(guards)
         for k, guard in enumerate(guards):
             self._write(k, guard)
 
+    @property
+    def without_c_form(self) -> dict[int, str]:
+        """Indices of tasks whose limits Python tells wherever kernels run, and why."""
+        why = {guard.task: self._why_python(guard) for guard in self._guards}
+        return {task: text for task, text in why.items() if text}
+
+    def _why_python(self, guard: Guard) -> str:
+        if guard.model is not None:
+            return without_c_form(guard.model, self._robot)
+        return "" if isinstance(guard.limit.values, ca.Function) else "a limit on positions without an expression"
+
     def _write(self, k: int, guard: Guard) -> None:
         memory, limit = self._memory, guard.limit
         memory.lower[k], memory.relative[k] = limit.lower, limit.relative
         memory.task[k], memory.quantity[k] = guard.task, guard.quantity
         memory.first[k], memory.end[k] = guard.positions.start, guard.positions.stop
-        memory.asks[k] = not isinstance(limit.values, ca.Function)
+        memory.pairs[k] = self._measured_by(guard.model)
+        memory.asks[k] = memory.pairs[k] == NONE and not isinstance(limit.values, ca.Function)
         view(memory.stop.reach)[k] = np.fmin(limit.reach, ENDLESS)
+
+    def _measured_by(self, model: CollisionModel | None) -> int:
+        """Which of `distances` it is, or `NONE`."""
+        if model is None or not in_c(model, self._robot):
+            return NONE
+        model.write(self._memory.distances[self._n_distances])
+        self._n_distances += 1
+        return self._n_distances - 1
 
     def _look(self) -> None:
         guard = self._guards[self._memory.asked]
@@ -109,7 +146,8 @@ class Viability:
     def __init__(self, *, robot: Robot, tasks: Sequence[Task], quantity_names: Sequence[str], dt: float) -> None:
         """dt [s]: control period. quantity_names: of the vector of quantities, "task.quantity"."""
         guards = guards_of(robot, tasks, quantity_names)
-        self._memory: Any = structure_of(RuleMemory, **rule_sizes(robot, guards, dt))()
+        sizes = {**rule_sizes(robot, guards, dt), **distance_room(models_of(guards), robot)}
+        self._memory: Any = structure_of(RuleMemory, **sizes)()
         self._comes_near, self._keep = bind_to(self._memory, (comes_near, keep))
         self._guarding = Guarding(robot, guards, dt, self._memory)
 

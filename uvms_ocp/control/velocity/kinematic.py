@@ -23,7 +23,7 @@ from uvms_ocp.control.navigation.last_known import LastEcho, LastSound
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.control.velocity.climb import climb_goal
 from uvms_ocp.control.velocity.distress import Distress, Strain, Why
-from uvms_ocp.control.velocity.guards import Guarding, guards_of, rule_sizes
+from uvms_ocp.control.velocity.guards import Guarding, guards_of, models_of, rule_sizes
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.parameters import (
     Measuring,
@@ -45,6 +45,7 @@ from uvms_ocp.mission.phase import Event, MissionState
 from uvms_ocp.mission.progress import is_over, write_state
 from uvms_ocp.model.health import ChannelHealth
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.distance_room import distance_room
 from uvms_ocp.model.state import Command, Measurement
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.solvers.hierarchy.tick import SharedTick, Tick, TickResult
@@ -94,13 +95,15 @@ class KinematicController:
         guards = guards_of(robot, tasks, names)
         tracks = tracks_of(mission, dt)
         asking = asking_of(mission)
-        nearest = nearest_sizes(robot, [pairs for _, _, pairs in asking], robot.n_q, robot.n_v)
-        sizes = {**rule_sizes(robot, guards, dt), **track_sizes(tracks), **nearest}
+        pairs = [pairs for _, _, pairs in asking]
+        nearest = nearest_sizes(robot, pairs, robot.n_q, robot.n_v)
+        room = distance_room([*models_of(guards), *(asked.model for asked in pairs)], robot)
+        sizes = {**rule_sizes(robot, guards, dt), **track_sizes(tracks), **nearest, **room}
         self.memory = memory = tick_memory(robot, mission, self.problem, self.watchdog, sizes)
         """All that a tick knows, a `TickMemory`."""
         self._arrays = arrays_of(memory, self.problem)
         self._parameters = MissionParameters(mission, memory.goals, tracks, dt)
-        self._measuring = Measuring(memory.nearest, asking)
+        self._measuring = Measuring(memory.nearest, asking, robot)
         tick, inputs = (
             solver.bind(self.problem.function, self.problem.sizes),
             inputs_of(memory, self._arrays, self.problem),
@@ -129,11 +132,10 @@ class KinematicController:
 
     @property
     def without_c_form(self) -> dict[str, str]:
-        """Names of tasks that Python is asked about at every tick, and for what."""
+        """Names of tasks that Python is asked about wherever kernels run, and for what."""
         asked = dict.fromkeys(self._parameters.asked_of, "a goal that moves without telling its end")
-        return asked | {
-            task.name: "distances" for task in self.mission.hierarchy.tasks if task.nearest_pairs is not None
-        }
+        why, tasks = self._guarding.without_c_form | self._measuring.without_c_form, self.mission.hierarchy.tasks
+        return asked | {tasks[task].name: text for task, text in why.items()}
 
     @property
     def kinematic(self) -> KinematicController:

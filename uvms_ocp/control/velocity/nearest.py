@@ -13,6 +13,13 @@ from uvms_ocp.control.velocity.stop import time_to_rest
 from uvms_ocp.functions.kernels.ask import Ask
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector
 from uvms_ocp.functions.kernels.smooth import Smooth
+from uvms_ocp.model.shapes.distance_kernels.distance_memory import (
+    DistanceMemory,
+    distance_of,
+    least_distance,
+    pair_gradient,
+    place_solids,
+)
 from uvms_ocp.tasks.nearest_pairs import FAR
 
 N_PLACES = 4
@@ -32,14 +39,21 @@ class PairsMemory(Layout):
     """[-] all of them."""
     threshold: float
     """[m]"""
+    in_c: bool
+    """Kernels measure them in `distances`; Python is asked otherwise."""
+    distances: DistanceMemory
     reach: Annotated[Vector, Sized("n_v")]
     """(n_v,) [-, m] of any pair's distance, infinite where nobody knows."""
     counts: Annotated[list[int], Sized("n_pairs")]
     """(n_pairs,) which are asked for."""
     value: Annotated[Vector, Sized("n_pairs")]
-    """(n_pairs,) [m] distances of those where they were asked for last."""
+    """(n_pairs,) [m] distances of those where they were asked for last, or what they are not below."""
     lowest: Annotated[Vector, Sized("n_pairs")]
     """(n_pairs,) [m] smallest on the way; infinite of those that cannot come near."""
+    bounded: Annotated[list[int], Sized("n_pairs")]
+    """(n_pairs,) of which `lowest` is no more than a bound from below."""
+    seen: Annotated[list[int], Sized("n_pairs")]
+    """(n_pairs,) place where it was measured last, if it was."""
     worst: Annotated[list[int], Sized("n_pairs")]
     """(n_pairs,) where that is: 0 now, k at the k-th place."""
     chosen: Annotated[list[int], Sized("n_rows")]
@@ -102,49 +116,83 @@ def measure(m: NearestMemory, k: int, values: Vector) -> None:
     """What a task asks for, into the parameters [their units] of all, as `NearestPairs.parameters` has it. A kernel."""
     p = m.pairs[k]
     m.asked = k
-    for i in range(p.n_pairs):
-        p.counts[i] = 1
-        p.worst[i] = 0
-    _ask_at(m, 0)
-    for i in range(p.n_pairs):
-        p.lowest[i] = p.value[i]
+    _look_around(m, p)
     _choose_nearest(p)
     values[p.first] = p.lowest[p.chosen[0]]
     if m.moves:
         _follow_the_way(m, p)
-    _ask_for_gradients(m, p)
+    _take_gradients(m, p)
     for row in range(p.n):
         _write_row(m, p, row, values)
 
 
-def _ask_at(m: NearestMemory, place: int) -> None:
+def _look_around(m: NearestMemory, p: PairsMemory) -> None:
+    """All pairs now: their distances, or bounds of them."""
+    for i in range(p.n_pairs):
+        p.counts[i] = 1
+        p.worst[i] = 0
+        p.bounded[i] = p.in_c
+    _look_at(m, p, 0, -math.inf)
+    for i in range(p.n_pairs):
+        p.lowest[i] = p.value[i]
+
+
+def _look_at(m: NearestMemory, p: PairsMemory, place: int, limit: float) -> None:
+    """Distances at a place; of a pair that is beyond the limit [m] there, or was nearer before, a bound says as much."""
+    if not p.in_c:
+        _ask_at(m, place, False)
+        return
+    place_solids(p.distances, m.place[place])
+    for i in range(p.n_pairs):
+        if p.counts[i] != 0:
+            p.value[i] = least_distance(p.distances, i)
+            if p.value[i] <= min(limit, p.lowest[i]):
+                p.value[i] = _measured(p, i, place)
+
+
+def _measured(p: PairsMemory, pair: int, place: int) -> float:
+    p.seen[pair] = place
+    return distance_of(p.distances, pair)
+
+
+def _ask_at(m: NearestMemory, place: int, of_gradients: bool) -> None:
     m.at = place
-    m.of_gradients = False
+    m.of_gradients = of_gradients
     m.ask()
 
 
 def _choose_nearest(p: PairsMemory) -> None:
-    """The pairs of the smallest distances, in their order."""
+    """The pairs of the smallest distances, in their order; where they stand, those are measured that only a bound is known of."""
     for i in range(p.n_pairs):
         p.taken[i] = 0
     for row in range(p.n):
-        best = -1
-        for i in range(p.n_pairs):
-            if p.taken[i] == 0 and (best < 0 or p.lowest[i] < p.lowest[best]):
-                best = i
+        best = _lowest_left(p)
+        while p.bounded[best] != 0:
+            p.lowest[best] = _measured(p, best, 0)
+            p.bounded[best] = 0
+            best = _lowest_left(p)
         p.chosen[row] = best
         p.taken[best] = 1
 
 
+def _lowest_left(p: PairsMemory) -> int:
+    best = -1
+    for i in range(p.n_pairs):
+        if p.taken[i] == 0 and (best < 0 or p.lowest[i] < p.lowest[best]):
+            best = i
+    return best
+
+
 def _follow_the_way(m: NearestMemory, p: PairsMemory) -> None:
     """The smallest distance of each pair that may become one of the nearest."""
-    farthest = p.lowest[p.chosen[p.n - 1]] + _approach(m, p)
+    limit, way = p.lowest[p.chosen[p.n - 1]], _approach(m, p)
     for i in range(p.n_pairs):
-        p.counts[i] = p.lowest[i] <= farthest
-        if p.counts[i] == 0:
+        p.counts[i] = p.lowest[i] <= limit + way
+        if p.counts[i] == 0 or p.bounded[i] != 0:
             p.lowest[i] = math.inf
+            p.bounded[i] = 0
     for place in range(1, len(m.duration)):
-        _ask_at(m, place)
+        _look_at(m, p, place, limit)
         for i in range(p.n_pairs):
             if p.counts[i] != 0 and p.value[i] < p.lowest[i]:
                 p.lowest[i] = p.value[i]
@@ -161,15 +209,26 @@ def _approach(m: NearestMemory, p: PairsMemory) -> float:
     return change * m.duration[len(m.duration) - 1]
 
 
-def _ask_for_gradients(m: NearestMemory, p: PairsMemory) -> None:
-    m.of_gradients = True
+def _take_gradients(m: NearestMemory, p: PairsMemory) -> None:
+    """Of the nearest pairs, each where it is nearest."""
     for place in range(len(m.duration)):
         asks = False
         for row in range(p.n):
             asks = asks or p.worst[p.chosen[row]] == place
-        if asks:
-            m.at = place
-            m.ask()
+        if asks and p.in_c:
+            _measure_gradients(m, p, place)
+        elif asks:
+            _ask_at(m, place, True)
+
+
+def _measure_gradients(m: NearestMemory, p: PairsMemory, place: int) -> None:
+    place_solids(p.distances, m.place[place])
+    for row in range(p.n):
+        k = p.chosen[row]
+        if p.worst[k] == place:
+            if p.seen[k] != place:
+                _measured(p, k, place)
+            pair_gradient(p.distances, k, p.gradient[row])
 
 
 def _write_row(m: NearestMemory, p: PairsMemory, row: int, values: Vector) -> None:

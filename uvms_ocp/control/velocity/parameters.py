@@ -24,6 +24,7 @@ from uvms_ocp.mission.mission import Mission, is_still
 from uvms_ocp.mission.phase import MissionState
 from uvms_ocp.mission.progress import MissionMemory
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.distance_room import distance_room, in_c, without_c_form
 from uvms_ocp.model.symbolic.tree import SymbolicModel
 from uvms_ocp.tasks.limits import ENDLESS
 from uvms_ocp.tasks.nearest_pairs import NearestPairs
@@ -125,17 +126,25 @@ def places_of(mission: Mission) -> list[slice]:
 
 
 class Measuring:
-    """What a `NearestMemory` knows of the tasks that ask, and who answers for their pairs: `CollisionModel`."""
+    """What a `NearestMemory` knows of the tasks that ask, and who answers where kernels cannot measure: `CollisionModel`."""
 
-    def __init__(self, memory: Any, asking: Sequence[tuple[int, int, NearestPairs]]) -> None:
-        """memory: of the `nearest_sizes`, which is set up. asking: index of each task, where its parameters end, its pairs."""
+    def __init__(self, memory: Any, asking: Sequence[tuple[int, int, NearestPairs]], robot: Robot | None) -> None:
+        """memory: of the `nearest_sizes`, which is set up. asking: index of each task, where its parameters end, its pairs.
+
+        robot: whose pairs kernels measure, where they can.
+        """
         self._memory, self._places = memory, view(memory.place)
         self._models = [pairs.model for _, _, pairs in asking]
+        why = {task: without_c_form(pairs.model, robot) for task, _, pairs in asking}
+        self.without_c_form = {task: text for task, text in why.items() if text}
+        """Indices of tasks whose distances Python measures wherever kernels run, and why."""
         memory.n_asking = len(asking)
         self.answer = Answer(memory.ask, self._look)
         for p, (task, end, pairs) in zip(memory.pairs, asking, strict=False):
             p.task, p.first, p.n, p.n_pairs = task, end - pairs.n_parameters, pairs.n_rows, pairs.model.n_pairs
-            p.threshold = pairs.threshold
+            p.threshold, p.in_c = pairs.threshold, in_c(pairs.model, robot)
+            if p.in_c:
+                pairs.model.write(p.distances)
             view(p.reach)[:] = np.where(np.isfinite(pairs.model.reach), pairs.model.reach, np.inf)
 
     def _look(self) -> None:
@@ -151,14 +160,16 @@ class Measuring:
 
 
 def nearest_sizes(robot: Robot | None, asking: Sequence[NearestPairs], n_q: int, n_v: int) -> dict[str, Any]:
-    """Of a `NearestMemory` for a q (n_q,) [m, rad] and velocities (n_v,) [m/s, rad/s]; without a robot nothing moves."""
+    """Of a `NearestMemory` for a q (n_q,) [m, rad] and velocities (n_v,) [m/s, rad/s], but for the `distance_room`.
+
+    Without a robot nothing moves.
+    """
     q, way = ca.SX.sym("q", n_q), ca.SX.sym("way", n_v)
     stay = ca.Function("stay", [q, way], [q])
     return {
         "n_q": n_q,
         "n_v": n_v,
         "n_asking": len(asking),
-        "n_pairs": max((pairs.model.n_pairs for pairs in asking), default=0),
         "n_rows": max((pairs.n_rows for pairs in asking), default=0),
         "integrate": _integrate(robot) if robot is not None and asking else stay,
     }
@@ -204,12 +215,13 @@ def parameters_of(task: Task, reference: np.ndarray, q: np.ndarray, motion: Moti
 def measured(pairs: NearestPairs, q: np.ndarray, motion: Motion | None = None) -> np.ndarray:
     """What `measure` finds at q (n_q,) [m, rad], and on the way to rest, as one vector (`NearestPairs.parameters`)."""
     robot, n_v = None if motion is None else motion.robot, pairs.model.n_v
-    memory: Any = structure_of(NearestMemory, **nearest_sizes(robot, [pairs], len(q), n_v))()
-    answer, values = Measuring(memory, [(0, pairs.n_parameters, pairs)]).answer, doubles(np.zeros(pairs.n_parameters))
+    sizes = {**nearest_sizes(robot, [pairs], len(q), n_v), **distance_room([pairs.model], None)}
+    memory: Any = structure_of(NearestMemory, **sizes)()
+    measuring, values = Measuring(memory, [(0, pairs.n_parameters, pairs)], None), doubles(np.zeros(pairs.n_parameters))
     v, acceleration, dt = np.zeros(n_v), np.ones(n_v), np.inf
     if motion is not None:
         v, acceleration, dt = motion.v, np.minimum(motion.robot.limits.acceleration, ENDLESS), motion.dt
     look_ahead(memory, doubles(q), doubles(v), doubles(acceleration), dt)
     measure(memory, 0, values)
-    answer.check()
+    measuring.answer.check()
     return np.array(values)

@@ -14,6 +14,12 @@ from uvms_ocp.control.velocity.stop import NONE, WayToRest, go_on, set_out, slow
 from uvms_ocp.functions.kernels.ask import Ask
 from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector
 from uvms_ocp.functions.kernels.smooth import Smooth
+from uvms_ocp.model.shapes.distance_kernels.distance_memory import (
+    DistanceMemory,
+    distance_of,
+    least_distance,
+    place_solids,
+)
 
 _HALVINGS = 5
 
@@ -26,7 +32,7 @@ class RuleMemory(Layout):
     smooth: Smooth
     """q to the positions that have an expression, those of the first limits."""
     ask: Ask
-    """Where they have none: the positions of the limit `asked` at `place` that count."""
+    """Where they have none, and are no distances: the positions of the limit `asked` at `place` that count."""
     asked: int
     place: Annotated[Vector, Sized("n_q")]
     """(n_q,) [m, rad]"""
@@ -41,7 +47,11 @@ class RuleMemory(Layout):
     relative: Annotated[list[int], Sized("n_limits")]
     """(n_limits,) as that of `PositionLimit`."""
     asks: Annotated[list[int], Sized("n_limits")]
-    """(n_limits,) which of them have no expression."""
+    """(n_limits,) which of them Python is asked about."""
+    pairs: Annotated[list[int], Sized("n_limits")]
+    """(n_limits,) which of `distances` their positions are, or `NONE`."""
+    distances: Annotated[list[DistanceMemory], Sized("n_distances")]
+    """(n_distances,)"""
     first: Annotated[list[int], Sized("n_limits")]
     """(n_limits,) first position of each."""
     end: Annotated[list[int], Sized("n_limits")]
@@ -56,7 +66,7 @@ class RuleMemory(Layout):
     base: Annotated[Vector, Sized("n_limits")]
     """(n_limits,) [m] the limits, as positions tell them."""
     position: Annotated[Vector, Sized("n_positions")]
-    """(n_positions,) [m] as last looked at."""
+    """(n_positions,) [m] as last looked at; of a distance no more than that."""
     counts: Annotated[list[int], Sized("n_positions")]
     """(n_positions,) which of them may come to their limit."""
     floor: Annotated[Vector, Sized("n_positions")]
@@ -137,7 +147,10 @@ def _measure(m: RuleMemory, k: int, measured: float) -> None:
 
 
 def _look_at(m: RuleMemory, k: int, q: Vector) -> None:
-    """The positions of a limit at q [m, rad], of those that count at least."""
+    """The positions of a limit at q [m, rad], of those that count at least; of distances a bound from below."""
+    if m.pairs[k] != NONE:
+        _look_at_pairs(m, k, q)
+        return
     if m.asks[k] == 0:
         m.smooth(q, m.position)
         return
@@ -145,6 +158,21 @@ def _look_at(m: RuleMemory, k: int, q: Vector) -> None:
     for i in range(len(m.place)):
         m.place[i] = q[i]
     m.ask()
+
+
+def _look_at_pairs(m: RuleMemory, k: int, q: Vector) -> None:
+    distances = m.distances[m.pairs[k]]
+    place_solids(distances, q)
+    for i in range(m.first[k], m.end[k]):
+        if m.counts[i] != 0:
+            m.position[i] = least_distance(distances, i - m.first[k])
+
+
+def _height(m: RuleMemory, k: int, i: int, enough: float) -> float:
+    """[m] of a position over its limit, as last looked at; where that is `enough` [m], no less than that."""
+    if m.pairs[k] != NONE and not m.position[i] - m.base[k] >= enough:
+        m.position[i] = distance_of(m.distances[m.pairs[k]], i - m.first[k])
+    return m.position[i] - m.base[k]
 
 
 def _is_clear(m: RuleMemory, q: Vector, v: Vector) -> bool:
@@ -171,7 +199,7 @@ def _slack(m: RuleMemory, k: int) -> float:
     slack = math.inf
     for i in range(m.first[k], m.end[k]):
         if m.counts[i] != 0:
-            slack = min(slack, m.position[i] - m.base[k] - m.floor[i])
+            slack = min(slack, _height(m, k, i, slack + m.floor[i]) - m.floor[i])
     return slack
 
 
@@ -191,7 +219,7 @@ def _lower_floors(m: RuleMemory, q: Vector) -> None:
 def _lower_floor(m: RuleMemory, k: int) -> None:
     for i in range(m.first[k], m.end[k]):
         if m.counts[i] != 0:
-            m.floor[i] = min(m.floor[i], m.position[i] - m.base[k])
+            m.floor[i] = min(m.floor[i], _height(m, k, i, m.floor[i]))
 
 
 def _mix(m: RuleMemory, wanted: Vector, share: float) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,7 @@ import casadi as ca
 from uvms_ocp.functions.compile import MATH
 from uvms_ocp.functions.kernels.initial_value import initial_value
 from uvms_ocp.functions.kernels.program import c_program
-from uvms_ocp.functions.kernels.smooth import SmoothStructure
+from uvms_ocp.functions.kernels.smooth import functions_in
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -36,7 +36,7 @@ def c_library(
 ) -> CLibrary:
     """The `kernels`, which work on a `memory` such as this and on `others`. Raises `InvalidInput`, as `c_program`."""
     program = c_program(kernels, (type(memory), *others))
-    functions = dict.fromkeys(_functions_in(memory))
+    functions = dict.fromkeys(part.function for part in functions_in(memory))
     return CLibrary(
         types=program.types,
         kernels=program.code,
@@ -44,14 +44,6 @@ def c_library(
         declarations="".join(f"{_head(function)};\n" for function in functions),
         initial=initial_value(memory),
     )
-
-
-def _functions_in(memory: Any) -> Iterator[ca.Function]:
-    if isinstance(memory, SmoothStructure):
-        yield memory.function
-    elif isinstance(memory, ctypes.Structure):
-        for name, *_ in memory._fields_:
-            yield from _functions_in(getattr(memory, name))
 
 
 def _head(function: ca.Function) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
@@ -65,14 +66,23 @@ def work_sizes(function: ca.Function) -> tuple[int, int, int, int]:
 def connect(memory: ctypes.Structure) -> bool:
     """Give the functions in `memory` the addresses of their machine code; false where one of them cannot be compiled."""
     done = True
-    for name, kind in type(memory)._fields_:  # type: ignore[misc]
-        part = getattr(memory, name)
-        if isinstance(part, SmoothStructure) and part.function.n_out():
+    for part in functions_in(memory):
+        if part.function.n_out():
             part.call = compiled_symbol(part.function)
             done &= part.call is not None
-        elif issubclass(kind, ctypes.Structure):
-            done &= connect(part)
     return done
+
+
+def functions_in(memory: Any) -> Iterator[SmoothStructure]:
+    """Those of a memory, of its parts, and of arrays of parts."""
+    if isinstance(memory, SmoothStructure):
+        yield memory
+    elif isinstance(memory, ctypes.Structure):
+        for name, *_ in type(memory)._fields_:
+            yield from functions_in(getattr(memory, name))
+    elif isinstance(memory, ctypes.Array) and issubclass(memory._type_, ctypes.Structure):
+        for part in memory:
+            yield from functions_in(part)
 
 
 @lru_cache(maxsize=256)

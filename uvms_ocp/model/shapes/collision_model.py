@@ -80,9 +80,18 @@ class CollisionModel:
         shapes = self._geometry.geometryObjects
         return tuple(shapes[k].name for k in _used(self._pairs) if not has_c_form(shapes[k].geometry))
 
+    @property
+    def n_solids(self) -> int:
+        """Shapes [-] that are in some pair."""
+        return len(_used(self._pairs))
+
+    def is_of(self, robot: Robot) -> bool:
+        """Whether its shapes are on a robot of the same joints."""
+        return bool(self._model == robot.model)
+
     def memory_sizes(self) -> dict[str, Any]:
         """What `structure_of` a layout with a `DistanceMemory` of these pairs needs."""
-        return distance_sizes(self._model, n_solids=len(_used(self._pairs)), n_pairs=self.n_pairs)
+        return distance_sizes(self._model, n_solids=self.n_solids, n_pairs=self.n_pairs)
 
     def write(self, memory: Any) -> None:
         """Into a `DistanceMemory` of those sizes, or larger: the pairs, in their order. Raises `InvalidInput` for a mesh."""

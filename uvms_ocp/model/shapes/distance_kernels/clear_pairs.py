@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -82,6 +83,7 @@ def _movers(model: pin.Model, joint: int) -> list[int]:
     return found
 
 
+@lru_cache(maxsize=8)
 def _places(model: pin.Model) -> ca.Function:
     """q -> placements of joints, row after row, and twists of axes at the origin of W, column after column."""
     q, symbolic = ca.SX.sym("q", model.nq), SymbolicModel(model)
