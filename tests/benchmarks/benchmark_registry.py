@@ -52,6 +52,7 @@ ALONE = tuple(
         "actuator_faults",
         "bluerov_reach",
         "calls",
+        "exported_controller",
         "faults",
         "gates",
         "hierarchy",

@@ -55,7 +55,7 @@ def _folders(tmp_path_factory: pytest.TempPathFactory) -> None:
 _FOLDERS = Path()
 
 
-def built(folder: Path, program: str, main: Path, options: Sequence[str] = ("-O1",)) -> Path:
+def built(folder: Path, program: str, main: Path, options: Sequence[str] = ("-O2",)) -> Path:
     """A program of the controller and a file of its own."""
     objects = []
     for source in (main, *(folder / name for name in GENERATED)):

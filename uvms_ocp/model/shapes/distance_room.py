@@ -23,7 +23,9 @@ def distance_room(models: Iterable[CollisionModel], robot: Robot | None) -> dict
     n_pairs = max((model.n_pairs for model in known), default=0)
     measured = [model.n_solids for model in known if in_c(model, robot)]
     if robot is None or not measured:
-        return {"places": _nothing(), "n_placements": 1, "n_twists": 1, "n_solids": 1, "n_pairs": n_pairs}
+        n_v = max([model.n_v for model in known] if robot is None else [robot.n_v], default=0)
+        # Room for all axes, also where none is looked at: compilers see what a kernel could read.
+        return {"places": _nothing(), "n_placements": 12, "n_twists": 6 * n_v, "n_solids": 1, "n_pairs": n_pairs}
     return distance_sizes(robot.model, n_solids=max(measured), n_pairs=n_pairs)
 
 

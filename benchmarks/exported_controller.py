@@ -1,0 +1,147 @@
+"""The controller in C: ``python benchmarks/exported_controller.py [--scenarios NAME ...]``.
+
+Exports the controller of each mission, builds it for this machine, with sanitizers and, where Debian's cross compiler and qemu's
+user emulation are installed, for 64-bit ARM, and replays the recorded run. Writes exported_controller.csv, one row per
+mission and build.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from resource import RUSAGE_CHILDREN, getrusage
+from typing import Any
+
+from recording.report import Report, Row, Table, begin, parser_of
+
+from uvms_ocp.export import export_controller
+from uvms_ocp.scenario import Scenario
+from uvms_ocp.scenarios import SCENARIOS, case1
+
+FAULTS = ("altimeter:frozen@8", "thruster3:dead@15", "joint2:jam@20")
+MISSIONS: dict[str, Callable[..., Scenario]] = {
+    **{name: SCENARIOS[name] for name in ("case1", "case2", "current_drift", "obstacle_field", "bluerov_inspection")},
+    "case1, faulty": lambda **options: case1(noise=True, faults=FAULTS, **options),
+}
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off")
+GENERATED = ("controller.c", "functions.c", "solver.c")
+TARGETS = {
+    "native": ("cc", ("-O2",), ()),
+    "sanitized": ("cc", ("-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"), ()),
+    "64-bit ARM, emulated": ("aarch64-linux-gnu-gcc", ("-O2", "-static"), ("qemu-aarch64",)),
+}
+PROSE = """
+{missions} missions, {ticks} replayed ticks in all. *apart*: ticks on which a velocity, thrust, torque, quantity or share
+differs by more than 1e-9 from what Python told, or a flag, phase or status at all. All files are compiled without a warning ({strict});
+in hand-written ones unused parameters are refused too. *us_per_tick*: time of the processor, reading of the record included; of
+emulated and sanitized programs it says little. {largest}
+"""
+COLUMNS = {
+    "mission": "",
+    "build": "",
+    "build_s": ".1f",
+    "code_kB": ".0f",
+    "ticks": "",
+    "apart": "",
+    "largest_difference": ".2g",
+    "us_per_tick": ".1f",
+    "status": "",
+}
+
+
+def rows_of(name: str, scenario: Scenario, folder: Path) -> Iterator[Row]:
+    """One for every build."""
+    export_controller(scenario, folder)
+    for target, (compiler, options, emulator) in TARGETS.items():
+        row: Row = {"mission": name, "build": target}
+        missing = [tool for tool in (compiler, *emulator) if shutil.which(tool) is None]
+        if missing:
+            yield {**row, "status": f"not installed: {', '.join(missing)}"}
+            continue
+        try:
+            built_s = built(folder, compiler, options)
+            yield {**row, "build_s": built_s, **replayed(folder, emulator), "status": "ok"}
+        except subprocess.CalledProcessError as error:
+            yield {
+                **row,
+                "status": f"{Path(str(error.cmd[0])).name} failed: {' '.join(str(error.stderr).split())[:200]}",
+            }
+
+
+def built(folder: Path, compiler: str, options: Sequence[str]) -> float:
+    """Time of the processor [s] to build the program ``replay``."""
+    before = _children()
+    for name in (*GENERATED, "replay.c"):
+        own = ("-Wno-unused-parameter",) if name in GENERATED else ()
+        _call(folder, compiler, *STRICT, *own, *options, "-c", name)
+    objects = [Path(name).with_suffix(".o").name for name in (*GENERATED, "replay.c")]
+    _call(folder, compiler, *options, *objects, "-lm", "-o", "replay")
+    return _children() - before
+
+
+def replayed(folder: Path, emulator: Sequence[str]) -> dict[str, Any]:
+    """What the program tells of the recorded run."""
+    before = _children()
+    process = subprocess.run([*emulator, "./replay", "recorded.bin"], cwd=folder, capture_output=True, text=True)
+    spent, said = _children() - before, process.stdout
+    if process.returncode not in (0, 1):
+        raise subprocess.CalledProcessError(process.returncode, ["replay"], stderr=process.stderr)
+    ticks, apart, largest = (
+        int(said.split()[0]),
+        int(said.split()[2]),
+        float(said.split("difference ")[1].split(",")[0]),
+    )
+    return {
+        "code_kB": 1e-3 * os.path.getsize(folder / "replay"),
+        "ticks": ticks,
+        "apart": apart,
+        "largest_difference": largest,
+        "us_per_tick": 1e6 * spent / ticks,
+    }
+
+
+def _call(folder: Path, *words: str) -> None:
+    subprocess.run(words, cwd=folder, check=True, capture_output=True, text=True)
+
+
+def _children() -> float:
+    """Time of the processor [s] of programs that have been called."""
+    used = getrusage(RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def main() -> None:
+    """Export, build, replay and write."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--scenarios", nargs="*", default=list(MISSIONS), metavar="NAME", choices=list(MISSIONS))
+    given, run = begin(parser)
+    names, short = (["case1"], {"duration": 1.0}) if run.quick else (given.scenarios, {})
+    rows: list[Row] = []
+    with tempfile.TemporaryDirectory() as work:
+        for k, name in enumerate(names):
+            rows += rows_of(name, MISSIONS[name](**short), Path(work) / str(k))
+    done = [row for row in rows if row["status"] == "ok"]
+    largest = max((row["largest_difference"] for row in done), default=0.0)
+    prose = PROSE.format(
+        missions=len(names),
+        ticks=sum(row["ticks"] for row in done),
+        strict=" ".join(STRICT),
+        largest=f"The largest difference of all is {largest:.2g}.",
+    )
+    run.write(
+        Report(
+            name="exported_controller",
+            title="The controller in C",
+            prose=prose,
+            tables=[Table(rows=rows, columns=COLUMNS)],
+            data={"exported_controller": rows},
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()
