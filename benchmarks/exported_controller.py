@@ -36,9 +36,9 @@ TARGETS = {
 }
 PROSE = """
 {missions} missions, {ticks} replayed ticks in all. *apart*: ticks on which a velocity, thrust, torque, quantity or share
-differs by more than 1e-9 from what Python told, or a flag, phase or status at all. All files are compiled without a warning ({strict});
-in hand-written ones unused parameters are refused too. *us_per_tick*: time of the processor, reading of the record included; of
-emulated and sanitized programs it says little. {largest}
+differs by more than 1e-9 from what Python told, or a flag, phase or status at all. All files are compiled without a warning
+({strict}); in hand-written ones unused parameters are refused too. *us_per_tick*: time of the processor, reading
+of the record included; of emulated and sanitized programs it says little. {largest}
 """
 COLUMNS = {
     "mission": "",

@@ -15,6 +15,7 @@ from uvms_ocp.control.export.recorded import RecordingController
 from uvms_ocp.control.navigation.degraded import CHANNELS
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.shapes.distance_kernels.meeting import ROUNDS
 from uvms_ocp.output import claimed
 from uvms_ocp.scenario import ControllerOf, Scenario, our_controller
 from uvms_ocp.solvers.hierarchy.active_set.patience import patience
@@ -80,7 +81,7 @@ def _texts(scenario: Scenario) -> tuple[dict[str, str], bytes]:
         ticks=run.n_ticks,
         size=ctypes.sizeof(memory),
         period=scenario.dt,
-        bound=f"{patience(rows).most_of_all} iterations of the solver at most, whatever the numbers",
+        bound=f"{patience(rows).most_of_all} iterations of the solver, {ROUNDS} rounds for every distance, whatever the numbers",
         channels=table(names.channels),
         phases=table(names.phases),
     )
