@@ -31,7 +31,7 @@ NEW = {"report.json": "new", "record.npz": "new", "figures/a.png": "new", "figur
 COMMANDS = {
     "run": ["run", "--plant", "kinematic", "--duration", "0.1", "--force"],
     "plan": ["plan", "curve", "--robot", "planar5", "--joint", "x0=0.5"],
-    "export": ["export", "tick"],
+    "export": ["export", "controller", "reach", "--plant", "kinematic"],
 }
 State = dict[str, str]
 
@@ -198,7 +198,7 @@ def command(folder: Path, arguments: list[str]) -> Any:
     """
     from uvms_ocp.cli import app
 
-    written = {"report.json": "old", "tick.h": "old", "scene.html": "old", "figures/path.png": "old"}
+    written = {"report.json": "old", "controller.h": "old", "scene.html": "old", "figures/path.png": "old"}
     target = prepared(folder, written)
     old, seen = state(target), []
 

@@ -20,7 +20,7 @@ from uvms_ocp.cli.plan_output import MadePlan, _print_plan
 from uvms_ocp.cli.printing import console_of, print_findings, table_of
 from uvms_ocp.cli.robots import _print_robot
 from uvms_ocp.cli.run import _print_summary
-from uvms_ocp.control.export import _comment
+from uvms_ocp.control.export.c_files import ControllerNames, table
 from uvms_ocp.exceptions import plain_line
 from uvms_ocp.meta_values import (
     FrameMeta,
@@ -292,11 +292,12 @@ def test_a_table_of_any_names_has_one_line_for_each_task() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES, ids=HOSTILE)
-def test_no_name_ends_a_comment_in_c(name: str) -> None:
-    text = _comment([name, name])
-    assert "*/" not in text
-    assert "\\" not in text
-    assert text.isprintable()
+def test_no_name_ends_a_text_in_c_or_a_cell_of_a_table(name: str) -> None:
+    names = ControllerNames(phases=(name, name), statuses=(), quantities=(name,), channels=())
+    (text,) = set(names.texts()["CONTROLLER_QUANTITIES"])
+    assert not set(text) & set('"\\?*/')
+    assert text.isprintable() or not text
+    assert all(row.count("|") == 3 for row in table((name, name)).splitlines())
 
 
 def test_a_scene_of_a_robot_with_any_names_is_written(tmp_path: Path) -> None:

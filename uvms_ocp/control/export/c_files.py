@@ -30,9 +30,10 @@ class ControllerNames:
     channels: tuple[str, ...]
     """In that of `ControllerInputs.trust`."""
 
-    def arrays(self) -> dict[str, tuple[str, ...]]:
-        """By their names in C."""
-        return {f"CONTROLLER_{name.upper()}": getattr(self, name) for name in self.__dataclass_fields__}
+    def texts(self) -> dict[str, list[str]]:
+        """By the names of their arrays in C, as far as they can stand in a text there; never nothing."""
+        found = {name: [_plain(text) for text in getattr(self, name)] for name in self.__dataclass_fields__}
+        return {f"CONTROLLER_{name.upper()}": texts or [""] for name, texts in found.items()}
 
 
 def header(library: CLibrary, names: ControllerNames, memory: str) -> str:
@@ -50,7 +51,7 @@ def header(library: CLibrary, names: ControllerNames, memory: str) -> str:
             "void controller_reset(Controller *controller);",
             "/* One tick. */",
             "void controller_step(Controller *controller, const ControllerInputs *in, ControllerOutputs *out);",
-            *(f"extern const char *const {name}[{max(1, len(texts))}];" for name, texts in names.arrays().items()),
+            *(f"extern const char *const {name}[{len(texts)}];" for name, texts in names.texts().items()),
             "/* Bytes of a Controller, of its inputs and of its outputs. */",
             "extern const unsigned long CONTROLLER_SIZES[3];",
             "#endif",
@@ -72,7 +73,7 @@ def source(library: CLibrary, names: ControllerNames, kernel: str) -> str:
             "  ControllerInputs given = *in;",
             f"  k_{kernel}(controller, &given, out);",
             "}",
-            *(f"const char *const {name}[] = {_texts(texts)};" for name, texts in names.arrays().items()),
+            *(f"const char *const {name}[] = {_texts(texts)};" for name, texts in names.texts().items()),
             "const unsigned long CONTROLLER_SIZES[3] = {",
             "    sizeof(Controller), sizeof(ControllerInputs), sizeof(ControllerOutputs)};",
             "",
@@ -90,8 +91,8 @@ def table(names: Sequence[str]) -> str:
     return "\n".join(f"| {place} | {_plain(name)} |" for place, name in enumerate(names))
 
 
-def _texts(names: Sequence[str]) -> str:
-    return "{" + ", ".join(f'"{_plain(name)}"' for name in names or ("",)) + "}"
+def _texts(texts: Sequence[str]) -> str:
+    return "{" + ", ".join(f'"{text}"' for text in texts) + "}"
 
 
 def _plain(name: str) -> str:
