@@ -6,15 +6,15 @@ from collections.abc import Callable
 from typing import Any
 
 from uvms_ocp.control.export.exported import interface_types
-from uvms_ocp.control.export.step import ForceController, VelocityController, control_force, control_velocity
+from uvms_ocp.control.export.step import ForceController, control_force, control_velocity
 from uvms_ocp.control.force.dynamic import DynamicController
 from uvms_ocp.control.velocity.kinematic import KinematicController
+from uvms_ocp.control.velocity.tick.solving import velocity_controller
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.kernels.c_library import CLibrary, c_library
 from uvms_ocp.functions.kernels.layout import structure_of
 from uvms_ocp.solvers.hierarchy.active_set.core_source import core_source
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
-from uvms_ocp.solvers.hierarchy.solution import Status
 
 
 def sizes_of(controller: KinematicController, n_thrusters: int) -> dict[str, int]:
@@ -35,22 +35,15 @@ def solver_file(controller: KinematicController) -> str:
     return core_source(problem.function.size2_out(0), problem.sizes)
 
 
-def velocity_memory(controller: KinematicController) -> Any:
-    """A `VelocityController` at the beginning of the mission of a fresh one. Raises `InvalidInput` without a C compiler."""
-    problem = controller.problem
-    solve = LexicographicActiveSet().function(problem.function, problem.sizes)
-    if solve is None:
-        raise InvalidInput("the controller cannot be written without a C compiler; give one (CC, cc, gcc, clang)")
-    sizes = {"n_rows": sum(problem.sizes), "n_statuses": len(Status)}
-    memory: Any = structure_of(VelocityController, tick=type(controller.memory), solve=solve, **sizes)()
-    memory.tick = controller.memory
-    memory.usable[:] = [status.usable for status in Status]
-    return memory
-
-
 def controller_memory(controller: KinematicController | DynamicController) -> Any:
-    """The same with the layer of forces, a `ForceController`, for one that has it."""
-    below = velocity_memory(controller.kinematic)
+    """A `VelocityController` at the beginning of the mission of a fresh one, or a `ForceController` where it has that layer.
+
+    Raises `InvalidInput` without a C compiler.
+    """
+    kinematic = controller.kinematic
+    below = velocity_controller(kinematic.memory, kinematic.problem, LexicographicActiveSet())
+    if below is None:
+        raise InvalidInput("the controller cannot be written without a C compiler; give one (CC, cc, gcc, clang)")
     if not isinstance(controller, DynamicController):
         return below
     memory: Any = structure_of(ForceController, velocity=type(below), force=type(controller.memory))()

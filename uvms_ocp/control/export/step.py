@@ -2,37 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 from uvms_ocp.control.export.interface import ControllerInputs, ControllerOutputs
 from uvms_ocp.control.force.force_step import ForceMemory, force_step
 from uvms_ocp.control.navigation.degraded import CHANNELS, ENCODERS
 from uvms_ocp.control.navigation.watchdog import Freshness
-from uvms_ocp.control.velocity.tick.kernels import after, before
+from uvms_ocp.control.velocity.tick.kernels import before
 from uvms_ocp.control.velocity.tick.layout import TickMemory
-from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector
-from uvms_ocp.functions.kernels.smooth import Smooth
+from uvms_ocp.control.velocity.tick.solving import VelocityController, finish
+from uvms_ocp.functions.kernels.layout import Layout
 from uvms_ocp.mission.progress import is_over
 from uvms_ocp.model.health import Trust
 
 _ENCODERS, _RATES = CHANNELS.index(ENCODERS), CHANNELS.index("joint_velocities")
-
-
-class VelocityController(Layout):
-    """All that a controller of velocities remembers."""
-
-    tick: TickMemory
-    """Of the mission, and before and after the solver."""
-    solve: Smooth
-    """Levels and solver: inputs of the levels, active set -> v, active set, report, residual, quantities, activity."""
-    active_set: Annotated[Vector, Sized("n_rows")]
-    """(n_rows,) of the tick before."""
-    found_set: Annotated[Vector, Sized("n_rows")]
-    """(n_rows,) of this one."""
-    report: Annotated[Vector, Sized(2)]
-    """(2,) code of the solver's `Status`, and iterations."""
-    usable: Annotated[list[int], Sized("n_statuses")]
-    """(n_statuses,) which of them have a velocity to use."""
 
 
 class ForceController(Layout):
@@ -50,8 +31,7 @@ def control_velocity(c: VelocityController, given: ControllerInputs, told: Contr
     _take_in(m, given)
     before(m)
     told.phase = m.mission.phase
-    _solve(c, told)
-    after(m)
+    told.status = finish(c)
     _tell(m, told)
 
 
@@ -82,18 +62,6 @@ def _take_in(m: TickMemory, given: ControllerInputs) -> None:
     for k in range(len(m.restriction.level)):
         m.restriction.level[k] = given.trust[k]
         m.restriction.since[k] = given.since[k]
-
-
-def _solve(c: VelocityController, told: ControllerOutputs) -> None:
-    m, found, told_of = c.tick, c.found_set, c.tick.quantities
-    v, goals, active = m.v, m.goals.values, c.active_set
-    c.solve(
-        m.q, v, m.previous, m.change, m.echo, goals, m.gates, active, m.solved, found, c.report, None, told_of, None
-    )
-    for i in range(len(c.active_set)):
-        c.active_set[i] = c.found_set[i]
-    told.status = int(c.report[0])
-    m.usable = c.usable[told.status] != 0
 
 
 def _tell(m: TickMemory, told: ControllerOutputs) -> None:

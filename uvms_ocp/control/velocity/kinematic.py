@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from time import perf_counter
 from typing import Any, Protocol
@@ -33,8 +34,10 @@ from uvms_ocp.control.velocity.parameters import (
     mission_parameters,
     nearest_sizes,
 )
+from uvms_ocp.control.velocity.tick.finishing import Solved, finish_by, finish_in_c
 from uvms_ocp.control.velocity.tick.kernels import after, before, is_unknown, take
 from uvms_ocp.control.velocity.tick.memory import altimeter_of, arrays_of, inputs_of, tick_memory
+from uvms_ocp.control.velocity.tick.solving import velocity_controller
 from uvms_ocp.control.velocity.tick_state import TickState
 from uvms_ocp.control.velocity.tracks import track_sizes, tracks_of
 from uvms_ocp.exceptions import InvalidInput
@@ -47,14 +50,12 @@ from uvms_ocp.model.health import ChannelHealth
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.distance_room import distance_room
 from uvms_ocp.model.state import Command, Measurement
-from uvms_ocp.solvers.hierarchy.solution import Status
-from uvms_ocp.solvers.hierarchy.tick import SharedTick, Tick, TickResult
+from uvms_ocp.solvers.hierarchy.tick import SharedTick, Tick
 
 _command = trusted(Command)
 _tick_state = trusted(TickState)
 
 _FRESHNESS = tuple(Freshness)
-_STATUS_CODE = {status: code for code, status in enumerate(Status)}
 
 
 class HierarchySolver(Protocol):
@@ -99,17 +100,15 @@ class KinematicController:
         nearest = nearest_sizes(robot, pairs, robot.n_q, robot.n_v)
         room = distance_room([*models_of(guards), *(asked.model for asked in pairs)], robot)
         sizes = {**rule_sizes(robot, guards, dt), **track_sizes(tracks), **nearest, **room}
-        self.memory = memory = tick_memory(robot, mission, self.problem, self.watchdog, sizes)
+        memory = tick_memory(robot, mission, self.problem, self.watchdog, sizes)
+        self._whole = velocity_controller(memory, self.problem, solver)
+        self.memory = memory = memory if self._whole is None else self._whole.tick
         """All that a tick knows, a `TickMemory`."""
         self._arrays = arrays_of(memory, self.problem)
         self._parameters = MissionParameters(mission, memory.goals, tracks, dt)
         self._measuring = Measuring(memory.nearest, asking, robot)
-        tick, inputs = (
-            solver.bind(self.problem.function, self.problem.sizes),
-            inputs_of(memory, self._arrays, self.problem),
-        )
-        self._solve = tick.adopt(*inputs) if isinstance(tick, SharedTick) else partial(tick, *inputs)
         self._before, self._after, self._take = bind_to(memory, (before, after, take))
+        self._finish = finish_in_c(self._whole) if self._whole is not None else self._finish_by(solver)
         self._guarding = Guarding(robot, guards, dt, memory.rule)
         self._sound = LastSound(robot, memory.sound)
         self._echo = LastEcho(robot, altimeter_of(robot, tasks), memory.beam)
@@ -189,13 +188,9 @@ class KinematicController:
         arrays, memory = self._arrays, self.memory
         if self._parameters.asked[tick.mission.phase]:
             self._parameters.ask(tick.mission, tick.t)
-        result = self._solve()
-        arrays.solved[:] = result.v
-        arrays.quantities[:] = result.extras[0]
-        memory.usable = result.status.usable
         if self._strain is not self._felt:
             self._feel()
-        self._after(memory)
+        solved = self._finish()
         self._guarding.answer.check()
         if memory.eventful:
             self._advance(tick)
@@ -205,8 +200,16 @@ class KinematicController:
             stop=tick.stopped,
             brakes=tick.restriction.joints_held,
             finished=self._state.over,
-            telemetry=_telemetry(tick, result, arrays.reported.copy(), memory.share),
+            telemetry=_telemetry(tick, solved, arrays.reported.copy(), memory.share),
         )
+
+    def _finish_by(self, solver: HierarchySolver) -> Callable[[], Solved]:
+        tick, inputs = (
+            solver.bind(self.problem.function, self.problem.sizes),
+            inputs_of(self.memory, self._arrays, self.problem),
+        )
+        solve = tick.adopt(*inputs) if isinstance(tick, SharedTick) else partial(tick, *inputs)
+        return finish_by(solve, partial(self._after, self.memory), self._arrays, self.memory)
 
     @late
     def follow(self, command: Command) -> None:
@@ -278,17 +281,18 @@ class KinematicController:
         return dict(zip(self.problem.quantity_names, quantities.tolist(), strict=True))
 
 
-def _telemetry(tick: TickState, result: TickResult, quantities: np.ndarray, share: float) -> dict[str, Any]:
+def _telemetry(tick: TickState, solved: Solved, quantities: np.ndarray, share: float) -> dict[str, Any]:
     """For the record."""
+    status, residual, activity, solve_time = solved
     return {
         "phase": tick.mission.phase,
         "gates": tick.gates,
-        "activity": result.extras[1],
-        "residual": result.residual,
+        "activity": activity,
+        "residual": residual,
         "quantities": quantities,
-        "status": _STATUS_CODE[result.status],
+        "status": status,
         "viable_share": share,
-        "solve_time": result.solve_time,
+        "solve_time": solve_time,
         "freshness": int(tick.freshness),
         "tick_time": perf_counter() - tick.begin,
     }

@@ -24,7 +24,7 @@ class CLibrary:
     kernels: str
     """Kernels, under their names behind ``k_``; after the types."""
     functions: str
-    """CasADi functions: a file of its own."""
+    """CasADi functions: a file of its own, without those that are made of other C already."""
     declarations: str
     """Of these functions."""
     initial: str
@@ -53,5 +53,6 @@ def _head(function: ca.Function) -> str:
 def _generated(functions: Sequence[ca.Function]) -> str:
     generator = ca.CodeGenerator("functions.c")
     for function in functions:
-        generator.add(function)
+        if function.class_name() != "External":
+            generator.add(function)
     return MATH + str(generator.dump())

@@ -62,6 +62,13 @@ class LexicographicActiveSet:
             )
         )
 
+    def core(self, n: int, sizes: Sequence[int]) -> ca.Function | None:
+        """(J, lower, upper, gate, active set) -> v, active set, report, residual, in machine code; None where that cannot be.
+
+        n [-]: velocities. sizes [-]: rows of each level.
+        """
+        return _core(n, tuple(sizes)) if self.compiled else None
+
     def _bind_cold(self, levels_function: ca.Function, sizes: Sequence[int]) -> Tick:
         tick = self.bind(levels_function, sizes)
 
@@ -77,7 +84,7 @@ class LexicographicActiveSet:
         ``report`` is [place of the ``Status`` among all of them, iterations]; v is 0 where the input is invalid.
         None where the solver cannot be compiled.
         """
-        core = _core(levels_function.size2_out(0), tuple(sizes)) if self.compiled else None
+        core = self.core(levels_function.size2_out(0), sizes)
         if core is None:
             return None
         inputs, names = dense_inputs(levels_function), levels_function.name_in()
