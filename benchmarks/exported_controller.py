@@ -28,7 +28,7 @@ MISSIONS: dict[str, Callable[..., Scenario]] = {
     "case1, faulty": lambda **options: case1(noise=True, faults=FAULTS, **options),
 }
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off")
-GENERATED = ("controller.c", "functions.c", "solver.c")
+GENERATED = ("controller.c", "initial.c", "functions.c", "solver.c")
 TARGETS = {
     "native": ("cc", ("-O2",), ()),
     "sanitized": ("cc", ("-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"), ()),

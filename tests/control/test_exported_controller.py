@@ -23,7 +23,7 @@ from uvms_ocp.scenarios import SCENARIOS, case1
 COMPILER = shutil.which("gcc") or shutil.which("cc") or ""
 pytestmark = pytest.mark.skipif(not COMPILER or sys.platform == "win32", reason="needs a C compiler")
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
-GENERATED = ("controller.c", "functions.c", "solver.c")
+GENERATED = ("controller.c", "initial.c", "functions.c", "solver.c")
 SANITIZED = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 RANDOM_INPUTS = Path(__file__).with_name("random_inputs.c")
 FAULTY = ("altimeter:frozen@3", "thruster3:dead@6", "joint2:jam@10")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from uvms_ocp.arguments import checked
-from uvms_ocp.control.export.c_files import TEMPLATES, ControllerNames, header, source, table, template
+from uvms_ocp.control.export.c_files import TEMPLATES, ControllerNames, header, initial, source, table, template
 from uvms_ocp.control.export.exported import CController, interface_types
 from uvms_ocp.control.export.made import c_controller, controller_memory, kernel_of, sizes_of, solver_file
 from uvms_ocp.control.export.recorded import RecordingController
@@ -23,7 +23,16 @@ from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.version import __version__
 
-FILES = ("controller.h", "controller.c", "functions.c", "solver.c", "recorded.bin", "README.md", *TEMPLATES)
+FILES = (
+    "controller.h",
+    "controller.c",
+    "initial.c",
+    "functions.c",
+    "solver.c",
+    "recorded.bin",
+    "README.md",
+    *TEMPLATES,
+)
 """That `export_controller` writes."""
 
 
@@ -88,6 +97,7 @@ def _texts(scenario: Scenario) -> tuple[dict[str, str], bytes]:
     made = {
         "controller.h": header(library, names, type(memory).__name__),
         "controller.c": source(library, names, kernel_of(memory).__name__),
+        "initial.c": initial(library),
         "functions.c": library.functions,
         "solver.c": solver_file(kinematic),
         "README.md": readme,

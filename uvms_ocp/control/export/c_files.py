@@ -14,6 +14,7 @@ from uvms_ocp.exceptions import plain_line
 from uvms_ocp.functions.kernels.c_library import CLibrary
 from uvms_ocp.functions.kernels.layout import Layout
 
+_INITIAL = "CONTROLLER_INITIAL"
 TEMPLATES = ("replay.c", "CMakeLists.txt")
 
 
@@ -67,8 +68,8 @@ def source(library: CLibrary, names: ControllerNames, kernel: str) -> str:
             '#include "controller.h"',
             library.declarations,
             library.kernels,
-            f"static const Controller INITIAL = {library.initial};",
-            "void controller_reset(Controller *controller) { *controller = INITIAL; }",
+            f"extern const Controller {_INITIAL};",
+            f"void controller_reset(Controller *controller) {{ *controller = {_INITIAL}; }}",
             "void controller_step(Controller *controller, const ControllerInputs *in, ControllerOutputs *out) {",
             "  ControllerInputs given = *in;",
             f"  k_{kernel}(controller, &given, out);",
@@ -79,6 +80,12 @@ def source(library: CLibrary, names: ControllerNames, kernel: str) -> str:
             "",
         ]
     )
+
+
+def initial(library: CLibrary) -> str:
+    """initial.c: a file of its own, as compilers that see megabytes of it look for what follows from them for minutes."""
+    value = f"const Controller {_INITIAL} = {library.initial};"
+    return "\n".join(["#include <math.h>", '#include "controller.h"', library.declarations, value, ""])
 
 
 def template(name: str) -> str:

@@ -11,6 +11,7 @@ from uvms_ocp.functions.compile import compile_library, loaded_library
 from uvms_ocp.functions.kernels.layout import structure_of
 from uvms_ocp.model.state import Command, Measurement
 
+_FILES = ("controller.h", "controller.c", "initial.c", "functions.c", "solver.c")
 _INCLUDE = '#include "controller.h"\n'
 
 
@@ -48,15 +49,13 @@ def interface_types(sizes: dict[str, int]) -> tuple[type[ctypes.Structure], type
 
 def _library(folder: Path) -> ctypes.CDLL:
     try:
-        header, kernels, *others = (
-            (folder / name).read_text(encoding="utf-8")
-            for name in ("controller.h", "controller.c", "functions.c", "solver.c")
-        )
+        header, *files = ((folder / name).read_text(encoding="utf-8") for name in _FILES)
     except OSError as error:
         raise InvalidInput(
             f"{folder} has no controller: {error.strerror}; `uvms-ocp export controller` writes one"
         ) from None
-    path = compile_library(kernels.replace(_INCLUDE, header), name="the exported controller", others=others)
+    source, *others = (text.replace(_INCLUDE, header) for text in files)
+    path = compile_library(source, name="the exported controller", others=others)
     if path is None:
         raise InvalidInput(f"the controller in {folder} cannot be compiled; give a C compiler (CC, cc, gcc, clang)")
     return loaded_library(path)
