@@ -28,6 +28,8 @@ MISSIONS: dict[str, Callable[..., Scenario]] = {
     "case1, faulty": lambda **options: case1(noise=True, faults=FAULTS, **options),
 }
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off")
+TOLERANCE = 1e-9
+"""That of replay.c."""
 GENERATED = ("controller.c", "initial.c", "functions.c", "solver.c")
 TARGETS = {
     "native": ("cc", ("-O2",), ()),
@@ -36,9 +38,9 @@ TARGETS = {
 }
 PROSE = """
 {missions} missions, {ticks} replayed ticks in all. *apart*: ticks on which a velocity, thrust, torque, quantity or share
-differs by more than 1e-9 from what Python told, or a flag, phase or status at all. All files are compiled without a warning
-({strict}); in hand-written ones unused parameters are refused too. *us_per_tick*: time of the processor, reading
-of the record included; of emulated and sanitized programs it says little. {largest}
+differs by more than {tolerance:g} from what Python told, or a flag, phase or status at all. All files are compiled without a
+warning ({strict}); in hand-written ones unused parameters are refused too. *us_per_tick*: time of the
+processor, reading of the record included; of emulated and sanitized programs it says little. {largest}
 """
 COLUMNS = {
     "mission": "",
@@ -130,6 +132,7 @@ def main() -> None:
         missions=len(names),
         ticks=sum(row["ticks"] for row in done),
         strict=" ".join(STRICT),
+        tolerance=TOLERANCE,
         largest=f"The largest difference of all is {largest:.2g}.",
     )
     run.write(
