@@ -13,7 +13,8 @@ import pytest
 from uvms_ocp.control.velocity.climb import climb_goal
 from uvms_ocp.control.velocity.distress import Strain
 from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.control.velocity.tick.kernels import after
+from uvms_ocp.control.velocity.tick.kernels import before
+from uvms_ocp.control.velocity.tick.solving import finish
 from uvms_ocp.mission.conditions import ABORT, Above, Below, Transition
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Phase
@@ -59,11 +60,15 @@ def babble(scenario: Scenario, n: int) -> list[tuple[Measurement, Strain]]:
 def twins(build: Callable[[], KinematicController], monkeypatch: pytest.MonkeyPatch) -> tuple[KinematicController, ...]:
     """Two controllers, the second with kernels in Python."""
     quick = build()
+    bound: list[object] = []
     with monkeypatch.context() as without:
-        without.setattr("uvms_ocp.control.velocity.kinematic.bind_to", lambda memory, kernels: kernels)
+        for room in ("kinematic", "tick.finishing"):
+            name = f"uvms_ocp.control.velocity.{room}.bind_to"
+            without.setattr(name, lambda memory, kernels: bound.extend(kernels) or kernels)
         slow = build()
-    assert slow._after is after
-    assert quick._after is not after
+    assert slow._before is before
+    assert quick._before is not before
+    assert finish in bound
     return quick, slow
 
 
