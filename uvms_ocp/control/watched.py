@@ -20,7 +20,8 @@ class WatchedController:
     """A callable ``(Measurement, t) -> Command`` that asks another one, and tells what the mission makes of it.
 
     A kinematic layer of its own measures all quantities, goes through the phases and ends the run; what it would command goes
-    nowhere. So a PID, a learned policy or the exported controller gets the record, report and figures of our own.
+    nowhere. So a PID, a learned policy or the exported controller gets the record, report and figures of our own. What thrusters
+    and joints meet it does not hear: it gives no mission up for thrust, contact or a faulty actuator.
     """
 
     def __init__(

@@ -78,8 +78,9 @@ class _Run:
 
 def _texts(scenario: Scenario) -> tuple[dict[str, str], bytes]:
     """By file; and the recorded run."""
-    controller, sizes = our_controller(scenario), _sizes(scenario)
+    controller = our_controller(scenario)
     kinematic = controller.kinematic
+    sizes = sizes_of(kinematic, _n_thrusters(scenario))
     memory, names, run = controller_memory(controller), _names(scenario, kinematic), _recorded(scenario, sizes)
     library = c_controller(memory, sizes)
     rows = sum(kinematic.problem.sizes)
@@ -120,10 +121,6 @@ def _names(scenario: Scenario, controller: KinematicController) -> ControllerNam
         quantities=tuple(controller.problem.quantity_names),
         channels=CHANNELS,
     )
-
-
-def _sizes(scenario: Scenario) -> dict[str, int]:
-    return sizes_of(scenario.kinematic_controller(), _n_thrusters(scenario))
 
 
 def _n_thrusters(scenario: Scenario) -> int:

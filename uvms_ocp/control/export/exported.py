@@ -19,7 +19,7 @@ class CController:
     """A callable ``(Measurement, t) -> Command``, at the beginning of its mission."""
 
     def __init__(self, folder: Path, sizes: dict[str, int], *, forces: bool) -> None:
-        """folder: where `controller.h`, `controller.c` and `functions.c` are. sizes [-]: of `interface_types`.
+        """folder: where the files of C are. sizes [-]: of `interface_types`.
 
         forces: its commands have thrust and torque. Raises `InvalidInput` where the files cannot be compiled, or are of
         a controller for another robot or mission.

@@ -5,8 +5,7 @@ from __future__ import annotations
 from uvms_ocp.control.export.interface import ControllerInputs, ControllerOutputs
 from uvms_ocp.control.force.force_step import ForceMemory, force_step
 from uvms_ocp.control.navigation.degraded import CHANNELS, ENCODERS
-from uvms_ocp.control.navigation.watchdog import Freshness
-from uvms_ocp.control.velocity.tick.kernels import before
+from uvms_ocp.control.velocity.tick.kernels import before, is_blind, is_stopped
 from uvms_ocp.control.velocity.tick.layout import TickMemory
 from uvms_ocp.control.velocity.tick.solving import VelocityController, finish
 from uvms_ocp.functions.kernels.layout import Layout
@@ -65,8 +64,8 @@ def _take_in(m: TickMemory, given: ControllerInputs) -> None:
 
 
 def _tell(m: TickMemory, told: ControllerOutputs) -> None:
-    told.hold = m.freshness != Freshness.FRESH or m.restriction.blind
-    told.stop = m.freshness == Freshness.LOST or (m.restriction.ended and not m.restriction.climbs)
+    told.hold = is_blind(m)
+    told.stop = is_stopped(m)
     told.brakes = m.restriction.joints_held
     told.finished = is_over(m.mission)
     told.freshness = m.freshness

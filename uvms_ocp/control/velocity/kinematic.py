@@ -107,7 +107,7 @@ class KinematicController:
         self._arrays = arrays_of(memory, self.problem)
         self._parameters = MissionParameters(mission, memory.goals, tracks, dt)
         self._measuring = Measuring(memory.nearest, asking, robot)
-        self._before, self._after, self._take = bind_to(memory, (before, after, take))
+        self._before, self._take = bind_to(memory, (before, take))
         self._finish = finish_in_c(self._whole) if self._whole is not None else self._finish_by(solver)
         self._guarding = Guarding(robot, guards, dt, memory.rule)
         self._sound = LastSound(robot, memory.sound)
@@ -209,7 +209,8 @@ class KinematicController:
             inputs_of(self.memory, self._arrays, self.problem),
         )
         solve = tick.adopt(*inputs) if isinstance(tick, SharedTick) else partial(tick, *inputs)
-        return finish_by(solve, partial(self._after, self.memory), self._arrays, self.memory)
+        (settle,) = bind_to(self.memory, (after,))
+        return finish_by(solve, partial(settle, self.memory), self._arrays, self.memory)
 
     @late
     def follow(self, command: Command) -> None:

@@ -56,12 +56,7 @@ def before(m: TickMemory) -> None:
     m.echo_is_oldest = echo_age > age
     m.oldest = max(age, echo_age)
     m.freshness = verdict_on(m.oldest, m.hold_after, m.stop_after)
-    m.holds = (
-        m.freshness != Freshness.FRESH
-        or m.restriction.blind
-        or m.restriction.hold
-        or (m.restriction.ended and not m.distress.aborts)
-    )
+    m.holds = is_blind(m) or m.restriction.hold or (m.restriction.ended and not m.distress.aborts)
     for i in range(len(m.previous)):
         m.previous[i] = m.command[i] / m.pace
     _measure_distances(m)
@@ -96,8 +91,7 @@ def after(m: TickMemory) -> None:
 
 def _judge(m: TickMemory) -> None:
     """Go on with the mission, or give it up."""
-    less = m.restriction
-    stopped = m.freshness == Freshness.LOST or (less.ended and not less.climbs)
+    less, stopped = m.restriction, is_stopped(m)
     hopeless = stopped and (less.ended or less.any_lost)
     m.why = distress_of(m.distress, m.mission, m.t, m.gates, m.told, hopeless, less.ended)
     if m.why != Why.NOTHING:
@@ -120,6 +114,16 @@ def _climb(m: TickMemory) -> None:
 
 def _doubts_altimeter(m: TickMemory) -> bool:
     return m.restriction.level[m.channel[m.altimeter]] != Trust.GOOD
+
+
+def is_blind(m: TickMemory) -> bool:
+    """As that of `TickState`."""
+    return m.freshness != Freshness.FRESH or m.restriction.blind
+
+
+def is_stopped(m: TickMemory) -> bool:
+    """As that of `TickState`."""
+    return m.freshness == Freshness.LOST or (m.restriction.ended and not m.restriction.climbs)
 
 
 def take(m: TickMemory) -> None:
