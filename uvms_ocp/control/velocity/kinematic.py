@@ -116,6 +116,8 @@ class KinematicController:
         self._strain = self._felt = Strain()
         self._jammed = self._felt.jammed
         self._restriction = FREE
+        self._health: tuple[ChannelHealth, ...] = ()
+        self._bad: list[ChannelHealth] = []
         self._state = mission.start()
         write_state(memory.mission, self._state)
 
@@ -155,7 +157,9 @@ class KinematicController:
         arrays.v[:] = measurement.v
         memory.t, memory.altimeter_range = t, measurement.altimeter_range
         memory.age, memory.joint_age = measurement.age, measurement.joint_age
-        bad = bad_of(measurement.health)
+        if measurement.health is not self._health:
+            self._health, self._bad = measurement.health, bad_of(measurement.health)
+        bad = self._bad
         if bad or self._restriction is not FREE:
             write_channels(memory.restriction, bad)
         self._before(memory)
