@@ -18,7 +18,8 @@ from uvms_ocp.untrusted.array_file import read_arrays
 from uvms_ocp.validation import shown
 
 _META_KEY = "__meta__"
-_BLOCK = 8 * 2**20  # [bytes] of a block: from 4 MB on NumPy asks for large pages, whose first touch takes a fraction of the time
+# From 4 MB on NumPy asks for large pages, whose first touch takes a fraction of the time.
+_BLOCK = 8 * 2**20  # [bytes]
 
 
 @checked

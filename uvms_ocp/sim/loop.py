@@ -94,7 +94,9 @@ class _Trusts:
         return self._row
 
 
-def _row(t: float, state: State, measurement: Measurement, command: Command, trusts: np.ndarray | None) -> dict[str, Any]:
+def _row(
+    t: float, state: State, measurement: Measurement, command: Command, trusts: np.ndarray | None
+) -> dict[str, Any]:
     row = {
         "t": t,
         "q": state.q,

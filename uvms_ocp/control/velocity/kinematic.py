@@ -14,8 +14,8 @@ from uvms_ocp.arguments import Period, checked, late, trusted
 from uvms_ocp.control.navigation.degraded import (
     ALTIMETER,
     FREE,
+    BadChannels,
     Restriction,
-    bad_of,
     restriction_in,
     told,
     write_channels,
@@ -116,8 +116,7 @@ class KinematicController:
         self._strain = self._felt = Strain()
         self._jammed = self._felt.jammed
         self._restriction = FREE
-        self._health: tuple[ChannelHealth, ...] = ()
-        self._bad: list[ChannelHealth] = []
+        self._bad = BadChannels()
         self._state = mission.start()
         write_state(memory.mission, self._state)
 
@@ -157,9 +156,7 @@ class KinematicController:
         arrays.v[:] = measurement.v
         memory.t, memory.altimeter_range = t, measurement.altimeter_range
         memory.age, memory.joint_age = measurement.age, measurement.joint_age
-        if measurement.health is not self._health:
-            self._health, self._bad = measurement.health, bad_of(measurement.health)
-        bad = self._bad
+        bad = self._bad.among(measurement.health)
         if bad or self._restriction is not FREE:
             write_channels(memory.restriction, bad)
         self._before(memory)
