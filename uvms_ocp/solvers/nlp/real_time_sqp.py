@@ -213,7 +213,8 @@ class _LevelQp:
 _FUNCTIONS = ("nlp_g", "nlp_grad_f", "nlp_jac_g", "nlp_hess_l")
 _OPTIONS: dict[str, dict[str, object]] = {
     # Starts are near the solution: a small barrier saves two of nine iterations.
-    "hpipm": {"hpipm": {"mu0": 1e-2, "iter_max": 20}},
+    # It replaces infinite bounds by `inf`, 1e8 of its own accord, beside which no complementarity reaches its tolerance.
+    "hpipm": {"inf": 1e6, "hpipm": {"mu0": 1e-2, "iter_max": 20}},
     "proxqp": {"proxqp": {"eps_abs": 1e-7}},
     "piqp": {},
 }
