@@ -20,6 +20,8 @@ import numpy as np
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermBlock, TermNumbers
 
+FIXED = ("motion", "forces", "start", "equal steps")
+"""Names of rows that are laws, not wishes."""
 _DROPPED = -2  # level of rows that say nothing
 _START = 0.75  # stage of the first state: after the dynamics and the terms of the first node
 
@@ -118,19 +120,19 @@ def _equalities(level: np.ndarray, stage: np.ndarray, names: tuple[str, ...]) ->
 
 
 def _dynamics(N: int, n_state: int, n_forces: int) -> _Group:
-    names = N * (*(["motion"] * n_state), *(["forces"] * n_forces))
+    names = N * (*FIXED[:1] * n_state, *FIXED[1:2] * n_forces)
     return _equalities(np.full(len(names), CONSTRAINT), np.repeat(np.arange(N), n_state + n_forces), names)
 
 
 def _start(n_state: int) -> _Group:
-    return _equalities(np.full(n_state, CONSTRAINT), np.full(n_state, _START), ("start",) * n_state)
+    return _equalities(np.full(n_state, CONSTRAINT), np.full(n_state, _START), FIXED[2:3] * n_state)
 
 
 def _equal_steps(problem: OcpProblem) -> _Group:
     """The first step of a phase may be longer or shorter than the last one of the phase before."""
     n = problem.n_steps - 1 if problem.free_time else 0
     first = np.isin(np.arange(1, n + 1), problem.starts_of_phases())
-    return _equalities(np.where(first, _DROPPED, CONSTRAINT), np.arange(n), ("equal steps",) * n)
+    return _equalities(np.where(first, _DROPPED, CONSTRAINT), np.arange(n), FIXED[3:] * n)
 
 
 def _terms(block: TermBlock) -> _Group:

@@ -38,16 +38,16 @@ class Transcription:
         self.problem, self._plugin = problem, plugin
         self.model = StageModel(problem)
         self._blocks = term_blocks(self.model)
-        self._variables = VariableLayout(model=self.model)
+        self.variables = VariableLayout(model=self.model)
         self._parameters = parameter_layout(problem, self._blocks)
         self._rows = row_layout(problem, self._blocks, n_forces=self.model.n_forces)
-        self._horizon = horizon(self._variables, self._parameters, self._rows)
+        self._horizon = horizon(self.variables, self._parameters, self._rows)
         self._last = fitted(self.model, self._blocks, problem)
 
     @property
     def n_x(self) -> int:
         """Number of variables."""
-        return self._variables.n_x
+        return self.variables.n_x
 
     def _fitted(self, problem: OcpProblem | None) -> Fitted:
         """Every method of a plan asks for that of the same problem."""
@@ -70,11 +70,11 @@ class Transcription:
         """Bounds (n_x,) of the variables: limits of the robot, durations."""
         if problem is None or not problem.free_time:
             return self._own_bounds
-        return self._variables.bounds(problem)
+        return self.variables.bounds(problem)
 
     @cached_property
     def _own_bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        return self._variables.bounds(self.problem)
+        return self.variables.bounds(self.problem)
 
     def ranges(self, problem: OcpProblem | None = None) -> RowRanges:
         """Where the rows are to be."""
@@ -85,16 +85,25 @@ class Transcription:
 
     def pack(self, trajectory: Trajectory) -> np.ndarray:
         """Variables (n_x,) of a trajectory; times are taken as they are where durations are free."""
-        return self._variables.pack(trajectory)
+        return self.variables.pack(trajectory)
 
     def unpack(self, x: np.ndarray, problem: OcpProblem | None = None) -> Trajectory:
         """The trajectory of variables x (n_x,) [unit of x]."""
-        return self._variables.unpack(x, problem or self.problem)
+        return self.variables.unpack(x, problem or self.problem)
 
     @cached_property
     def _constraint_values(self) -> ca.Function:
         rows = self._horizon.rows[self._rows.constraints.tolist()]
         return ca.Function("constraints", [self._horizon.x, self._horizon.p], [rows])
+
+    @property
+    def constraint_names(self) -> tuple[str, ...]:
+        """(n_constraints,) of what each constraint of the program stands for."""
+        return tuple(self._rows.names[row] for row in self._rows.constraints.tolist())
+
+    def constraint_functions(self) -> dict[str, ca.Function]:
+        """``nlp_g``, ``nlp_jac_g`` and ``nlp_hess_l`` of the constraints alone, as IPOPT asks for them."""
+        return self._horizon.derivative_functions(0, self._rows.constraints, plugin="ipopt")
 
     def violations(self, x: np.ndarray, p: np.ndarray, problem: OcpProblem | None = None) -> dict[str, float]:
         """Largest violation [unit of the row] of every group of constraints at x (n_x,) [unit of x].
