@@ -78,8 +78,8 @@ class Planner:
     ) -> LexicographicResult:
         """The lexicographic solution for parameters p (n_p,) [unit of the parameter] of `Transcription.parameters`.
 
-        guess: also variables (n_x,) [unit of x]. problem: that of p, by default the one this planner was built from. time_limit [s]: where it is to be shorter than
-        that of the options. progress: as `plan` takes it.
+        guess: also variables (n_x,) [unit of x]. problem: that of p, by default the one this planner was built from.
+        time_limit [s]: where it is to be shorter than that of the options. progress: as `plan` takes it.
         """
         lower, upper = self.transcription.bounds(problem)
         ranges = self.transcription.ranges(problem)

@@ -53,6 +53,8 @@ class Court:
         """again: one more solve is made where the search for what gives way finds a point that keeps all constraints."""
         if NlpStatus.INTERRUPTED in result.level_status:
             return self._interrupted(result)
+        if NlpStatus.NOT_A_NUMBER in result.level_status:
+            return self._undefined(result)
         if result.violation > self.feasibility:
             return self._broken(result, again)
         missed = self._missed(result)
@@ -73,6 +75,16 @@ class Court:
         residual = result.level_residuals[level]
         text = f"level {self._name(level)}: stopped by hand at a residual of {residual:.4g}, with constraints broken by"
         return Verdict(status=OcpStatus.INTERRUPTED, reason=f"{text} {result.violation:.2g}", result=result)
+
+    def _undefined(self, result: LexicographicResult) -> Verdict:
+        names = self.transcription.undefined(self.problem)
+        level = result.level_status.index(NlpStatus.NOT_A_NUMBER)
+        text = f"level {self._name(level)}: {NlpStatus.NOT_A_NUMBER.value}"
+        if names:
+            text += (
+                f": at the start {_listed(names)} or its slope is none; add a small number under roots and divisions"
+            )
+        return Verdict(status=OcpStatus.UNFINISHED, reason=text, result=result)
 
     # --- no motion was found --------------------------------------------------------------------------
 

@@ -12,15 +12,17 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.state import State
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.trajectory import Trajectory
+from uvms_ocp.ocp.transcription.boundary import boundary
 from uvms_ocp.ocp.transcription.horizon import horizon
 from uvms_ocp.ocp.transcription.parameter_layout import parameter_layout
 from uvms_ocp.ocp.transcription.row_layout import row_layout
 from uvms_ocp.ocp.transcription.shape import Fitted, fitted
 from uvms_ocp.ocp.transcription.stage import StageModel
-from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, term_blocks
+from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermNumbers, term_blocks
 from uvms_ocp.ocp.transcription.variable_layout import VariableLayout
 from uvms_ocp.solvers.intervals import excess
 from uvms_ocp.solvers.nlp.program import LevelNlp, LevelRows, LexicographicProgram, RowRanges
@@ -40,8 +42,11 @@ class Transcription:
         self._blocks = term_blocks(self.model)
         self.variables = VariableLayout(model=self.model)
         self._parameters = parameter_layout(problem, self._blocks)
-        self._rows = row_layout(problem, self._blocks, n_forces=self.model.n_forces)
-        self._horizon = horizon(self.variables, self._parameters, self._rows)
+        ends = boundary(self.model)
+        if ends.coupled and plugin != "ipopt":
+            raise InvalidInput(f"{plugin} goes from step to step, a periodic motion ties its ends: use plugin='ipopt'")
+        self._rows = row_layout(problem, self._blocks, ends, n_forces=self.model.n_forces)
+        self._horizon = horizon(self.variables, self._parameters, self._rows, ends)
         self._last = fitted(self.model, self._blocks, problem)
 
     @property
@@ -121,15 +126,32 @@ class Transcription:
 
     def obstruction(self, problem: OcpProblem) -> tuple[str, float] | None:
         """Constraint along the path that the start itself breaks, and by how much."""
-        z = np.zeros(self.model.layout.n_z)
-        z[self.model.layout.q], z[self.model.layout.v] = problem.start.q, problem.start.v
+        if not problem.fixed_start:
+            return None
         rows, numbers = self._blocks[0].rows, self._fitted(problem).numbers[0]  # the steps of the first phase
-        s = np.concatenate(numbers.parameters([0.0], [False], 1.0))
+        z, s = self._at_start(problem, numbers)
         broken = excess(np.array(rows.functions.value(z, s)).ravel(), numbers.lower, numbers.upper)
         broken[(rows.level != CONSTRAINT) | ~rows.state_only] = 0.0
         if not broken.any() or broken.max() < _ROUNDING:
             return None
         return rows.names[int(broken.argmax())], float(broken.max())
+
+    def undefined(self, problem: OcpProblem) -> list[str]:
+        """Terms whose rows, or their slopes, are no numbers at the start."""
+        names: dict[str, None] = {}
+        for block, numbers in zip(self._blocks, self._fitted(problem).numbers, strict=True):
+            functions, at = block.rows.functions, self._at_start(problem, numbers)
+            slopes = np.array(functions.jacobian(*at)).ravel()
+            wrong = set(np.flatnonzero(np.isnan(np.array(functions.value(*at)).ravel())).tolist())
+            wrong |= set(np.array(functions.jacobian_sparsity.row(), dtype=int)[~np.isfinite(slopes)].tolist())
+            names |= dict.fromkeys(block.rows.names[row] for row in sorted(wrong))
+        return list(names)
+
+    def _at_start(self, problem: OcpProblem, numbers: TermNumbers) -> tuple[np.ndarray, np.ndarray]:
+        """z (n_z,) of the start without inputs, and the parameters of terms with these numbers."""
+        z = np.zeros(self.model.layout.n_z)
+        z[self.model.layout.q], z[self.model.layout.v] = problem.start.q, problem.start.v
+        return z, np.concatenate(numbers.parameters([0.0], [False], 1.0))
 
     @cached_property
     def program(self) -> LexicographicProgram:
