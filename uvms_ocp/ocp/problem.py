@@ -107,7 +107,7 @@ class OcpProblem:
 
     Raises `NameNotFound` for a term of a phase that there is not, and `InvalidInput` without phases or levels, for phases of one
     name, a level that minimises time above others without `relax`, thrusters that the robot does not have, power that is
-    not known, and a start or current of the wrong shape or not finite.
+    not known, a start or current of the wrong shape or not finite, and a freedom of the start that is negative.
     """
 
     robot: Robot
@@ -126,6 +126,11 @@ class OcpProblem:
     limited: bool = True
     """False leaves out all limits of the robot, for comparisons."""
     altimeter_frame: str = "altimeter"
+    start_freedom: np.ndarray | None = None
+    """(2 n_v,) [m, rad, m/s, rad/s] By how much each axis of the first state may differ from `start`: those of the
+    configuration, then those of the velocity; infinite where it is free, within the limits. By default not at all."""
+    periodic: bool = False
+    """The motion ends in the state in which it begins."""
 
     def __post_init__(self) -> None:
         if not self.phases or not self.levels:
@@ -138,10 +143,15 @@ class OcpProblem:
             raise InvalidInput(f"robot {self.robot.name!r} has no thrusters; give some, or use Actuation.WRENCH")
         self._check_powers()
         _check_state(self.robot, self.start)
+        self._check_freedom()
 
     @property
     def n_steps(self) -> int:
         return sum(phase.n_steps for phase in self.phases)
+
+    @property
+    def fixed_start(self) -> bool:
+        return self.start_freedom is None
 
     @property
     def free_time(self) -> bool:
@@ -181,6 +191,11 @@ class OcpProblem:
             raise InvalidInput(
                 f"{names[0]}: no power is given for thruster {', '.join(unknown)}; add it, or use Effort"
             )
+
+    def _check_freedom(self) -> None:
+        freedom, n = self.start_freedom, 2 * self.robot.n_v
+        if freedom is not None and (np.shape(freedom) != (n,) or not (np.asarray(freedom) >= 0).all()):
+            raise InvalidInput(f"start_freedom {freedom}; give {n} numbers >= 0, of all axes and of their velocities")
 
     def _check_relaxed_levels(self) -> None:
         for level in self.levels[:-1]:

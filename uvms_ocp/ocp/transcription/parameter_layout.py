@@ -37,7 +37,9 @@ class ParameterLayout:
         times, rate = t0 + nominal, 1.0 / nominal[-1]
         parts = [state.q, state.v, given.problem.current, np.diff(nominal)]
         for block, numbers in zip(self.blocks, given.numbers, strict=True):
-            parts += numbers.parameters(times[block.nodes].tolist(), (block.nodes > 0).tolist(), rate)
+            parts += numbers.parameters(
+                times[block.nodes].tolist(), ((block.nodes > 0) | (not given.problem.fixed_start)).tolist(), rate
+            )
         return np.concatenate(parts)
 
 
