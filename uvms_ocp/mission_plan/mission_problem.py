@@ -10,7 +10,7 @@ import numpy as np
 from uvms_ocp.mission_plan.greedy_way import GreedyWay, greedy_way
 from uvms_ocp.mission_plan.margins import Margins
 from uvms_ocp.mission_plan.stretches import Stretch, stretches_of
-from uvms_ocp.mission_plan.surroundings import clearance_terms, floor_along
+from uvms_ocp.mission_plan.surroundings import clearance_terms, floor_along, floor_terms
 from uvms_ocp.mission_plan.translation import Terms, Weights, levels_of, terms_of
 from uvms_ocp.model.state import State
 from uvms_ocp.ocp.problem import OcpProblem
@@ -55,15 +55,16 @@ def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> Mis
 def _problem(
     scenario: Scenario, way: GreedyWay, stretches: Sequence[Stretch], terms: Terms, margins: Margins
 ) -> OcpProblem:
-    robot = scenario.robot
+    robot, floor = scenario.robot, floor_along(scenario, way)
+    shapes = (*floor_terms(scenario, stretches, floor, margins), *clearance_terms(scenario, margins))
     return OcpProblem(
         robot=robot,
         start=State(q=np.array(scenario.start), v=np.zeros(robot.n_v)),
         phases=tuple(stretch.ocp for stretch in stretches),
         levels=levels_of(robot, terms.goals, Weights()),
-        constraints=(*terms.constraints, *clearance_terms(scenario, margins)),
+        constraints=(*terms.constraints, *shapes),
         current=water_at(scenario.environment.current, np.array(scenario.start[None, :3]), 0.0).velocity[0],
-        floor=floor_along(scenario, way),
+        floor=floor,
         altimeter_frame=scenario.altimeter_frame or robot.description.altimeter or "altimeter",
     )
 

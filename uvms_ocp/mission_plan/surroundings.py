@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from uvms_ocp.collision.collision_scene import collision_scene
 from uvms_ocp.collision.coordinates import coordinates
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.mission_plan.above_floor import AboveFloor, rims_of
 from uvms_ocp.mission_plan.greedy_way import GreedyWay
 from uvms_ocp.mission_plan.margins import Margins
+from uvms_ocp.mission_plan.stretches import Stretch
 from uvms_ocp.ocp.capsule_clearance import capsule_clearance
 from uvms_ocp.ocp.terms import Term
 from uvms_ocp.scenario import Scenario
+from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.clearance import Clearance
 
 _LEVEL = 0.05  # [m] by which a floor may differ along the way
@@ -28,6 +33,19 @@ def floor_along(scenario: Scenario, way: GreedyWay) -> float:
             f"the floor rises by {high - low:.2g} m along the way; a plan needs one that is level within {_LEVEL:g} m"
         )
     return high
+
+
+def floor_terms(scenario: Scenario, stretches: Sequence[Stretch], floor: float, margins: Margins) -> list[Term]:
+    """Hull and arm stay above the floor wherever no task on altitude keeps the robot far from it."""
+    if not np.isfinite(floor):
+        return []
+    rims, found = rims_of(scenario.robot), list[Term]()
+    for stretch in stretches:
+        phase = scenario.mission.phases[stretch.phase]
+        on = [task for task in scenario.mission.hierarchy.tasks if phase.gates.get(task.name, 0.0) > 0]
+        if not any(isinstance(task, MinimumAltitude) for task in on):
+            found.append(AboveFloor(rims=rims, height=floor + margins.altitude, phase=stretch.ocp.name))
+    return found
 
 
 def clearance_terms(scenario: Scenario, margins: Margins) -> tuple[Term, ...]:

@@ -26,7 +26,7 @@ from uvms_ocp.tasks.joints import JointLimits
 from uvms_ocp.tasks.task import Residual, Task, TaskClass, zero_residual
 from uvms_ocp.tasks.velocity import NullVelocity, UnderActuation
 
-_SMALL = 0.0025  # weight of smoothness, which makes the way unique
+_SMOOTH = 0.3  # weight of smoothness: what is free to swing would ring from node to node
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -93,7 +93,7 @@ def levels_of(robot: Robot, goals: Sequence[tuple[TaskClass, Term]], weights: We
     ]
     powers = [thruster.power for thruster in robot.description.thrusters]
     known: tuple[Term, ...] = () if None in powers else (Energy(weight=weights.energy),)
-    spent = (*known, Effort(weight=weights.effort), Smoothness(weight=_SMALL), Duration(weight=weights.price))
+    spent = (*known, Effort(weight=weights.effort), Smoothness(weight=_SMOOTH), Duration(weight=weights.price))
     return (*asked, OcpLevel(name="energy", terms=spent))
 
 
