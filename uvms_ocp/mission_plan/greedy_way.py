@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,9 +29,16 @@ class GreedyWay:
     begins: np.ndarray
     """(n_phases + 1,) [s] of each, and the end of the last."""
 
-    def duration(self, k: int) -> float:
-        """[s] of the phase k on the way."""
-        return float(self.begins[k + 1] - self.begins[k])
+    quantities: Mapping[str, np.ndarray]
+    """(n,) each, by the names of conditions [in their units]."""
+
+    def rows(self, k: int) -> np.ndarray:
+        """Indices of what is kept of the k-th phase on the way."""
+        return np.flatnonzero((self.t >= self.begins[k]) & (self.t < self.begins[k + 1]))
+
+    def at(self, row: int) -> dict[str, float]:
+        """All quantities in a row."""
+        return {name: float(values[row]) for name, values in self.quantities.items()}
 
 
 def greedy_way(scenario: Scenario) -> GreedyWay:
@@ -50,7 +57,13 @@ def greedy_way(scenario: Scenario) -> GreedyWay:
     phases = main_path(scenario.mission.phases)
     names = [scenario.mission.phases[index].name for index in phases]
     kept = slice(None, None, _EVERY)
-    return GreedyWay(t=record["t"][kept], q=record["q"][kept], phases=tuple(phases), begins=_begins(names, ends))
+    return GreedyWay(
+        t=record["t"][kept],
+        q=record["q"][kept],
+        phases=tuple(phases),
+        begins=_begins(names, ends),
+        quantities=dict(zip(record.meta.quantities, record["quantities"][kept].T, strict=True)),
+    )
 
 
 def _begins(names: Sequence[str], ends: Sequence[tuple[str, float]]) -> np.ndarray:

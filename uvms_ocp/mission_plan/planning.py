@@ -12,6 +12,7 @@ import numpy as np
 from uvms_ocp.arguments import Positive, checked
 from uvms_ocp.control.receding.plan_guide import PlannedPhase
 from uvms_ocp.mission_plan.identity import digests
+from uvms_ocp.mission_plan.kept_tasks import active
 from uvms_ocp.mission_plan.margins import Margins
 from uvms_ocp.mission_plan.mission_plan import MissionPlan
 from uvms_ocp.mission_plan.mission_problem import MissionProblem, mission_problem
@@ -93,6 +94,7 @@ def _phases(scenario: Scenario, stretches: Sequence[Stretch], times: np.ndarray)
         if found and found[-1].phase == stretch.phase:
             found[-1] = replace(found[-1], end=end)
             continue
-        moves = end_of_goals(scenario.mission.phases[stretch.phase], scenario.mission.tasks_of(stretch.phase)) > 0
+        phase = scenario.mission.phases[stretch.phase]
+        moves = end_of_goals(phase, active(phase, scenario.mission.tasks_of(stretch.phase))) > 0
         found.append(PlannedPhase(phase=stretch.phase, begin=begin, end=end, moves=moves))
     return tuple(found)

@@ -11,6 +11,7 @@ from uvms_ocp.collision.coordinates import coordinates
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.mission_plan.above_floor import AboveFloor, rims_of
 from uvms_ocp.mission_plan.greedy_way import GreedyWay
+from uvms_ocp.mission_plan.kept_tasks import active
 from uvms_ocp.mission_plan.margins import Margins
 from uvms_ocp.mission_plan.stretches import Stretch
 from uvms_ocp.ocp.capsule_clearance import capsule_clearance
@@ -42,8 +43,8 @@ def floor_terms(scenario: Scenario, stretches: Sequence[Stretch], floor: float, 
     rims, found = rims_of(scenario.robot), list[Term]()
     for stretch in stretches:
         phase = scenario.mission.phases[stretch.phase]
-        on = [task for task in scenario.mission.hierarchy.tasks if phase.gates.get(task.name, 0.0) > 0]
-        if not any(isinstance(task, MinimumAltitude) for task in on):
+        on = active(phase, scenario.mission.hierarchy.tasks)
+        if not any(isinstance(task, MinimumAltitude) and task.name not in stretch.waits_for for task in on):
             found.append(AboveFloor(rims=rims, height=floor + margins.altitude, phase=stretch.ocp.name))
     return found
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -14,17 +14,14 @@ from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.mission_plan.condition_terms import condition_term
 from uvms_ocp.mission_plan.goals_in_time import task_in_time
-from uvms_ocp.mission_plan.margins import Margins, inside
+from uvms_ocp.mission_plan.kept_tasks import active, is_prerequisite, kept_tasks
+from uvms_ocp.mission_plan.margins import Margins
 from uvms_ocp.mission_plan.stretches import Stretch, way_out
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.ocp.problem import OcpLevel
 from uvms_ocp.ocp.terms import At, Duration, Effort, Energy, Smoothness, StageSymbols, TaskTerm, Term
-from uvms_ocp.tasks.altitude import MinimumAltitude
-from uvms_ocp.tasks.attitude import AngleTask
-from uvms_ocp.tasks.clearance import Clearance
-from uvms_ocp.tasks.joints import JointLimits
 from uvms_ocp.tasks.task import Residual, Task, TaskClass, zero_residual
-from uvms_ocp.tasks.velocity import NullVelocity, UnderActuation
+from uvms_ocp.tasks.velocity import NullVelocity
 
 _SMOOTH = 0.3  # weight of smoothness: what is free to swing would ring from node to node
 
@@ -113,9 +110,9 @@ class _Phase:
         self._out, self._parts, self._margins = way_out(mission.phases, way, k), parts, margins
         self._last = k + 1 == len(way)
         self.tasks = tuple(task_in_time(task, self._phase, begin) for task in mission.tasks_of(way[k]))
-        self.on = [task for task in self.tasks if self._phase.gates.get(task.name, 0.0) > 0]
-        self._asked = {condition.quantity.rpartition(".")[0]: condition for condition in self._out.when}
-        self.reached = {task.name for task in self.on if _is_prerequisite(task)}
+        self.on = active(self._phase, self.tasks)
+        self._asked = {condition.quantity.rpartition(".")[0] for condition in self._out.when}
+        self.reached = {task.name for task in self.on if is_prerequisite(task)}
 
     def goals(self) -> Iterator[tuple[TaskClass, Term]]:
         """At the end of the phase, or all along what has to be held."""
@@ -129,14 +126,10 @@ class _Phase:
 
     def kept(self, before: set[str]) -> Iterator[Term]:
         """By tasks all along the phase. before: names of prerequisites that the phase before has established."""
-        for task in self.on:
-            if _kept_otherwise(task):
-                continue
-            if task.task_class <= TaskClass.SAFETY or (_is_prerequisite(task) and self._is_established(task, before)):
-                strict = self._stricter(task)
-                for part in self._parts:
-                    if not (part.holds and task.name in self._asked):
-                        yield TaskTerm(task=strict, at=At.PATH, phase=part.ocp.name)
+        for task in kept_tasks(self._phase, self.on, self._out, before, self._margins):
+            for part in self._parts:
+                if task.name not in part.waits_for and not (part.holds and task.name in self._asked):
+                    yield TaskTerm(task=task, at=At.PATH, phase=part.ocp.name)
 
     def not_triggered(self) -> Iterator[Term]:
         """Of every other way out of the phase, one condition fails all along."""
@@ -157,25 +150,6 @@ class _Phase:
         assert refused is not None
         raise refused
 
-    def _is_established(self, task: Task, before: set[str]) -> bool:
-        """Reached at the end of the phase before, or asked for by no transition out of this one."""
-        return task.name not in self._asked or task.name in before
-
-    def _stricter(self, task: Task) -> Task:
-        """With the margins of a plan; raises `InvalidInput` for a task without residual."""
-        asked = self._asked.get(task.name)
-        if isinstance(task, AngleTask):
-            limit = asked.limit if asked is not None else task.bell.end
-            task = replace(task, aim=inside(limit, self._margins.angle))
-        if isinstance(task, MinimumAltitude):
-            task = replace(task, threshold=task.threshold + self._margins.altitude)
-        if _without_residual(task):
-            raise InvalidInput(
-                f"phase {self._phase.name!r}: {task.name}, a {type(task).__name__}, has no residual over a horizon; "
-                f"turn it off, or fly this mission without a plan"
-            )
-        return task
-
     def _task_of(self, condition: Condition) -> Task:
         name = condition.quantity.rpartition(".")[0]
         return next(task for task in self.tasks if task.name == name)
@@ -184,19 +158,6 @@ class _Phase:
         return condition_term(
             self.tasks, self._phase.name, condition, self._margins, met=met, at=at, stretch=part.ocp.name
         )
-
-
-def _is_prerequisite(task: Task) -> bool:
-    return task.task_class is TaskClass.PREREQUISITE and not task.equality
-
-
-def _kept_otherwise(task: Task) -> bool:
-    """By the dynamics, by the bounds on joints, and by clearances between shapes."""
-    return isinstance(task, (UnderActuation, Clearance)) or (isinstance(task, JointLimits) and task.guard == 0)
-
-
-def _without_residual(task: Task) -> bool:
-    return type(task).residual is Task.residual
 
 
 def _rest(robot: Robot, tasks: Sequence[Task]) -> Iterator[Term]:
