@@ -16,7 +16,7 @@ from uvms_ocp.model.state import State
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.trajectory import Trajectory, through
 from uvms_ocp.scenario import Scenario
-from uvms_ocp.sim.currents import water_at
+from uvms_ocp.sim.currents import Current, water_at
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -32,9 +32,13 @@ class MissionProblem:
     greedy_duration: float
     """[s] of that way."""
 
-    def at(self, weights: Weights) -> OcpProblem:
-        """The problem with other weights in its last level."""
-        return replace(self.problem, levels=levels_of(self.problem.robot, self.terms.goals, weights))
+    current: Current
+    """Of the water."""
+
+    def at(self, weights: Weights, way: Trajectory) -> OcpProblem:
+        """The problem with other weights in its last level, and the water as it is along a way."""
+        levels = levels_of(self.problem.robot, self.terms, weights)
+        return replace(self.problem, levels=levels, current=_currents(self.current, way))
 
 
 def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> MissionProblem:
@@ -49,6 +53,7 @@ def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> Mis
         terms=terms,
         guess=_guess(problem, way, stretches),
         greedy_duration=float(way.begins[-1]),
+        current=scenario.environment.current,
     )
 
 
@@ -61,9 +66,8 @@ def _problem(
         robot=robot,
         start=State(q=np.array(scenario.start), v=np.zeros(robot.n_v)),
         phases=tuple(stretch.ocp for stretch in stretches),
-        levels=levels_of(robot, terms.goals, Weights()),
+        levels=levels_of(robot, terms, Weights()),
         constraints=(*terms.constraints, *shapes),
-        current=water_at(scenario.environment.current, np.array(scenario.start[None, :3]), 0.0).velocity[0],
         floor=floor,
         altimeter_frame=scenario.altimeter_frame or robot.description.altimeter or "altimeter",
     )
@@ -76,3 +80,9 @@ def _guess(problem: OcpProblem, way: GreedyWay, stretches: Sequence[Stretch]) ->
     t = problem.nominal_times()
     rows = np.searchsorted(way.t, np.interp(t, marks, greedy))
     return through(problem, t, way.q[np.clip(rows, 0, len(way.t) - 1)])
+
+
+def _currents(current: Current, way: Trajectory) -> np.ndarray:
+    """Velocities (n_steps, 3) [m/s] of the water around the vehicle at the middle of each step."""
+    t, p = (way.t[:-1] + way.t[1:]) / 2, (way.q[:-1, :3] + way.q[1:, :3]) / 2
+    return np.array([water_at(current, p[k : k + 1], float(t[k])).velocity[0] for k in range(len(t))])

@@ -69,12 +69,12 @@ def plan_mission(
 
 def _within(posed: MissionProblem, duration: float, options: NlpOptions) -> tuple[Plan, int]:
     """The plan of least energy that takes `duration` [s] at most, found by the price of time, and all iterations."""
-    planner = Planner(posed.at(_FIRST), options)
+    planner = Planner(posed.at(_FIRST, posed.guess), options)
     plan = planner.plan(guess=posed.guess, diagnose=False)
     iterations, best, (low, high) = plan.iterations, None, np.log(_PRICES)
     price = math.log(Weights().price)
     for _ in range(_TRIALS * plan.status.usable):
-        trial = planner.plan(posed.at(Weights(price=math.exp(price))), guess=plan.trajectory, diagnose=False)
+        trial = planner.plan(posed.at(Weights(price=math.exp(price)), plan.trajectory), guess=plan.trajectory, diagnose=False)
         iterations += trial.iterations
         if trial.status.usable:
             plan = trial

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -25,6 +26,8 @@ from uvms_ocp.tasks.velocity import NullVelocity
 
 _SMOOTH = 0.3  # weight of smoothness: what is free to swing would ring from node to node
 
+_LIKED = 0.003  # weight of preferences: 3 W for 1 rad
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Terms:
@@ -34,6 +37,8 @@ class Terms:
     """What transitions wait for, with the class of the task that reaches it."""
     constraints: tuple[Term, ...]
     """What tasks of constraints and safety keep all along their phases."""
+    preferences: tuple[Term, ...]
+    """What tasks of optimization would like, for a little of what is least in the end."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -51,12 +56,34 @@ class Rest(Term):
         return zero_residual(stage.tick.velocity[list(self.axes)])
 
 
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Preferred(Term):
+    """The residual of a task as a cost, not as something to be reached."""
+
+    is_goal: ClassVar[bool] = False
+    task: Task
+
+    @property
+    def name(self) -> str:
+        return self.task.name
+
+    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
+        return self.task.residual(stage.tick, parameters)
+
+    def n_parameters(self, robot: Robot) -> int:
+        return self.task.n_parameters(robot)
+
+    def reference(self, t: float) -> np.ndarray:
+        return self.task.reference(t)
+
+
 def terms_of(
     robot: Robot, mission: Mission, way: Sequence[int], stretches: Sequence[Stretch], margins: Margins
 ) -> Terms:
     """Raises `InvalidInput` for tasks and conditions that no residual states, by their names."""
     goals: list[tuple[TaskClass, Term]] = []
     constraints: list[Term] = []
+    preferences: list[Term] = []
     kept: set[str] = set()
     starts = np.cumsum([0.0, *(stretch.ocp.nominal for stretch in stretches)])
     for k, index in enumerate(way):
@@ -65,9 +92,10 @@ def terms_of(
         goals += phase.goals()
         constraints += phase.kept(kept)
         constraints += phase.not_triggered()
+        preferences += phase.preferences()
         kept = phase.reached
     constraints += _rest(robot, phase.on)
-    return Terms(goals=tuple(goals), constraints=tuple(constraints))
+    return Terms(goals=tuple(goals), constraints=tuple(constraints), preferences=tuple(preferences))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -82,16 +110,16 @@ class Weights:
     """[kW] of time."""
 
 
-def levels_of(robot: Robot, goals: Sequence[tuple[TaskClass, Term]], weights: Weights) -> tuple[OcpLevel, ...]:
+def levels_of(robot: Robot, terms: Terms, weights: Weights) -> tuple[OcpLevel, ...]:
     """Goals in the order of the classes of their tasks, then energy with a little smoothness, as far as it is known."""
-    classes = sorted({kind for kind, _ in goals})
+    classes = sorted({kind for kind, _ in terms.goals})
     asked = [
-        OcpLevel(name=kind.name.lower(), terms=tuple(term for own, term in goals if own is kind)) for kind in classes
+        OcpLevel(name=kind.name.lower(), terms=tuple(term for own, term in terms.goals if own is kind)) for kind in classes
     ]
     powers = [thruster.power for thruster in robot.description.thrusters]
     known: tuple[Term, ...] = () if None in powers else (Energy(weight=weights.energy),)
     spent = (*known, Effort(weight=weights.effort), Smoothness(weight=_SMOOTH), Duration(weight=weights.price))
-    return (*asked, OcpLevel(name="energy", terms=spent))
+    return (*asked, OcpLevel(name="energy", terms=(*spent, *terms.preferences)))
 
 
 class _Phase:
@@ -130,6 +158,13 @@ class _Phase:
             for part in self._parts:
                 if task.name not in part.waits_for and not (part.holds and task.name in self._asked):
                     yield TaskTerm(task=task, at=At.PATH, phase=part.ocp.name)
+
+    def preferences(self) -> Iterator[Term]:
+        """Of equality tasks of the lowest class that no transition waits for."""
+        for task in self.on:
+            if task.task_class is TaskClass.OPTIMIZATION and task.equality and task.name not in self._asked:
+                for part in self._parts:
+                    yield Preferred(task=task, at=At.PATH, phase=part.ocp.name, weight=_LIKED)
 
     def not_triggered(self) -> Iterator[Term]:
         """Of every other way out of the phase, one condition fails all along."""
