@@ -12,7 +12,8 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicNlp, NlpOptions
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.program import LexicographicProgram, NlpLevel, lexicographic_program
-from uvms_ocp.solvers.nlp.real_time_sqp import RealTimeSqp, SqpOptions
+from uvms_ocp.solvers.nlp.real_time_sqp import RealTimeSqp
+from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
 
 
 def with_derivatives(program: LexicographicProgram) -> LexicographicProgram:
@@ -43,7 +44,7 @@ def linear_program(seed: int) -> LexicographicProgram:
 def test_one_step_reaches_the_lexicographic_optimum_of_linear_rows(plugin: str, seed: int) -> None:
     program = linear_program(seed)
     exact = LexicographicNlp(linear_program(seed), NlpOptions(anticipate=False)).solve(np.zeros(6))
-    result = RealTimeSqp(program, SqpOptions(plugin=plugin, damping=1e-9, tolerance=1e-4)).solve(
+    result = RealTimeSqp(program, SqpOptions(plugin=plugin, damping=1e-9, proximal=1e-9, tolerance=1e-4)).solve(
         np.ones(6), p=np.zeros(0)
     )
     assert result.status is NlpStatus.SOLVED
