@@ -1,120 +1,133 @@
-"""From a start to the optimum, or to where an interior point cannot go on."""
+"""The algorithm of interior_point.c in NumPy: from a start to the optimum, or to where it cannot go on; keep both in step."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from uvms_ocp.arrays import Array
-from uvms_ocp.solvers.stagewise.interior_point import CannotFactor, InteriorPoint
-from uvms_ocp.solvers.stagewise.point import Point, Residuals, resting
+from uvms_ocp.solvers.stagewise.interior_point import InteriorPoint, Residuals
+from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
+from uvms_ocp.solvers.stagewise.point import End, Point, Start
+from uvms_ocp.solvers.stagewise.riccati import NumpyStages
 from uvms_ocp.solvers.stagewise.row_table import SIGNS, RowTable
-from uvms_ocp.solvers.stagewise.solution import StageQpSolution, StageQpStatus
+from uvms_ocp.solvers.stagewise.shape import StageShape
+from uvms_ocp.solvers.stagewise.solution import StageQpStatus
+from uvms_ocp.solvers.stagewise.stage_qp import StageQp
 
-_STUCK = 1e-7  # share of a step that leads nowhere
-_HOPELESS = 1e8  # by which multipliers grow where there is no point
-_ENDLESS = 1e12  # variables beyond which a cost falls without end
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class End:
-    """Of one run."""
-
-    status: StageQpStatus
-    point: Point
-    residuals: Residuals
-    iterations: int
+_WRONG = {1: StageQpStatus.NOT_CONVEX, 2: StageQpStatus.NOT_A_NUMBER}
 
 
-def iterated(method: InteriorPoint, z: Array, warm: Point | None) -> End:
-    """From z, where fixed variables have their values, or from a point nearby."""
-    point = warm or resting(z, sum(method.stages.shape.n_x), len(method.table.norm))
-    best = point, method.residuals(point)
-    try:
-        if warm is None:
-            best = _within(method, *method.equalities_alone(z))
-            if _is_enough(method, best[1]):
-                return _end(method, StageQpStatus.SOLVED, best)
-            point = cold(method, *best)
-        return _descended(method, point)
-    except CannotFactor as failure:
-        return _end(method, failure.status, best)
+class NumpyCore:
+    """The solver of one shape."""
+
+    def __init__(self, shape: StageShape) -> None:
+        self._stages = NumpyStages(shape)
+
+    @np.errstate(over="ignore", invalid="ignore", divide="ignore")
+    def run(
+        self, qp: StageQp, table: RowTable, point: Point, options: StageQpOptions, *, start: Start, costless: bool
+    ) -> End:
+        """From a point, without the cost if ``costless``."""
+        self._stages.fixed[:] = table.fixed
+        curvature = self._stages.load(qp, costless=costless)
+        method = InteriorPoint(self._stages, table, 1.0 if costless else curvature, options)
+        if start is Start.EQUALITIES:
+            return _from_equalities(method, point)
+        begin = _warm(method, point) if start is Start.WARM else _cold(method, method.rest(point.z))
+        return _descended(method, begin)
 
 
-def _within(method: InteriorPoint, p: Point, r: Residuals) -> tuple[Point, Residuals]:
-    """With what is left to the bounds, as far as none is missed."""
+def _from_equalities(method: InteriorPoint, point: Point) -> End:
+    p, wrong = _equalities_alone(method, point)
+    r = method.residuals(p)
+    if wrong:
+        return _end(method, _WRONG[wrong], p, r)
+    tolerance = method.options.tolerance
+    exact = r.kkt.stationarity <= tolerance * r.gradient and r.kkt.primal <= tolerance * r.variable
+    if exact and not _missed(method, r) > 0.0:
+        return _end(method, StageQpStatus.SOLVED, p, r)
+    return _descended(method, _cold(method, p if r.linear <= STAGE_TOLERANCES.far else method.rest(point.z)))
+
+
+def _equalities_alone(method: InteriorPoint, point: Point) -> tuple[Point, int]:
+    """The optimum without inequalities: one factor, and corrections; as `NumpyStages.factor` where there is none."""
+    p, t = method.rest(point.z), method.table
+    wrong = method.factor(None)
+    if wrong:
+        return p, wrong
+    for k in range(STAGE_TOLERANCES.most_corrections + 1):
+        r = method.residuals(p)
+        equal = np.max(np.abs(np.concatenate([r.equal / t.norm, r.defect])))
+        left = np.max([np.abs(r.grad).max() / r.gradient, equal / r.variable])
+        if k == STAGE_TOLERANCES.most_corrections or not left > 0.1 * method.options.tolerance:
+            break
+        r = replace(r, row=np.zeros_like(r.row), dual=np.zeros_like(r.dual))
+        p = p.moved(method.direction(p, r), 1.0)
+    return replace(p, s=np.maximum(method.beyond(r.value), 0.0), f=np.where(t.elastic, t.l1, 0.0)), 0
+
+
+def _missed(method: InteriorPoint, r: Residuals) -> float:
+    """Largest violation of a side relative to the norm of its row; -1 where there is none."""
     t = method.table
-    p = replace(
-        p, s=np.where(t.side, np.maximum(SIGNS * (r.value - t.bound), 0.0), 0.0), f=np.where(t.elastic, t.l1, 0.0)
-    )
-    return p, method.residuals(p)
+    return float(np.where(t.side, SIGNS * (t.bound - r.value) / t.norm, -1.0).max(initial=-1.0))
 
 
-def _end(method: InteriorPoint, status: StageQpStatus, at: tuple[Point, Residuals]) -> End:
-    return End(status=status, point=at[0], residuals=at[1], iterations=method.iterations)
+def _cold(method: InteriorPoint, p: Point) -> Point:
+    """A start inside."""
+    t, r = method.table, method.residuals(p)
+    missed = max(_missed(method, r), 1e-3)
+    mu = 0.1 * method.curvature * missed * missed
+    s = np.where(t.side, np.maximum(method.beyond(r.value), missed * t.norm), 0.0)
+    multiplier = np.divide(mu, s, out=np.zeros_like(s), where=t.side)
+    multiplier = np.where(t.elastic, np.minimum(multiplier, 0.5 * t.l1), multiplier)
+    e, f = np.where(t.elastic, missed * t.norm, 0.0), np.where(t.elastic, t.l1 - multiplier, 0.0)
+    return replace(p, s=s, multiplier=multiplier, e=e, f=f)
 
 
-def _descended(method: InteriorPoint, point: Point) -> End:
-    best, share, stuck = None, 1.0, 0
-    first = method.residuals(point).scale[0]
-    while True:
-        r = method.residuals(point)
-        if best is None or r.worst() < best[1].worst():
-            best = point, r
-        if r.worst() <= method.options.tolerance:
-            return _end(method, StageQpStatus.SOLVED, best)
-        if np.abs(point.z).max() > _ENDLESS:
-            return _end(method, StageQpStatus.UNBOUNDED, best)
-        stuck = stuck + 1 if share < _STUCK else 0
-        hopeless = stuck > 2 or r.scale[0] > _HOPELESS * first or not np.isfinite(r.worst())
-        if hopeless or method.iterations >= method.options.max_iterations:
-            return _end(method, StageQpStatus.ITERATION_LIMIT, best)
-        point, share = method.step(point, r)
-
-
-def _is_enough(method: InteriorPoint, r: Residuals) -> bool:
-    """Whether no inequality is missed where none is looked at."""
-    gradient, variable = r.scale
-    exact = max(r.kkt.stationarity / gradient, r.kkt.primal / variable) <= method.options.tolerance
-    return exact and _missed(method.table, r) <= 0.0
-
-
-def _missed(t: RowTable, r: Residuals) -> float:
-    """Largest, relative to the norm of the row; < 0 where none is."""
-    return float(np.where(t.side, -SIGNS * (r.value - t.bound) / t.norm, -np.inf).max(initial=-np.inf))
-
-
-def cold(method: InteriorPoint, p: Point, r: Residuals) -> Point:
-    """A start inside, from the optimum without inequalities."""
-    t, v = method.table, max(_missed(method.table, r), 1e-3)
-    s = np.where(t.side, np.maximum(SIGNS * (r.value - t.bound), v * t.norm), 0.0)
-    return inside(method, replace(p, s=s), 0.1 * method.curvature * v * v, v)
-
-
-def inside(method: InteriorPoint, p: Point, mu: float, missed: float) -> Point:
-    t = method.table
-    e = np.where(t.elastic, missed * t.norm, 0.0)
-    multiplier = np.divide(mu, p.s, out=np.zeros_like(p.s), where=t.side)
-    multiplier = np.where(t.elastic, np.minimum(multiplier, t.l1 / 2), multiplier)
-    return replace(p, multiplier=multiplier, e=e, f=np.where(t.elastic, t.l1 - multiplier, 0.0))
-
-
-def warm_point(method: InteriorPoint, warm: StageQpSolution, z: Array, mu: float) -> Point:
-    """A start near a solution."""
-    t = method.table
-    flat = np.where(t.fixed, z, np.concatenate(warm.z))
-    y = np.concatenate([*warm.y, *warm.y_z])
-    value = np.concatenate([method.stages.values(flat), flat])
-    multiplier = np.where(t.side, np.maximum(-SIGNS * y, 0.0), 0.0)
-    room = np.sqrt(mu / method.curvature) * t.norm
-    s = np.where(t.side, np.maximum(SIGNS * (value - t.bound), room), 0.0)
-    multiplier = np.maximum(multiplier, np.divide(mu, s, out=np.zeros_like(s), where=t.side))
+def _warm(method: InteriorPoint, p: Point) -> Point:
+    """A start near the optimum."""
+    t, y, mu = method.table, p.y, method.options.warm_mu * method.curvature
+    beyond = method.beyond(method.residuals(p).value)
+    s = np.where(t.side, np.maximum(beyond, np.sqrt(method.options.warm_mu) * t.norm), 0.0)
+    multiplier = np.maximum(-SIGNS * y, np.divide(mu, s, out=np.zeros_like(s), where=t.side))
+    multiplier = np.where(t.side, multiplier, 0.0)
     multiplier = np.where(t.elastic, np.minimum(multiplier, 0.999 * t.l1), multiplier)
     f = np.where(t.elastic, t.l1 - multiplier, 0.0)
-    e = np.maximum(
-        np.where(t.elastic, -SIGNS * (value - t.bound), 0.0), np.divide(mu, f, out=np.zeros_like(s), where=t.elastic)
-    )
-    return Point(
-        z=flat, costate=np.concatenate(warm.costate), y=np.where(t.equal, y, 0.0), s=s, multiplier=multiplier, e=e, f=f
+    e = np.where(t.elastic, np.maximum(-beyond, np.divide(mu, f, out=np.zeros_like(s), where=t.elastic)), 0.0)
+    return replace(p, y=np.where(t.equal, y, 0.0), s=s, multiplier=multiplier, e=e, f=f)
+
+
+def _descended(method: InteriorPoint, p: Point) -> End:
+    """From a start inside to the optimum, or to where it cannot go on, which leaves the best point."""
+    r, share, stuck = method.residuals(p), 1.0, 0
+    best, first = (p, r), r.gradient
+    while True:
+        best = (p, r) if r.worst < best[1].worst else best
+        stuck = stuck + 1 if share < STAGE_TOLERANCES.stuck else 0
+        status = _status(method, r, first, stuck)
+        if status is not None:
+            return _end(method, status, *best)
+        p, share = method.advance(p, r)
+        if share < 0.0:
+            return _end(method, StageQpStatus.NOT_CONVEX if share == -1.0 else StageQpStatus.ITERATION_LIMIT, *best)
+        before, r = r.linear, method.residuals(p)
+        if r.linear > 2.0 * (1.0 - share) * before + 0.1 * method.options.tolerance:
+            method.corrections = min(3, method.corrections + 1)
+
+
+def _status(method: InteriorPoint, r: Residuals, first: float, stuck: int) -> StageQpStatus | None:
+    """Why to end, if at all."""
+    if r.worst <= method.options.tolerance:
+        return StageQpStatus.SOLVED
+    if r.variable > STAGE_TOLERANCES.endless:
+        return StageQpStatus.UNBOUNDED
+    hopeless = stuck > 2 or r.gradient > STAGE_TOLERANCES.hopeless * first or not r.worst < np.inf
+    over = method.iterations >= method.options.max_iterations
+    return StageQpStatus.ITERATION_LIMIT if hopeless or over else None
+
+
+def _end(method: InteriorPoint, status: StageQpStatus, p: Point, r: Residuals) -> End:
+    return End(
+        status=status, point=p, held=r.held, kkt=r.kkt, worst=r.worst, iterations=method.iterations
     )

@@ -7,11 +7,11 @@ import numpy as np
 from uvms_ocp.arrays import Array
 from uvms_ocp.solvers.stagewise.shape import StageShape, slices
 from uvms_ocp.solvers.stagewise.stage_qp import StageQp
-from uvms_ocp.solvers.stagewise.tolerances import STAGE_TOLERANCES
+from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES
 
 
 class NumpyStages:
-    """As `CompiledStages`."""
+    """The stages of one QP."""
 
     def __init__(self, shape: StageShape) -> None:
         self.shape = shape
@@ -35,8 +35,9 @@ class NumpyStages:
         ]
         self.q[:] = np.concatenate([J.T @ r + g for J, r, g in zip(qp.J, qp.r, qp.g, strict=True)])
         most = max(np.diag(Q).max(initial=0.0) for Q in self._Q)
-        self._least = STAGE_TOLERANCES.smallest_curvature * most if most > 0.0 else 1.0
-        return float(self._least / STAGE_TOLERANCES.smallest_curvature)
+        most = most if most > 0.0 else 1.0
+        self._least = STAGE_TOLERANCES.smallest_curvature * most
+        return float(most)
 
     def factor(self, weight: Array, weight_z: Array) -> int:
         self._L, self._inverse, worst = [], [], 0

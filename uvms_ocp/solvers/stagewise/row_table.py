@@ -37,8 +37,13 @@ class RowTable:
     """(M,) [unit of the row/unit of z] largest entry of a row, 1 where all are 0."""
     fixed: Mask
     """(n,) variables that do not move."""
-    crossed: bool
-    """Whether a hard row has its lower bound above the upper one."""
+
+    def violation(self, value: Array) -> float:
+        """Largest [unit of z] of hard rows, whose values (M,) [unit of the row] are given, relative to their norm."""
+        hard = self.compliance == 0.0
+        sides = np.where(self.side & ~self.elastic & hard, SIGNS * (self.bound - value), 0.0).max(axis=0, initial=0.0)
+        equal = np.where(self.equal & hard, np.abs(value - self.target), 0.0)
+        return float(np.max((sides + equal) / self.norm, initial=0.0))
 
 
 def row_table(qp: StageQp, *, phase_one: bool = False) -> RowTable:
@@ -68,7 +73,6 @@ def row_table(qp: StageQp, *, phase_one: bool = False) -> RowTable:
         compliance=np.divide(1.0, l2, out=np.zeros_like(l2), where=counts & ~hard & ~elastic),
         norm=norm,
         fixed=fixed,
-        crossed=bool((hard & (lower > upper)).any()),
     )
 
 
