@@ -127,9 +127,7 @@ class CompiledCore:
             status=_STATUSES[problem.status],
             point=point_of(self._work["point"].copy(), self._n, self._n_x),
             held=self._now["held"].copy(),
-            kkt=KktResidual(
-                stationarity=now.stationarity, primal=now.primal, complementarity=now.complementarity
-            ),
+            kkt=KktResidual(stationarity=now.stationarity, primal=now.primal, complementarity=now.complementarity),
             worst=now.worst,
             iterations=problem.iterations,
         )

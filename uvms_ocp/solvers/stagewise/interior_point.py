@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uvms_ocp.arrays import Array
+from uvms_ocp.arrays import Array, Mask
 from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
 from uvms_ocp.solvers.stagewise.point import Point, resting
 from uvms_ocp.solvers.stagewise.riccati import NumpyStages
@@ -54,7 +54,7 @@ class Residuals:
 
 
 class InteriorPoint:
-    """One QP whose data are loaded."""
+    """One QP whose data are loaded; curvature [1/unit of z^2]: its largest."""
 
     def __init__(self, stages: NumpyStages, table: RowTable, curvature: float, options: StageQpOptions) -> None:
         self.stages, self.table, self.options, self.curvature = stages, table, options, curvature
@@ -190,7 +190,7 @@ def _share(p: Point, step: Point, most: float) -> float:
     return share
 
 
-def _ratio(a: Array | float, b: Array, where: Array) -> Array:
+def _ratio(a: Array | float, b: Array, where: Mask) -> Array:
     """0 elsewhere."""
     return np.divide(a, b, out=np.zeros_like(b), where=where)
 

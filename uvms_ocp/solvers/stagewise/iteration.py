@@ -128,6 +128,4 @@ def _status(method: InteriorPoint, r: Residuals, first: float, stuck: int) -> St
 
 
 def _end(method: InteriorPoint, status: StageQpStatus, p: Point, r: Residuals) -> End:
-    return End(
-        status=status, point=p, held=r.held, kkt=r.kkt, worst=r.worst, iterations=method.iterations
-    )
+    return End(status=status, point=p, held=r.held, kkt=r.kkt, worst=r.worst, iterations=method.iterations)

@@ -20,7 +20,7 @@ class StageQpOptions:
     max_iterations: int = 60
     """[-] factors of one run; a QP that one run does not solve takes two more."""
     warm_mu: float = 1e-6
-    """[-] complementarity at a warm start, relative to the largest curvature: the squared distance to bounds that are not felt."""
+    """[-] complementarity at a warm start, relative to the largest curvature: a squared distance to bounds."""
     compiled: bool = True
     """False keeps to NumPy."""
 

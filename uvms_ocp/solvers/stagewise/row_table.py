@@ -39,7 +39,7 @@ class RowTable:
     """(n,) variables that do not move."""
 
     def violation(self, value: Array) -> float:
-        """Largest [unit of z] of hard rows, whose values (M,) [unit of the row] are given, relative to their norm."""
+        """Largest [unit of z] of hard rows at the value (M,) [unit of the row] of all, relative to their norm."""
         hard = self.compliance == 0.0
         sides = np.where(self.side & ~self.elastic & hard, SIGNS * (self.bound - value), 0.0).max(axis=0, initial=0.0)
         equal = np.where(self.equal & hard, np.abs(value - self.target), 0.0)

@@ -58,7 +58,7 @@ class StageQp:
         """(n_z,)"""
 
     def fix_initial_state(self, x: Array) -> None:
-        """x (n_x[0],) [unit of x] is where the horizon begins."""
+        """Begin the horizon at x (n,) [unit of x], n the states of the first stage."""
         self.z_lower[0][: self.shape.n_x[0]] = x
         self.z_upper[0][: self.shape.n_x[0]] = x
 

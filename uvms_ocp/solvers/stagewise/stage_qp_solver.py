@@ -118,9 +118,9 @@ def _is_finite(qp: StageQp) -> bool:
 
 
 def _cost(qp: StageQp, z: tuple[Array, ...]) -> float:
-    total = 0.0
-    for k, own in enumerate(z):
-        residual = qp.J[k] @ own + qp.r[k]
-        H = np.tril(qp.H[k]) + np.tril(qp.H[k], -1).T
-        total += float(residual @ residual / 2 + own @ (H @ own + qp.damping[k] * own) / 2 + qp.g[k] @ own)
-    return total
+    residual = np.concatenate([J @ own for J, own in zip(qp.J, z, strict=True)]) + qp.flat["r"]
+    flat = np.concatenate(z)
+    total = residual @ residual / 2 + flat @ (qp.flat["damping"] * flat / 2 + qp.flat["g"])
+    if qp.flat["H"].any():
+        total += sum(own @ (np.tril(H, -1) @ own + np.diag(H) * own / 2) for H, own in zip(qp.H, z, strict=True))
+    return float(total)
