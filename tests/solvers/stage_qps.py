@@ -76,6 +76,30 @@ def conic_optimum(qp: StageQp, plugin: str, **options: object) -> np.ndarray:
     return np.array(solver(h=H, g=g, a=A, lba=lower, uba=upper, **bounds)["x"]).ravel()
 
 
+def softened(qp: StageQp, l1: float, l2: float) -> np.ndarray:
+    """The optimum where all rows but dynamics may be missed by slacks, which are variables here."""
+    H, g, A, lower, upper = dense(qp)
+    begin, rows = 0, []
+    for k, n in enumerate(qp.shape.n_c):
+        rows += range(begin, begin + n)
+        begin += n + (qp.shape.n_x[k + 1] if k < qp.shape.N else 0)
+    m, n = len(rows), len(g)
+    slack = np.zeros((len(A), 2 * m))
+    slack[rows] = np.hstack([np.eye(m), -np.eye(m)])
+    H = np.block([[H, np.zeros((n, 2 * m))], [np.zeros((2 * m, n)), (l2 + 1e-9) * np.eye(2 * m)]])
+    shape = {"h": ca.DM(H).sparsity(), "a": ca.DM(np.hstack([A, slack])).sparsity()}
+    found = ca.conic("oracle", "daqp", shape, {"error_on_fail": True})(
+        h=H,
+        g=np.concatenate([g, np.full(2 * m, l1)]),
+        a=np.hstack([A, slack]),
+        lba=lower,
+        uba=upper,
+        lbx=np.concatenate([qp.flat["z_lower"], np.zeros(2 * m)]),
+        ubx=np.concatenate([qp.flat["z_upper"], np.full(2 * m, np.inf)]),
+    )
+    return np.array(found["x"]).ravel()[:n]
+
+
 def flat(parts: tuple[np.ndarray, ...]) -> np.ndarray:
     return np.concatenate(parts)
 

@@ -2,6 +2,7 @@
 
 from uvms_ocp.solvers.stagewise.options import StageQpOptions as StageQpOptions
 from uvms_ocp.solvers.stagewise.shape import StageShape as StageShape
+from uvms_ocp.solvers.stagewise.solution import KktResidual as KktResidual
 from uvms_ocp.solvers.stagewise.solution import StageQpSolution as StageQpSolution
 from uvms_ocp.solvers.stagewise.solution import StageQpStatus as StageQpStatus
 from uvms_ocp.solvers.stagewise.stage_qp import StageQp as StageQp

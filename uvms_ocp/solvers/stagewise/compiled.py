@@ -17,7 +17,7 @@ from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
 from uvms_ocp.solvers.stagewise.point import End, Point, Start, point_of
 from uvms_ocp.solvers.stagewise.row_table import RowTable
 from uvms_ocp.solvers.stagewise.shape import StageShape, places
-from uvms_ocp.solvers.stagewise.solution import KktResidual, StageQpStatus
+from uvms_ocp.solvers.stagewise.solution import StageQpStatus, kkt_residual
 from uvms_ocp.solvers.stagewise.stage_qp import StageQp
 
 _INCLUDES = "#include <math.h>\n#include <stddef.h>\n#include <string.h>\n"
@@ -127,7 +127,7 @@ class CompiledCore:
             status=_STATUSES[problem.status],
             point=point_of(self._work["point"].copy(), self._n, self._n_x),
             held=self._now["held"].copy(),
-            kkt=KktResidual(stationarity=now.stationarity, primal=now.primal, complementarity=now.complementarity),
+            kkt=kkt_residual(stationarity=now.stationarity, primal=now.primal, complementarity=now.complementarity),
             worst=now.worst,
             iterations=problem.iterations,
         )

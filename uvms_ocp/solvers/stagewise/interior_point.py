@@ -16,7 +16,7 @@ from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
 from uvms_ocp.solvers.stagewise.point import Point, resting
 from uvms_ocp.solvers.stagewise.riccati import NumpyStages
 from uvms_ocp.solvers.stagewise.row_table import SIGNS, RowTable
-from uvms_ocp.solvers.stagewise.solution import KktResidual
+from uvms_ocp.solvers.stagewise.solution import KktResidual, kkt_residual
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -93,7 +93,7 @@ class InteriorPoint:
             row=row,
             equal=equal,
             dual=dual,
-            kkt=KktResidual(
+            kkt=kkt_residual(
                 stationarity=stationarity,
                 primal=_larger(linear, t.violation(value)),
                 complementarity=_larger(_largest(p.s * p.multiplier), _largest(p.e * p.f)),

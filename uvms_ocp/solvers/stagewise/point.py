@@ -8,7 +8,7 @@ from enum import IntEnum
 import numpy as np
 
 from uvms_ocp.arrays import Array
-from uvms_ocp.solvers.stagewise.solution import KktResidual, StageQpStatus
+from uvms_ocp.solvers.stagewise.solution import KktResidual, StageQpStatus, kkt_residual
 
 
 class Start(IntEnum):
@@ -86,6 +86,6 @@ class End:
 
 def nothing(point: Point) -> End:
     """Of a run that was not made, at a point."""
-    endless = KktResidual(stationarity=np.inf, primal=np.inf, complementarity=np.inf)
+    endless = kkt_residual(stationarity=np.inf, primal=np.inf, complementarity=np.inf)
     held = np.zeros_like(point.z)
     return End(status=StageQpStatus.NOT_A_NUMBER, point=point, held=held, kkt=endless, worst=np.inf, iterations=0)

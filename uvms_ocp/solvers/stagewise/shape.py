@@ -30,7 +30,8 @@ class StageShape:
     def __post_init__(self) -> None:
         for name, length in (("n_x", self.N + 1), ("n_r", self.N + 1), ("n_c", self.N + 1)):
             if len(getattr(self, name)) != length:
-                raise InvalidInput(f"{name} of {len(getattr(self, name))} stages; give {length} for {self.N} controls")
+                given = len(getattr(self, name))
+                raise InvalidInput(f"{name} of {given} stages and n_u of {self.N}; give one stage more than in n_u")
         if min((*self.n_x, *self.n_u, *self.n_r, *self.n_c)) < 0:
             raise InvalidInput("a stage has a negative size; give sizes >= 0")
         if sum(self.n_z) == 0:

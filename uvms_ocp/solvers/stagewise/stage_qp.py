@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from uvms_ocp.arguments import checked
 from uvms_ocp.arrays import Array
+from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.stagewise.shape import StageShape, slices
 
 _BEYOND = 4  # numbers that compiled code may read after the end
 
 
+@checked
 class StageQp:
     """min sum_k 1/2 |J_k z_k + r_k|^2 + 1/2 z_k' H_k z_k + g_k' z_k + 1/2 z_k' diag(damping_k) z_k, z_k = (x_k, u_k), with
     x_{k+1} = A_k x_k + B_k u_k + b_k, lower_k <= C_k z_k <= upper_k, z_lower_k <= z_k <= z_upper_k.
@@ -57,8 +60,11 @@ class StageQp:
         self.z_l1, self.z_l2 = self._vectors("z_l1", n_z, np.inf), self._vectors("z_l2", n_z)
         """(n_z,)"""
 
+    @checked
     def fix_initial_state(self, x: Array) -> None:
-        """Begin the horizon at x (n,) [unit of x], n the states of the first stage."""
+        """Begin the horizon at x (n,) [unit of x], n the states of the first stage. Raises `InvalidInput` for another shape."""
+        if np.shape(x) != (self.shape.n_x[0],):
+            raise InvalidInput(f"x of shape {np.shape(x)}; give ({self.shape.n_x[0]},)")
         self.z_lower[0][: self.shape.n_x[0]] = x
         self.z_upper[0][: self.shape.n_x[0]] = x
 

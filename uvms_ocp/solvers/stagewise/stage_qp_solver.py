@@ -16,7 +16,7 @@ from uvms_ocp.solvers.stagewise.options import StageQpOptions
 from uvms_ocp.solvers.stagewise.point import End, Point, Start, nothing, resting
 from uvms_ocp.solvers.stagewise.row_table import RowTable, row_table
 from uvms_ocp.solvers.stagewise.shape import StageShape, slices
-from uvms_ocp.solvers.stagewise.solution import StageQpSolution, StageQpStatus
+from uvms_ocp.solvers.stagewise.solution import StageQpSolution, StageQpStatus, stage_qp_solution
 from uvms_ocp.solvers.stagewise.stage_qp import StageQp
 
 _MISSED = 1e-5  # relative violation that no point does without
@@ -86,7 +86,7 @@ class StageQpSolver:
     def _solution(self, qp: StageQp, end: End) -> StageQpSolution:
         shape, m, y = self.shape, sum(self.shape.n_c), end.point.row_multipliers()
         z, value = _split(end.point.z, shape.n_z), _values(qp, end.point.z)[:m]
-        return StageQpSolution(
+        return stage_qp_solution(
             status=end.status,
             z=z,
             x=tuple(own[:n] for own, n in zip(z, shape.n_x, strict=True)),
