@@ -301,9 +301,10 @@ static int descend(Problem *q) {
     status = SOLVED;
     if (left <= q->tolerance) break;
     status = UNBOUNDED;
-    if (q->now.variable > ENDLESS) break;
-    status = ITERATION_LIMIT;
     stuck = share < STUCK ? stuck + 1 : 0;
+    /* Where a direction has no curvature, steps are endless long before the point is. */
+    if (larger_of(q->now.variable, stuck > 2 ? largest_of(q->n, Z(q->step)) : 0.0) > ENDLESS) break;
+    status = ITERATION_LIMIT;
     if (stuck > 2 || q->now.gradient > HOPELESS * first || !(left < INFINITY) || q->iterations >= q->max_iterations) break;
     share = advance(q);
     if (share == -1.0) status = NOT_CONVEX;

@@ -58,7 +58,7 @@ class InteriorPoint:
 
     def __init__(self, stages: NumpyStages, table: RowTable, curvature: float, options: StageQpOptions) -> None:
         self.stages, self.table, self.options, self.curvature = stages, table, options, curvature
-        self.iterations, self.corrections = 0, 0
+        self.iterations, self.corrections, self.stride = 0, 0, 0.0
         self._free, self._m = ~table.fixed, len(table.norm) - len(table.fixed)
         self._elasticity = STAGE_TOLERANCES.elasticity * table.norm**2 / curvature
         self._weight = np.zeros_like(table.bound)
@@ -152,7 +152,7 @@ class InteriorPoint:
         if _share(p, step, 1.0) < STAGE_TOLERANCES.short_step:
             step = self.direction(p, r, *self._aim(p, None, mu, 0.0))
         step = self._corrected(p, step)
-        share = _share(p, step, STAGE_TOLERANCES.to_boundary)
+        self.stride, share = _largest(step.z), _share(p, step, STAGE_TOLERANCES.to_boundary)
         return p.moved(step, share), share
 
     def _corrected(self, p: Point, step: Point) -> Point:

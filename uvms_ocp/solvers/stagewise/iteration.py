@@ -120,7 +120,8 @@ def _status(method: InteriorPoint, r: Residuals, first: float, stuck: int) -> St
     """Why to end, if at all."""
     if r.worst <= method.options.tolerance:
         return StageQpStatus.SOLVED
-    if r.variable > STAGE_TOLERANCES.endless:
+    # Where a direction has no curvature, steps are endless long before the point is.
+    if max(r.variable, method.stride if stuck > 2 else 0.0) > STAGE_TOLERANCES.endless:
         return StageQpStatus.UNBOUNDED
     hopeless = stuck > 2 or r.gradient > STAGE_TOLERANCES.hopeless * first or not r.worst < np.inf
     over = method.iterations >= method.options.max_iterations
