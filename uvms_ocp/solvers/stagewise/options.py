@@ -9,11 +9,13 @@ import numpy as np
 from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 
+_MOST_ITERATIONS = 10_000
+
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class StageQpOptions:
-    """Raises `InvalidInput` for numbers that are not positive and finite."""
+    """Raises `InvalidInput` for numbers that are not positive and finite, and more than 10,000 iterations."""
 
     tolerance: float = 1e-9
     """[-] of the KKT conditions, relative to the largest term in them."""
@@ -28,6 +30,8 @@ class StageQpOptions:
         for name in ("tolerance", "max_iterations", "warm_mu"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise InvalidInput(f"{name} = {getattr(self, name)}; give a finite value > 0")
+        if self.max_iterations > _MOST_ITERATIONS:
+            raise InvalidInput(f"max_iterations = {self.max_iterations}; give at most {_MOST_ITERATIONS}")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
