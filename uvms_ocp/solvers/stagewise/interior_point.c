@@ -291,13 +291,14 @@ static void start_warm(Problem *q) {
 
 /* From a start inside to the optimum, or to where it cannot go on; the best point is left in `point`, with its residuals. */
 static int descend(Problem *q) {
-  double share = 1.0, least = INFINITY, first;
-  int stuck = 0, status;
+  double share = 1.0, least = INFINITY, lowest = INFINITY, first;
+  int stuck = 0, vain = 0, high = 0, status;
   find_residuals(q, q->point, &q->now);
   first = q->now.gradient;
   for (;;) {
     const double left = q->now.worst, before = q->now.linear;
-    if (left < least || least == INFINITY) least = left, memcpy(q->best, q->point, sizeof(double) * (size_t)SIZE);
+    ++vain;
+    if (left < least || least == INFINITY) vain = 0, least = left, memcpy(q->best, q->point, sizeof(double) * (size_t)SIZE);
     status = SOLVED;
     if (left <= q->tolerance) break;
     status = UNBOUNDED;
@@ -305,6 +306,10 @@ static int descend(Problem *q) {
     /* Where a direction has no curvature, steps are endless long before the point is. */
     if (larger_of(q->now.variable, stuck > 2 ? largest_of(q->n, Z(q->step)) : 0.0) > ENDLESS) break;
     status = ITERATION_LIMIT;
+    ++high;
+    if (q->now.primal < 0.9 * lowest) high = 0, lowest = q->now.primal;
+    if (high > MOST_HIGH && lowest > q->tolerance * q->now.variable) break;
+    if (vain > MOST_VAIN && least <= INEXACT_TOLERANCES * q->tolerance) break;
     if (stuck > 2 || q->now.gradient > HOPELESS * first || !(left < INFINITY) || q->iterations >= q->max_iterations) break;
     share = advance(q);
     if (share == -1.0) status = NOT_CONVEX;

@@ -16,6 +16,7 @@ from uvms_ocp.solvers.stagewise.solution import StageQpStatus
 from uvms_ocp.solvers.stagewise.stage_qp import StageQp
 
 _WRONG = {1: StageQpStatus.NOT_CONVEX, 2: StageQpStatus.NOT_A_NUMBER}
+_WRONG_LATER = {-1.0: StageQpStatus.NOT_CONVEX, -2.0: StageQpStatus.ITERATION_LIMIT}
 
 
 class NumpyCore:
@@ -100,32 +101,49 @@ def _warm(method: InteriorPoint, p: Point) -> Point:
 
 def _descended(method: InteriorPoint, p: Point) -> End:
     """From a start inside to the optimum, or to where it cannot go on, which leaves the best point."""
-    r, share, stuck = method.residuals(p), 1.0, 0
-    best, first = (p, r), r.gradient
+    r, share = method.residuals(p), 1.0
+    progress = _Progress(p, r)
     while True:
-        best = (p, r) if r.worst < best[1].worst else best
-        stuck = stuck + 1 if share < STAGE_TOLERANCES.stuck else 0
-        status = _status(method, r, first, stuck)
+        status = progress.look(method, p, r, share)
         if status is not None:
-            return _end(method, status, *best)
+            return _end(method, status, *progress.best)
         p, share = method.advance(p, r)
         if share < 0.0:
-            return _end(method, StageQpStatus.NOT_CONVEX if share == -1.0 else StageQpStatus.ITERATION_LIMIT, *best)
+            return _end(method, _WRONG_LATER[share], *progress.best)
         before, r = r.linear, method.residuals(p)
         if r.linear > 2.0 * (1.0 - share) * before + 0.1 * method.options.tolerance:
             method.corrections = min(3, method.corrections + 1)
 
 
-def _status(method: InteriorPoint, r: Residuals, first: float, stuck: int) -> StageQpStatus | None:
-    """Why to end, if at all."""
-    if r.worst <= method.options.tolerance:
-        return StageQpStatus.SOLVED
-    # Where a direction has no curvature, steps are endless long before the point is.
-    if max(r.variable, method.stride if stuck > 2 else 0.0) > STAGE_TOLERANCES.endless:
-        return StageQpStatus.UNBOUNDED
-    hopeless = stuck > 2 or r.gradient > STAGE_TOLERANCES.hopeless * first or not r.worst < np.inf
-    over = method.iterations >= method.options.max_iterations
-    return StageQpStatus.ITERATION_LIMIT if hopeless or over else None
+class _Progress:
+    """Of a descent that begins at p."""
+
+    def __init__(self, p: Point, r: Residuals) -> None:
+        self.best = p, r
+        self._first, self._lowest = r.gradient, np.inf
+        self._vain, self._high, self._stuck = -1, 0, 0
+
+    def look(self, method: InteriorPoint, p: Point, r: Residuals, share: float) -> StageQpStatus | None:
+        """Why to end at p, where the last step was taken by a share [-]; None for going on."""
+        self._vain, self._high = self._vain + 1, self._high + 1
+        if r.worst < self.best[1].worst:
+            self.best, self._vain = (p, r), 0
+        if r.kkt.primal < 0.9 * self._lowest:
+            self._lowest, self._high = r.kkt.primal, 0
+        self._stuck = self._stuck + 1 if share < STAGE_TOLERANCES.stuck else 0
+        if r.worst <= method.options.tolerance:
+            return StageQpStatus.SOLVED
+        # Where a direction has no curvature, steps are endless long before the point is.
+        if max(r.variable, method.stride if self._stuck > 2 else 0.0) > STAGE_TOLERANCES.endless:
+            return StageQpStatus.UNBOUNDED
+        return StageQpStatus.ITERATION_LIMIT if self._is_over(method, r) else None
+
+    def _is_over(self, method: InteriorPoint, r: Residuals) -> bool:
+        most, tolerance = STAGE_TOLERANCES.most_vain, method.options.tolerance
+        high = self._high > STAGE_TOLERANCES.most_high and self._lowest > tolerance * r.variable
+        usable = self.best[1].worst <= STAGE_TOLERANCES.inexact_tolerances * tolerance
+        hopeless = self._stuck > 2 or r.gradient > STAGE_TOLERANCES.hopeless * self._first or not r.worst < np.inf
+        return high or (usable and self._vain > most) or hopeless or method.iterations >= method.options.max_iterations
 
 
 def _end(method: InteriorPoint, status: StageQpStatus, p: Point, r: Residuals) -> End:

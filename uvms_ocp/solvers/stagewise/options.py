@@ -70,8 +70,14 @@ class StageTolerances:
     """[-] relative residual of such a solution that is no place to start from."""
     stuck: float = 1e-7
     """[-] share of a step that leads nowhere."""
-    hopeless: float = 1e8
+    hopeless: float = 1e6
     """[-] by which multipliers grow where there is no point."""
+    inexact_tolerances: float = 1e3
+    """[-] tolerances to which an optimum can still be used."""
+    most_vain: int = 6
+    """[-] iterations that bring such an optimum no nearer, after which it stays as it is."""
+    most_high: int = 15
+    """[-] iterations in which the violation does not fall, after which phase one is asked."""
     endless: float = 1e12
     """[unit of z] variables beyond which a cost falls without end."""
 

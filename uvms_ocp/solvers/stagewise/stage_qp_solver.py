@@ -12,7 +12,7 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.intervals import distance
 from uvms_ocp.solvers.stagewise.compiled import compiled_core
 from uvms_ocp.solvers.stagewise.iteration import NumpyCore
-from uvms_ocp.solvers.stagewise.options import StageQpOptions
+from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
 from uvms_ocp.solvers.stagewise.point import End, Point, Start, nothing, resting
 from uvms_ocp.solvers.stagewise.row_table import RowTable, row_table
 from uvms_ocp.solvers.stagewise.shape import StageShape, slices
@@ -21,7 +21,6 @@ from uvms_ocp.solvers.stagewise.stage_qp import StageQp
 
 _MISSED = 1e-5  # relative violation that no point does without
 _ROUGH = 1e-6  # tolerance of phase one
-_INEXACT = 1e3  # tolerances
 
 
 @checked
@@ -56,16 +55,21 @@ class StageQpSolver:
 
     def _judged(self, qp: StageQp, table: RowTable, failed: End) -> End:
         """What it means that no optimum was found: phase one tells whether there is a point at all, and where."""
+        if failed.worst <= self.options.tolerance * STAGE_TOLERANCES.inexact_tolerances:
+            return replace(failed, status=StageQpStatus.INEXACT)
         least = self._run(qp, row_table(qp, phase_one=True), self._rest(qp, table), costless=True)
         spent = failed.iterations + least.iterations
         missed = table.violation(_values(qp, least.point.z))
         if least.status is StageQpStatus.SOLVED and missed > _MISSED * (1.0 + np.abs(least.point.z).max()):
             return replace(least, status=StageQpStatus.INFEASIBLE, iterations=spent)
-        if failed.worst > _INEXACT * self.options.tolerance:
-            again = self._run(qp, table, least.point, start=Start.COLD)
-            spent, failed = spent + again.iterations, min(failed, again, key=lambda end: end.worst)
-        near = failed.worst <= _INEXACT * self.options.tolerance and failed.status is not StageQpStatus.SOLVED
-        return replace(failed, status=StageQpStatus.INEXACT if near else failed.status, iterations=spent)
+        again = self._run(qp, table, least.point, Start.COLD)
+        best = min(failed, again, key=lambda end: end.worst)
+        near = (
+            best.status is not StageQpStatus.SOLVED
+            and best.worst <= self.options.tolerance * STAGE_TOLERANCES.inexact_tolerances
+        )
+        status = StageQpStatus.INEXACT if near else best.status
+        return replace(best, status=status, iterations=spent + again.iterations)
 
     def _run(
         self, qp: StageQp, table: RowTable, point: Point, start: Start = Start.EQUALITIES, *, costless: bool = False
