@@ -206,8 +206,8 @@ static double advance(Problem *q) {
   return share;
 }
 
-/* The optimum without inequalities, from the z that is given: one factor, and corrections. */
-static int solve_equalities(Problem *q) {
+/* The optimum without inequalities, from the z that is given: one factor, and corrections; `left` is what they leave. */
+static int solve_equalities(Problem *q, double *left) {
   double *p = q->point;
   memset(p + q->n, 0, sizeof(double) * (size_t)(SIZE - q->n));
   const int wrong = find_factor(q, p, 0);
@@ -217,8 +217,8 @@ static int solve_equalities(Problem *q) {
     const Residuals *r = &q->now;
     double equal = largest_of(q->n_x, r->defect);
     for (int i = 0; i < q->M; ++i) equal = larger_of(equal, fabs(r->equal[i]) / q->norm[i]);
-    const double left = larger_of(largest_of(q->n, r->grad) / r->gradient, equal / r->variable);
-    if (k == MOST_CORRECTIONS || !(left > 0.1 * q->tolerance)) break;
+    *left = larger_of(largest_of(q->n, r->grad) / r->gradient, equal / r->variable);
+    if (k == MOST_CORRECTIONS || !(*left > 0.1 * q->tolerance)) break;
     memset(q->now.row, 0, sizeof(double) * (size_t)(2 * q->M));
     memset(q->now.dual, 0, sizeof(double) * (size_t)(2 * q->M));
     find_direction(q, p, &q->now, 0, 0, q->step);
@@ -333,13 +333,13 @@ static void start_there(Problem *q) {
 static int start_from_equalities(Problem *q) {
   const Residuals *r = &q->now;
   memcpy(q->best, q->point, sizeof(double) * (size_t)q->n);
-  const int wrong = solve_equalities(q);
-  const int far = wrong || !(r->linear <= FAR);
+  double left = INFINITY;
+  const int wrong = solve_equalities(q, &left);
   q->status = wrong == 2 ? NOT_A_NUMBER : wrong == 1 ? NOT_CONVEX : SOLVED;
   if (!wrong && r->stationarity <= q->tolerance * r->gradient && r->primal <= q->tolerance * r->variable &&
       !(side_missed(q, r->value) > 0.0))
     return 1;
-  if (far) {
+  if (wrong || !(left <= FAR)) {
     memcpy(q->point, q->best, sizeof(double) * (size_t)q->n);
     start_there(q);
     return wrong;

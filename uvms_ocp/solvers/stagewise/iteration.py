@@ -40,7 +40,7 @@ class NumpyCore:
 
 
 def _from_equalities(method: InteriorPoint, point: Point) -> End:
-    p, wrong = _equalities_alone(method, point)
+    p, left, wrong = _equalities_alone(method, point)
     r = method.residuals(p)
     if wrong:
         return _end(method, _WRONG[wrong], p, r)
@@ -48,15 +48,15 @@ def _from_equalities(method: InteriorPoint, point: Point) -> End:
     exact = r.kkt.stationarity <= tolerance * r.gradient and r.kkt.primal <= tolerance * r.variable
     if exact and not _missed(method, r) > 0.0:
         return _end(method, StageQpStatus.SOLVED, p, r)
-    return _descended(method, _cold(method, p if r.linear <= STAGE_TOLERANCES.far else method.rest(point.z)))
+    return _descended(method, _cold(method, p if left <= STAGE_TOLERANCES.far else method.rest(point.z)))
 
 
-def _equalities_alone(method: InteriorPoint, point: Point) -> tuple[Point, int]:
-    """The optimum without inequalities: one factor, and corrections; as `NumpyStages.factor` where there is none."""
+def _equalities_alone(method: InteriorPoint, point: Point) -> tuple[Point, float, int]:
+    """The optimum without inequalities by one factor and corrections, what they leave, and what is wrong with the factor."""
     p, t = method.rest(point.z), method.table
     wrong = method.factor(None)
     if wrong:
-        return p, wrong
+        return p, np.inf, wrong
     for k in range(STAGE_TOLERANCES.most_corrections + 1):
         r = method.residuals(p)
         equal = np.max(np.abs(np.concatenate([r.equal / t.norm, r.defect])))
@@ -65,7 +65,8 @@ def _equalities_alone(method: InteriorPoint, point: Point) -> tuple[Point, int]:
             break
         r = replace(r, row=np.zeros_like(r.row), dual=np.zeros_like(r.dual))
         p = p.moved(method.direction(p, r), 1.0)
-    return replace(p, s=np.maximum(method.beyond(r.value), 0.0), f=np.where(t.elastic, t.l1, 0.0)), 0
+    p = replace(p, s=np.maximum(method.beyond(r.value), 0.0), f=np.where(t.elastic, t.l1, 0.0))
+    return p, float(left), 0
 
 
 def _missed(method: InteriorPoint, r: Residuals) -> float:

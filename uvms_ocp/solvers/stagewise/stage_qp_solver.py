@@ -64,11 +64,9 @@ class StageQpSolver:
             return replace(least, status=StageQpStatus.INFEASIBLE, iterations=spent)
         again = self._run(qp, table, least.point, Start.COLD)
         best = min(failed, again, key=lambda end: end.worst)
-        near = (
-            best.status is not StageQpStatus.SOLVED
-            and best.worst <= self.options.tolerance * STAGE_TOLERANCES.inexact_tolerances
-        )
-        status = StageQpStatus.INEXACT if near else best.status
+        near = best.worst <= self.options.tolerance * STAGE_TOLERANCES.inexact_tolerances
+        inexact = near and best.status is not StageQpStatus.SOLVED
+        status = StageQpStatus.INEXACT if inexact else best.status
         return replace(best, status=status, iterations=spent + again.iterations)
 
     def _run(
