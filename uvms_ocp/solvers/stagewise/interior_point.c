@@ -296,7 +296,7 @@ static int descend(Problem *q) {
   find_residuals(q, q->point, &q->now);
   first = q->now.gradient;
   for (;;) {
-    const double left = q->now.worst, before = q->now.linear;
+    const double left = q->now.worst, stationarity = q->now.stationarity, primal = q->now.primal;
     ++vain;
     if (left < least || least == INFINITY) vain = 0, least = left, memcpy(q->best, q->point, sizeof(double) * (size_t)SIZE);
     status = SOLVED;
@@ -315,7 +315,9 @@ static int descend(Problem *q) {
     if (share == -1.0) status = NOT_CONVEX;
     if (share < 0.0) break;
     find_residuals(q, q->point, &q->now);
-    if (q->now.linear > 2.0 * (1.0 - share) * before + 0.1 * q->tolerance && q->corrections < 3) ++q->corrections;
+    if (q->corrections < 3 && (q->now.stationarity > 2.0 * (1.0 - share) * stationarity + 0.1 * q->tolerance * q->now.gradient ||
+                               q->now.primal > 2.0 * (1.0 - share) * primal + 0.1 * q->tolerance * q->now.variable))
+      ++q->corrections;
   }
   memcpy(q->point, q->best, sizeof(double) * (size_t)SIZE);
   find_residuals(q, q->point, &q->now);

@@ -111,9 +111,15 @@ def _descended(method: InteriorPoint, p: Point) -> End:
         p, share = method.advance(p, r)
         if share < 0.0:
             return _end(method, _WRONG_LATER[share], *progress.best)
-        before, r = r.linear, method.residuals(p)
-        if r.linear > 2.0 * (1.0 - share) * before + 0.1 * method.options.tolerance:
-            method.corrections = min(3, method.corrections + 1)
+        before, r = r, method.residuals(p)
+        method.corrections = min(3, method.corrections + _is_inexact(method, before, r, share))
+
+
+def _is_inexact(method: InteriorPoint, before: Residuals, r: Residuals, share: float) -> bool:
+    """Whether a step has left more than it should have."""
+    left, least = 2.0 * (1.0 - share), 0.1 * method.options.tolerance
+    gradient = r.kkt.stationarity > left * before.kkt.stationarity + least * r.gradient
+    return gradient or r.kkt.primal > left * before.kkt.primal + least * r.variable
 
 
 class _Progress:
