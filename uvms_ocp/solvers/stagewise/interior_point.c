@@ -206,8 +206,8 @@ static double advance(Problem *q) {
   return share;
 }
 
-/* The optimum without inequalities, from the z that is given: one factor, and corrections; `left` is what they leave. */
-static int solve_equalities(Problem *q, double *left) {
+/* The optimum without inequalities, from the z that is given: one factor, and corrections. */
+static int solve_equalities(Problem *q) {
   double *p = q->point;
   memset(p + q->n, 0, sizeof(double) * (size_t)(SIZE - q->n));
   const int wrong = find_factor(q, p, 0);
@@ -217,8 +217,8 @@ static int solve_equalities(Problem *q, double *left) {
     const Residuals *r = &q->now;
     double equal = largest_of(q->n_x, r->defect);
     for (int i = 0; i < q->M; ++i) equal = larger_of(equal, fabs(r->equal[i]) / q->norm[i]);
-    *left = larger_of(largest_of(q->n, r->grad) / r->gradient, equal / r->variable);
-    if (k == MOST_CORRECTIONS || !(*left > 0.1 * q->tolerance)) break;
+    const double left = larger_of(largest_of(q->n, r->grad) / r->gradient, equal / r->variable);
+    if (k == MOST_CORRECTIONS || !(left > 0.1 * q->tolerance)) break;
     memset(q->now.row, 0, sizeof(double) * (size_t)(2 * q->M));
     memset(q->now.dual, 0, sizeof(double) * (size_t)(2 * q->M));
     find_direction(q, p, &q->now, 0, 0, q->step);
@@ -247,15 +247,17 @@ static double side_missed(const Problem *q, const double *value) {
   return most;
 }
 
-/* A start inside, from what `now` says of the point. */
+/* A start inside, from z alone. */
 static void start_cold(Problem *q) {
-  const double missed = larger_of(side_missed(q, q->now.value), 1e-3), mu = 0.1 * q->curvature * missed * missed;
   double *p = q->point;
+  memset(p + q->n, 0, sizeof(double) * (size_t)(SIZE - q->n));
+  find_residuals(q, p, &q->now);
+  const double missed = larger_of(side_missed(q, q->now.value), LEAST_MISSED);
+  const double mu = COLD_MU * missed * larger_of(q->curvature * missed, q->now.stationarity);
   for (int i = 0; i < q->M; ++i)
     for (int u = 0; u < 2; ++u) {
       const int j = u * q->M + i;
       const double beyond = (u ? -1.0 : 1.0) * (q->now.value[i] - q->bound[j]);
-      S(p)[j] = MULTIPLIER(p)[j] = E(p)[j] = F(p)[j] = 0.0;
       if (q->side[j] == 0.0) continue;
       S(p)[j] = larger_of(beyond, missed * q->norm[i]);
       MULTIPLIER(p)[j] = mu / S(p)[j];
@@ -324,30 +326,18 @@ static int descend(Problem *q) {
   return status;
 }
 
-/* From z alone. */
-static void start_there(Problem *q) {
-  memset(q->point + q->n, 0, sizeof(double) * (size_t)(SIZE - q->n));
-  find_residuals(q, q->point, &q->now);
-  start_cold(q);
-}
-
-/* From the optimum without inequalities; 1 where that is the end. */
+/* The optimum without inequalities, 1 where that is the end: z starts anew if it misses any. */
 static int start_from_equalities(Problem *q) {
   const Residuals *r = &q->now;
   memcpy(q->best, q->point, sizeof(double) * (size_t)q->n);
-  double left = INFINITY;
-  const int wrong = solve_equalities(q, &left);
+  const int wrong = solve_equalities(q);
   q->status = wrong == 2 ? NOT_A_NUMBER : wrong == 1 ? NOT_CONVEX : SOLVED;
   if (!wrong && r->stationarity <= q->tolerance * r->gradient && r->primal <= q->tolerance * r->variable &&
       !(side_missed(q, r->value) > 0.0))
     return 1;
-  if (wrong || !(left <= FAR)) {
-    memcpy(q->point, q->best, sizeof(double) * (size_t)q->n);
-    start_there(q);
-    return wrong;
-  }
+  memcpy(q->point, q->best, sizeof(double) * (size_t)q->n);
   start_cold(q);
-  return 0;
+  return wrong;
 }
 
 /* Status, iterations, `point` and the residuals `now`, from what `point` holds: z, where fixed variables have their values, and for a warm start costates and multipliers too; without its cost if it is costless. */
@@ -357,7 +347,7 @@ void solve_qp(Problem *q, int costless) {
   q->iterations = q->corrections = 0;
   for (int i = 0; i < q->M; ++i) q->elasticity[i] = ELASTICITY * q->norm[i] * q->norm[i] / q->curvature;
   if (q->start == START_WARM) start_warm(q);
-  if (q->start == START_COLD) start_there(q);
+  if (q->start == START_COLD) start_cold(q);
   if (q->start == START_EQUALITIES && start_from_equalities(q)) return;
   q->status = descend(q);
 }

@@ -35,12 +35,12 @@ class NumpyCore:
         method = InteriorPoint(self._stages, table, 1.0 if costless else curvature, options)
         if start is Start.EQUALITIES:
             return _from_equalities(method, point)
-        begin = _warm(method, point) if start is Start.WARM else _cold(method, method.rest(point.z))
+        begin = _warm(method, point) if start is Start.WARM else _cold(method, point)
         return _descended(method, begin)
 
 
 def _from_equalities(method: InteriorPoint, point: Point) -> End:
-    p, left, wrong = _equalities_alone(method, point)
+    p, wrong = _equalities_alone(method, point)
     r = method.residuals(p)
     if wrong:
         return _end(method, _WRONG[wrong], p, r)
@@ -48,15 +48,15 @@ def _from_equalities(method: InteriorPoint, point: Point) -> End:
     exact = r.kkt.stationarity <= tolerance * r.gradient and r.kkt.primal <= tolerance * r.variable
     if exact and not _missed(method, r) > 0.0:
         return _end(method, StageQpStatus.SOLVED, p, r)
-    return _descended(method, _cold(method, p if left <= STAGE_TOLERANCES.far else method.rest(point.z)))
+    return _descended(method, _cold(method, point))
 
 
-def _equalities_alone(method: InteriorPoint, point: Point) -> tuple[Point, float, int]:
-    """The optimum without inequalities by one factor and corrections, what they leave, and what is wrong with the factor."""
+def _equalities_alone(method: InteriorPoint, point: Point) -> tuple[Point, int]:
+    """The optimum without inequalities: one factor, and corrections; what is wrong with the factor."""
     p, t = method.rest(point.z), method.table
     wrong = method.factor(None)
     if wrong:
-        return p, np.inf, wrong
+        return p, wrong
     for k in range(STAGE_TOLERANCES.most_corrections + 1):
         r = method.residuals(p)
         equal = np.max(np.abs(np.concatenate([r.equal / t.norm, r.defect])))
@@ -65,8 +65,7 @@ def _equalities_alone(method: InteriorPoint, point: Point) -> tuple[Point, float
             break
         r = replace(r, row=np.zeros_like(r.row), dual=np.zeros_like(r.dual))
         p = p.moved(method.direction(p, r), 1.0)
-    p = replace(p, s=np.maximum(method.beyond(r.value), 0.0), f=np.where(t.elastic, t.l1, 0.0))
-    return p, float(left), 0
+    return replace(p, s=np.maximum(method.beyond(r.value), 0.0), f=np.where(t.elastic, t.l1, 0.0)), 0
 
 
 def _missed(method: InteriorPoint, r: Residuals) -> float:
@@ -75,11 +74,12 @@ def _missed(method: InteriorPoint, r: Residuals) -> float:
     return float(np.where(t.side, SIGNS * (t.bound - r.value) / t.norm, -1.0).max(initial=-1.0))
 
 
-def _cold(method: InteriorPoint, p: Point) -> Point:
-    """A start inside."""
-    t, r = method.table, method.residuals(p)
-    missed = max(_missed(method, r), 1e-3)
-    mu = 0.1 * method.curvature * missed * missed
+def _cold(method: InteriorPoint, point: Point) -> Point:
+    """A start inside, from z alone."""
+    t, p = method.table, method.rest(point.z)
+    r = method.residuals(p)
+    missed = max(_missed(method, r), STAGE_TOLERANCES.least_missed)
+    mu = STAGE_TOLERANCES.cold_mu * missed * max(method.curvature * missed, r.kkt.stationarity)
     s = np.where(t.side, np.maximum(method.beyond(r.value), missed * t.norm), 0.0)
     multiplier = np.divide(mu, s, out=np.zeros_like(s), where=t.side)
     multiplier = np.where(t.elastic, np.minimum(multiplier, 0.5 * t.l1), multiplier)

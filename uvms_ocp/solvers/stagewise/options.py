@@ -66,8 +66,10 @@ class StageTolerances:
     """[unit of z] variables below which a gradient is compared with the curvature."""
     most_corrections: int = 10
     """[-] of a solution without inequalities."""
-    far: float = 1e-3
-    """[-] relative residual of such a solution that is no place to start from."""
+    least_missed: float = 0.1
+    """[unit of z] violation of bounds that a cold start reckons with."""
+    cold_mu: float = 0.1
+    """[-] complementarity of a cold start, relative to what missed bounds cost by curvature and gradient."""
     stuck: float = 1e-7
     """[-] share of a step that leads nowhere."""
     hopeless: float = 1e6
