@@ -37,6 +37,29 @@ def random_qp(seed: int, *, equalities: bool = False, inequalities: bool = True)
     return qp
 
 
+def reach_qp(seed: int, *, goal: bool, N: int = 30, n: int = 6) -> StageQp:
+    """A double integrator of n axes that goes for a tool's goal of three rows, a constraint at the end or a cost all along."""
+    rng, dt, n_x = np.random.default_rng(seed), 0.05, 2 * n
+    rows = {"n_r": (3 + n_x + n,) * N + (3 + n_x,), "n_c": (n,) * N + (3 if goal else 0,)}
+    qp = StageQp(StageShape(n_x=(n_x,) * (N + 1), n_u=(n,) * N, **rows))
+    tool, M = rng.standard_normal((3, n)), np.eye(n) + 0.1 * rng.standard_normal((n, n))
+    for k in range(N + 1):
+        weight = 10.0 if k == N else 0.7
+        qp.J[k][:3, :n], qp.r[k][:3] = weight * tool, -0.5 * weight
+        qp.J[k][3 : 3 + n_x, :n_x] = 0.01 * np.eye(n_x)
+        qp.z_lower[k][n:n_x], qp.z_upper[k][n:n_x] = -0.15, 0.15
+        if k < N:
+            qp.A[k][:] = np.kron([[1.0, dt], [0.0, 1.0]], np.eye(n))
+            qp.B[k][:] = np.kron([[dt**2 / 2], [dt]], np.eye(n))
+            qp.J[k][3 + n_x :, n_x:], qp.C[k][:, n_x:] = 0.1 * M, M
+            qp.lower[k][:], qp.upper[k][:] = -0.3, 0.3
+    if goal:
+        qp.C[N][:, :n], qp.lower[N][:], qp.upper[N][:] = tool, 0.1, 0.1
+    qp.flat["damping"][:] = 1e-6
+    qp.fix_initial_state(np.zeros(n_x))
+    return qp
+
+
 def random_trajectory(rng: np.random.Generator, qp: StageQp) -> list[np.ndarray]:
     n_x = qp.shape.n_x
     fixed = np.isfinite(qp.z_lower[0][: n_x[0]])

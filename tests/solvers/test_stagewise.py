@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from stage_qps import conic_optimum, dense, flat, kkt_failure, random_qp, softened
+from stage_qps import conic_optimum, dense, flat, kkt_failure, random_qp, reach_qp, softened
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.stagewise import (
@@ -180,6 +180,17 @@ def test_soft_bounds_are_missed_where_the_dynamics_leave_no_choice() -> None:
     found = solved(qp)
     np.testing.assert_allclose(found.x[1], 3.0, atol=1e-8)
     np.testing.assert_allclose(found.y_z[1], 7.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("goal", [False, True])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_reach_with_bounds_on_velocities_and_forces_takes_few_factors(seed: int, goal: bool) -> None:
+    qp = reach_qp(seed, goal=goal)
+    cold = solved(qp)
+    assert cold.iterations <= 20
+    assert kkt_failure(qp, cold) < 1e-5
+    qp.flat["r"][:] *= 1.01
+    assert solved(qp, warm=cold).iterations <= 12
 
 
 @pytest.mark.parametrize("seed", range(10))
