@@ -217,9 +217,12 @@ def test_the_multiplier_of_the_initial_state_is_how_the_cost_rises() -> None:
 
 
 @pytest.mark.parametrize("compiled", [True, False])
-def test_numbers_that_are_none_are_a_status(compiled: bool) -> None:
+@pytest.mark.parametrize(
+    ("name", "value"), [("dynamics", np.nan), ("J", np.inf), ("z_upper", -np.inf), ("z_lower", np.nan), ("l1", -1.0)]
+)
+def test_numbers_that_are_none_are_a_status(name: str, value: float, compiled: bool) -> None:
     qp = random_qp(0)
-    qp.A[0][0, 0] = np.nan
+    qp.flat[name][-1] = value
     found = StageQpSolver(qp.shape, StageQpOptions(compiled=compiled)).solve(qp)
     assert found.status is StageQpStatus.NOT_A_NUMBER
     assert np.isfinite(flat(found.z)).all()
