@@ -131,11 +131,12 @@ def test_rows_with_endless_limits_cost_no_iteration() -> None:
 
 @pytest.mark.parametrize("seed", range(20))
 def test_a_qp_without_a_point_is_named_infeasible(seed: int) -> None:
+    options = StageQpOptions(compiled=seed > 4)
     qp = random_qp(seed)
     n = qp.shape.n_x[-1]
     qp.z_lower[-1][:n], qp.z_upper[-1][:n] = 3.0, 4.0
     qp.dynamics[-1][:], qp.b[-1][:] = 0.0, 0.0
-    assert StageQpSolver(qp.shape).solve(qp).status is StageQpStatus.INFEASIBLE
+    assert StageQpSolver(qp.shape, options).solve(qp).status is StageQpStatus.INFEASIBLE
 
 
 def test_equalities_that_contradict_each_other_are_infeasible_and_missed_least() -> None:
