@@ -8,8 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from uvms_ocp.arrays import Array, Mask
-from uvms_ocp.solvers.stagewise.shape import StageShape
-from uvms_ocp.solvers.stagewise.stage_qp import StageQp
+from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape
 
 SIGNS = np.array([[1.0], [-1.0]])
 """Of what is left to the lower and the upper side."""

@@ -15,9 +15,8 @@ from uvms_ocp.solvers.stagewise.iteration import NumpyCore
 from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
 from uvms_ocp.solvers.stagewise.point import End, Point, Start, nothing, resting
 from uvms_ocp.solvers.stagewise.row_table import RowTable, row_table
-from uvms_ocp.solvers.stagewise.shape import StageShape, slices
 from uvms_ocp.solvers.stagewise.solution import StageQpSolution, StageQpStatus, stage_qp_solution
-from uvms_ocp.solvers.stagewise.stage_qp import StageQp
+from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape, slices
 
 _MISSED = 1e-5  # relative violation that no point does without
 _ROUGH = 1e-6  # tolerance of phase one
