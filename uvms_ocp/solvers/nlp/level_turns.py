@@ -16,7 +16,7 @@ from uvms_ocp.solvers.nlp.row_bounds import RowBounds
 from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
 
 
-class Deadline:
+class TimeBudget:
     """Whether there is time for another QP, judged by those that were solved."""
 
     def __init__(self, limit: float, clock: Callable[[], float]) -> None:
@@ -65,21 +65,31 @@ class LevelTurns:
         self._weights = ProximalWeights(len(self._qps), options.proximal)
 
     def step(
-        self, x: np.ndarray, p: np.ndarray, bounds: RowBounds, deadline: Deadline
+        self, x: np.ndarray, p: np.ndarray, bounds: RowBounds, budget: TimeBudget
     ) -> tuple[Point, NlpStatus | None]:
         """Where a step from x (n,) [unit of x] leads, and why there is none; p (n_p,) [unit of the parameter]."""
+        guess = self._point(x, p, bounds)
         first, failure = self._qps[0].step(x, p, bounds, self._options.damping)
-        deadline.count()
-        point = self._point(x + first, p, bounds).after_turn()
+        budget.count()
         if failure is not None:
-            return point, failure
+            return guess, failure
+        point = self._first_searched(guess, first, p, bounds).after_turn()
         for i in range(1, len(self._qps)):
-            if deadline.over:
+            if budget.over:
                 break
             bounds = bounds.with_rows(*self._frozen(i - 1, point))
             point = self._turn(point, p, bounds).after_turn()
-            deadline.count()
+            budget.count()
         return point, None
+
+    def _first_searched(self, guess: Point, step: np.ndarray, p: np.ndarray, bounds: RowBounds) -> Point:
+        """Where the rule allows it, or else, because a guess must be left, where the constraints are broken least."""
+        rule, tried = self._rule(guess), []
+        for share in SHARES:
+            tried.append(self._point(guess.x + share * step, p, bounds))
+            if rule.allows(tried[-1].merit):
+                return tried[-1]
+        return min(tried, key=lambda point: point.merit.violation)
 
     def _turn(self, point: Point, p: np.ndarray, bounds: RowBounds) -> Point:
         """Where the next level moves the point."""

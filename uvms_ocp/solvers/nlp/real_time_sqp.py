@@ -19,7 +19,7 @@ from time import perf_counter
 import numpy as np
 
 from uvms_ocp.arguments import Bound, checked, late
-from uvms_ocp.solvers.nlp.level_turns import Deadline, LevelTurns
+from uvms_ocp.solvers.nlp.level_turns import TimeBudget, LevelTurns
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.program import LexicographicProgram, Parameters, Variables
 from uvms_ocp.solvers.nlp.row_bounds import row_bounds
@@ -72,12 +72,12 @@ class RealTimeSqp:
 
         p (n_p,) [unit of the parameter]; x_lower and x_upper (n,), or one for all variables [unit of x].
         """
-        deadline = Deadline(time_limit, clock)
+        budget = TimeBudget(time_limit, clock)
         bounds = row_bounds(self.program.ranges, x_lower, x_upper, len(x))
         best, violation, reached = x, np.inf, tuple[float, ...]()
         status, steps = NlpStatus.ITERATION_LIMIT, 0
         while steps < self.options.max_steps:
-            found, failure = self._turns.step(x, p, bounds, deadline)
+            found, failure = self._turns.step(x, p, bounds, budget)
             steps += 1
             if failure is not None:
                 status = failure
@@ -88,9 +88,9 @@ class RealTimeSqp:
             if violation <= self.options.accuracy:
                 status = NlpStatus.SOLVED
                 break
-            if deadline.over:
+            if budget.over:
                 status = NlpStatus.TIME_LIMIT
                 break
         return SqpResult(
-            x=best, status=status, violation=violation, steps=steps, solve_time=deadline.elapsed, reached=reached
+            x=best, status=status, violation=violation, steps=steps, solve_time=budget.elapsed, reached=reached
         )
