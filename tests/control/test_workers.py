@@ -12,7 +12,7 @@ import pytest
 
 from uvms_ocp.control.receding.nmpc import Nmpc
 from uvms_ocp.control.receding.replanning import HOLD, Answer, Request
-from uvms_ocp.control.receding.workers import Beside, InLine, Job, Running, WorkerStatus
+from uvms_ocp.control.receding.workers import Beside, InLine, Job, Running, WorkerStatus, started
 from uvms_ocp.exceptions import InvalidInput, UvmsError
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
@@ -60,7 +60,7 @@ def answered(worker: Running, request: Request) -> Answer:
 
 @pytest.fixture
 def beside(robot: Robot) -> Iterator[Running]:
-    worker = Beside(timeout=60.0).start(job(robot))
+    worker = started(Beside(timeout=60.0), job(robot))
     yield worker
     worker.close()
 
@@ -72,7 +72,7 @@ def ticks(nmpc: Nmpc, robot: Robot, begin: float, n: int) -> list[Command]:
 
 
 def test_plans_made_beside_are_those_made_in_line(robot: Robot, beside: Running) -> None:
-    within = InLine().start(job(robot))
+    within = started(InLine(), job(robot))
     number, began = HOLD, 0.0
     for t in (0.0, 0.0, 0.05, 0.1):
         request = Request(state=start(robot), t=t, in_use=number, begin=began)
@@ -117,7 +117,7 @@ def test_a_process_that_was_killed_is_a_status_and_ticks_go_on(robot: Robot) -> 
 
 
 def test_a_solve_that_takes_too_long_is_stopped(robot: Robot) -> None:
-    worker = Beside(timeout=1e-9).start(job(robot))
+    worker = started(Beside(timeout=1e-9), job(robot))
     process = worker._process  # type: ignore[attr-defined]
     worker.ask(Request(state=start(robot), t=0.0, in_use=HOLD, begin=0.0))
     assert worker.answer() is None
@@ -153,9 +153,9 @@ def test_what_cannot_be_sent_is_refused(robot: Robot) -> None:
         return pin.SE3.Identity(), np.zeros(6)
 
     with pytest.raises(InvalidInput, match="top level of a module"):
-        Beside().start(job(robot, nearby))
+        started(Beside(), job(robot, nearby))
 
 
 def test_a_process_that_does_not_get_ready_is_an_error(robot: Robot) -> None:
     with pytest.raises(UvmsError, match="raise start_timeout"):
-        Beside(start_timeout=1e-3).start(job(robot))
+        started(Beside(start_timeout=1e-3), job(robot))

@@ -13,7 +13,7 @@ from uvms_ocp.control.force.computed_torque import ComputedTorque, TrackingGains
 from uvms_ocp.control.force.dynamic import VelocityGains, observer_of
 from uvms_ocp.control.navigation.last_known import LastSound
 from uvms_ocp.control.receding.replanning import HOLD, Planned, Request
-from uvms_ocp.control.receding.workers import Beside, InLine, Job, WorkerStatus
+from uvms_ocp.control.receding.workers import Beside, InLine, Job, WorkerStatus, started
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.state import Command, Measurement, State
@@ -86,8 +86,8 @@ class Nmpc:
             raise InvalidInput("receding-horizon control needs fixed durations; give every phase one number")
         self._robot, self.period = problem.robot, period
         self._problem = replace(problem, hessian=HessianKind.GAUSS_NEWTON)
-        self._worker = (worker or InLine()).start(
-            Job(problem=self._problem, period=period, options=options, clock=clock)
+        self._worker = started(
+            worker or InLine(), Job(problem=self._problem, period=period, options=options, clock=clock)
         )
         robot, dynamics = problem.robot, robot_dynamics(problem.robot)
         self._observer = observer_of(robot, dynamics, observer or VelocityGains(), dt, problem.current)

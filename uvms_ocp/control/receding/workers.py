@@ -73,10 +73,6 @@ class Running(ABC):
 class InLine:
     """Within the tick that asks, which lasts as long: simulations are reproducible. Plans are as late as their solves took."""
 
-    def start(self, job: Job) -> Running:
-        """Build the program of a job."""
-        return _InLine(job)
-
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -95,12 +91,13 @@ class Beside:
     start_timeout: Positive = 120.0
     """[s] for the process to be ready, which compiles what is not in the cache."""
 
-    def start(self, job: Job) -> Running:
-        """Start the process and wait until it is ready.
 
-        Raises `InvalidInput` for a problem that cannot be sent, and `UvmsError` where the process does not get ready.
-        """
-        return _Beside(job, self)
+def started(worker: InLine | Beside, job: Job) -> Running:
+    """A worker that is ready; a process is waited for.
+
+    Raises `InvalidInput` for a problem that cannot be sent to a process, and `UvmsError` where that does not get ready.
+    """
+    return _Beside(job, worker) if isinstance(worker, Beside) else _InLine(job)
 
 
 class _InLine(Running):

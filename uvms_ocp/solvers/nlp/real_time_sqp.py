@@ -19,7 +19,7 @@ from time import perf_counter
 import numpy as np
 
 from uvms_ocp.arguments import Bound, checked, late
-from uvms_ocp.solvers.nlp.level_turns import TimeBudget, LevelTurns
+from uvms_ocp.solvers.nlp.level_turns import LevelTurns, TimeBudget
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.program import LexicographicProgram, Parameters, Variables
 from uvms_ocp.solvers.nlp.row_bounds import row_bounds
