@@ -21,15 +21,17 @@ deviation; {plans:.0f} plans per second over {steps} steps and {horizon:g} s; co
 effect one period after the state it starts from was measured, or later if it took longer by processor time, or by the
 clock on the wall where named so. Errors and thrust are the largest of all runs, but rms errors, energies and times their
 means, counts their sums; times are processor time unless named otherwise. Targets: largest error {largest_error:g} mm, at
-most {late:g} % late.
+most {late:g} % late. Strict levels are the tool, then tilt and a range of postures, then effort; NMPC without them weighs
+the tool against effort.
 
-NMPC keeps the first in {kept} of {cases} cases; {late_share:.2f} % of its plans are late.
+NMPC keeps the first in {kept} of {cases} cases, with strict levels in {kept_strictly}; {late_share:.2f} % and
+{late_strictly:.2f} % of the plans are late.
 """
 
 
 def prose(experiment: Experiment, shown: Sequence[Row]) -> str:
     """With the figures of all runs."""
-    own = [row for row in shown if row["controller"] == "NMPC"]
+    own, levels = ([row for row in shown if row["controller"] == name] for name in ("NMPC", "NMPC, strict levels"))
     return PROSE.format(
         seeds=len(experiment.seeds),
         seconds=experiment.seconds,
@@ -42,10 +44,20 @@ def prose(experiment: Experiment, shown: Sequence[Row]) -> str:
         rate=1 / DT,
         largest_error=LARGEST_ERROR,
         late=LATE,
-        kept=sum(row["largest error [mm]"] <= LARGEST_ERROR for row in own),
+        kept=_kept(own),
+        kept_strictly=_kept(levels),
         cases=len(own),
-        late_share=100.0 * sum(row["late"] for row in own) / max(1, sum(row["solves"] for row in own)),
+        late_share=_late(own),
+        late_strictly=_late(levels),
     )
+
+
+def _kept(shown: Sequence[Row]) -> int:
+    return sum(row["largest error [mm]"] <= LARGEST_ERROR for row in shown)
+
+
+def _late(shown: Sequence[Row]) -> float:
+    return 100.0 * sum(row["late"] for row in shown) / max(1, sum(row["solves"] for row in shown))
 
 
 def measured(experiment: Experiment) -> list[Row]:

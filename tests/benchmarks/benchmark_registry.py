@@ -57,6 +57,7 @@ ALONE = tuple(
         "gates",
         "hierarchy",
         "nmpc",
+        "nmpc_levels",
         "ocp_peers",
         "ocp_reach",
         "ocp_whole_mission",
