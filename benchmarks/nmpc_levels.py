@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 
 from horizon.conflict_runs import LEVELS, ConflictRuns, conflict_rows, worst
-from horizon.receding_conflicts import MARGIN, SETTLING
+from horizon.receding_conflicts import MARGIN, SETTLING, SPEED, WAY
 from recording.processes import hide_compiler
 from recording.report import Report, Row, Table, begin, parser_of
 
@@ -18,7 +18,7 @@ TOOL, HELD, BACK = 25.0, 5.0, 10.0
 """[mm] most of the tool below tilt, of the vehicle above the tool, and of the tool afterwards."""
 PROSE = """
 {seeds} seeds; the worst of them, but energy and median times are means, counts sums, and times processor time. *tilt above
-tool*: the goal goes 0.9 m out and back at 0.3 m/s, and the vehicle goes along without tilting; wanted: the tool within
+tool*: the goal goes {way:g} m out and back at {speed:g} m/s, and the vehicle goes along without tilting; wanted: the tool within
 {tool:g} mm. *vehicle above tool*: the same, out of the reach of the arm, while the vehicle stays; wanted: the vehicle within
 {held:g} mm, the tool within {back:g} mm from {settling:g} s after the goal's return. The same with an arm that is stretched at
 first towards a goal out of reach. *clearance above tool*: a ball comes to where the tool is to be and leaves again; planned
@@ -43,6 +43,8 @@ def prose(runs: ConflictRuns, table: Sequence[Row]) -> str:
     own = [row for row in table if row["priorities"] == LEVELS]
     return PROSE.format(
         seeds=len(runs.seeds),
+        way=WAY,
+        speed=SPEED,
         tool=TOOL,
         held=HELD,
         back=BACK,

@@ -23,6 +23,8 @@ from uvms_ocp.tasks.pose import ToolPose, VehiclePose
 from uvms_ocp.tasks.reference import PoseReference
 from uvms_ocp.tasks.task import Residual
 
+WAY, SPEED = 0.9, 0.3
+"""[m], [m/s] of a goal."""
 WAIT = 0.5
 """[s] before a goal leaves and before it comes back."""
 SETTLING = 1.5
@@ -158,7 +160,7 @@ def _problem(robot: Robot, levels: list[OcpLevel], q: np.ndarray | None = None) 
 
 def _moving_goal(robot: Robot, begin: float = WAIT) -> MovingGoal:
     first = Kinematics(robot, start_of(robot)).pose("tool")
-    return MovingGoal(first=first, direction=ahead(robot), motion=OutAndBack(way=0.9, speed=0.3, begin=begin))
+    return MovingGoal(first=first, direction=ahead(robot), motion=OutAndBack(way=WAY, speed=SPEED, begin=begin))
 
 
 def tilt_above(robot: Robot) -> RecedingConflict:

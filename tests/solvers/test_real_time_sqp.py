@@ -53,6 +53,23 @@ def test_one_step_reaches_the_lexicographic_optimum_of_linear_rows(plugin: str, 
     np.testing.assert_allclose(residuals, exact.level_residuals, atol=2e-3)
 
 
+def test_a_horizon_without_bounds_is_solved_by_hpipm() -> None:
+    rng, N = np.random.default_rng(0), 5
+    states = [ca.SX.sym(f"x{k}", 4) for k in range(N + 1)]
+    controls = [ca.SX.sym(f"u{k}", 2) for k in range(N)]
+    steps = [
+        ca.DM(rng.standard_normal((4, 4))) @ x + ca.DM(rng.standard_normal((4, 2))) @ u - after
+        for x, u, after in zip(states, controls, states[1:], strict=False)
+    ]
+    z = ca.vertcat(*(part for pair in zip(states, controls, strict=False) for part in pair), states[-1])
+    level = NlpLevel(y=ca.vertcat(z - 1.0, states[-1] + 1.0))
+    program = with_derivatives(lexicographic_program(z, [level], g=ca.vertcat(*steps), g_lower=0.0, g_upper=0.0))
+    result = RealTimeSqp(program, SqpOptions(plugin="hpipm")).solve(np.zeros(z.numel()), p=np.zeros(0))
+    assert result.status is NlpStatus.SOLVED
+    other = RealTimeSqp(program, SqpOptions(plugin="piqp")).solve(np.zeros(z.numel()), p=np.zeros(0))
+    np.testing.assert_allclose(result.x, other.x, atol=1e-5)
+
+
 def test_steps_go_on_until_the_constraints_are_kept() -> None:
     x = ca.SX.sym("x", 2)
     circle = with_derivatives(lexicographic_program(x, [NlpLevel(y=x - 0.8)], g=ca.sumsqr(x), g_lower=1.0, g_upper=1.0))

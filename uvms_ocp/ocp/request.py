@@ -21,13 +21,11 @@ from uvms_ocp.obstacle_data import ObstacleData
 from uvms_ocp.ocp.capsule_clearance import CapsuleClearance, capsule_clearance, nearest_capsules
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.ocp.plans.motion_series import sample_times
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Effort, Posture, Smoothness, TaskTerm
 from uvms_ocp.planning.goals import FiniteTriple, Goal, check_way
 from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
-
-_PERIOD = 0.02  # [s] between the samples whose clearance is looked at
-_MAX_SAMPLES = 5000
 
 
 @checked
@@ -65,8 +63,7 @@ class OcpResult:
     def samples(self) -> tuple[Array, Array]:
         """Times (n,) [s], and configurations (n, n_q) [m, rad] on their manifold, within the limits of the joints."""
         robot, trajectory = self.request.robot, self.plan.trajectory
-        n = max(2, min(int(np.ceil(self.plan.duration / _PERIOD)) + 1, _MAX_SAMPLES))
-        t = np.linspace(0.0, self.plan.duration, n)
+        t = sample_times(self.plan.duration)
         q = np.array([trajectory.state_at(robot.model, moment)[0] for moment in t])
         return t, np.array([_within(robot, row) for row in q])
 

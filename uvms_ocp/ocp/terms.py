@@ -17,6 +17,7 @@ from uvms_ocp.arguments import Range, checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.limits import bounded_joints
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.obstacle_data import ObstacleData
 from uvms_ocp.tasks.task import Residual, Task, TickSymbols, zero_residual
 
 _ROUNDING = 0.02  # share of the limit below which powers flatten out, so that they can be differentiated at 0
@@ -84,6 +85,10 @@ class Term(ABC):
     def reference(self, t: float) -> np.ndarray:
         """What the rows depend on and a kept planner may be given anew, at time t [s] (n_parameters,): goals, obstacles."""
         return np.zeros(0)
+
+    def scenery(self, t: float) -> tuple[ObstacleData, ...]:
+        """What stands in the way at time t [s], to draw."""
+        return ()
 
 
 @checked
