@@ -158,14 +158,14 @@ def _problem(robot: Robot, levels: list[OcpLevel], q: np.ndarray | None = None) 
     return single_phase(robot=robot, start=start, duration=3.0, n_steps=20, levels=levels, current=CURRENT)
 
 
-def _moving_goal(robot: Robot, begin: float = WAIT) -> MovingGoal:
+def moving_goal(robot: Robot, begin: float = WAIT) -> MovingGoal:
     first = Kinematics(robot, start_of(robot)).pose("tool")
     return MovingGoal(first=first, direction=ahead(robot), motion=OutAndBack(way=WAY, speed=SPEED, begin=begin))
 
 
 def tilt_above(robot: Robot) -> RecedingConflict:
     """The vehicle must stay level and go along."""
-    goal = _moving_goal(robot)
+    goal = moving_goal(robot)
     tilt = OcpLevel(name="tilt", terms=(TaskTerm(task=HorizontalAttitude(), at=At.PATH, weight=100.0),))
     problem = _problem(robot, [tilt, tool_level(goal), CHEAP])
     return RecedingConflict(name="tilt above tool", problem=problem, goal=goal, returned=goal.motion.returned)
@@ -177,7 +177,7 @@ def vehicle_above(robot: Robot, *, stretched: bool = False) -> RecedingConflict:
     A little weight of posture in the tool's own level says on which side the elbow bends, and the level keeps off the ends of
     the joints' ranges, one of which is just beyond a straight elbow: an arm that is pressed against it stays there.
     """
-    goal = _moving_goal(robot, -3.0 if stretched else WAIT)
+    goal = moving_goal(robot, -3.0 if stretched else WAIT)
     q = robot.configuration(position=(0, 0, -5), rpy=(0, 0, 0.5), joints=STRETCHED) if stretched else None
     vehicle = VehiclePose(goal=Kinematics(robot, start_of(robot)).pose("base_link"))
     held = OcpLevel(name="vehicle", terms=(TaskTerm(task=vehicle, at=At.PATH, weight=100.0),))

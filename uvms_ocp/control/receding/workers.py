@@ -10,9 +10,11 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
+from selectors import EVENT_READ, DefaultSelector
 from time import perf_counter
 
 from uvms_ocp.arguments import Positive, checked
+from uvms_ocp.control.receding.messages import answer_message, answer_of, request_message, request_of
 from uvms_ocp.control.receding.replanning import Answer, Replanner, Request
 from uvms_ocp.exceptions import InvalidInput, UvmsError
 from uvms_ocp.ocp.problem import OcpProblem
@@ -132,6 +134,8 @@ class _Beside(Running):
         self._connection, other = context.Pipe()
         self._process: BaseProcess = context.Process(target=_serve, args=(other, words), daemon=True, name="nmpc")
         self._limits, self._status, self._asked = limits, WorkerStatus.WORKING, 0.0
+        self._selector = DefaultSelector()
+        self._selector.register(self._connection, EVENT_READ)
         self._process.start()
         other.close()
         self._await_start()
@@ -157,7 +161,7 @@ class _Beside(Running):
             return
         self._asked = perf_counter()
         try:
-            self._connection.send(request)
+            self._connection.send(request_message(request))
         except OSError:
             self._end(WorkerStatus.CRASHED)
 
@@ -165,9 +169,9 @@ class _Beside(Running):
         if self._status is not WorkerStatus.WORKING:
             return None
         try:
-            if self._connection.poll(0):
-                answer: Answer = self._connection.recv()
-                return answer
+            # Connection.poll makes a selector at every call, which takes as long as a tenth of a tick.
+            if self._selector.select(0):
+                return answer_of(self._connection.recv())
         except (EOFError, OSError):
             self._end(WorkerStatus.CRASHED)
             return None
@@ -183,6 +187,7 @@ class _Beside(Running):
     def _end(self, status: WorkerStatus) -> None:
         """At once, whatever the process does: a solve in a library listens to nobody."""
         self._status = status
+        self._selector.close()
         self._connection.close()
         self._process.kill()
 
@@ -210,6 +215,6 @@ def _serve(connection: Connection, words: bytes) -> None:
     connection.send(None)
     while True:
         try:
-            connection.send(replanner(connection.recv()))
+            connection.send(answer_message(replanner(request_of(connection.recv()))))
         except (EOFError, BrokenPipeError, ConnectionResetError):
             return

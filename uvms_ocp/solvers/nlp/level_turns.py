@@ -58,6 +58,9 @@ class Point:
 class LevelModel(Protocol):
     """What linearises the levels of a program and solves their QPs."""
 
+    slack: float
+    """[-] by which the norm of frozen rows may rise in a QP; 0 where it bears dependent equalities."""
+
     def begin(self, x: np.ndarray, p: np.ndarray, bounds: RowBounds) -> Point:
         """The point of variables x (n_x,) [unit of x]; p (n_p,) [unit of the parameter] holds from now on."""
         ...
@@ -133,4 +136,4 @@ class LevelTurns:
     def _frozen(self, level: LevelRows, point: Point) -> tuple[slice, tuple[np.ndarray, np.ndarray]]:
         """Rows that keep the level that had the last turn where that has left it, and their bounds."""
         i = len(point.reached) - 1
-        return level.frozen, level.frozen_bounds(point.rows[i], point.reached[i] ** 2 / 2, self._options.tolerance)
+        return level.frozen, level.frozen_bounds(point.rows[i], point.reached[i] ** 2 / 2, self._model.slack)

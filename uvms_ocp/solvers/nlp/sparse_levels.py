@@ -17,7 +17,7 @@ class SparseLevels:
     """A `LevelModel`; its QPs are built once, here. Raises `InvalidInput` for a program without derivative functions."""
 
     def __init__(self, program: LexicographicProgram, options: SqpOptions) -> None:
-        self._program = program
+        self._program, self.slack = program, options.tolerance
         self._qps = [LevelQp(nlp, i, options) for i, nlp in enumerate(program.nlps)]
         self._p, self._from, self._step = np.zeros(program.n_p), np.zeros(program.n_x), np.zeros(program.n_x)
         self._bounds = row_bounds(program.ranges, -np.inf, np.inf, program.n_x)
