@@ -18,7 +18,6 @@ from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import At, Effort, Posture, Smoothness, StageSymbols, TaskTerm, Term
 from uvms_ocp.tasks.attitude import HorizontalAttitude
-from uvms_ocp.tasks.joints import JointLimits
 from uvms_ocp.tasks.pose import ToolPose, VehiclePose
 from uvms_ocp.tasks.reference import PoseReference
 from uvms_ocp.tasks.task import Residual
@@ -174,15 +173,14 @@ def tilt_above(robot: Robot) -> RecedingConflict:
 def vehicle_above(robot: Robot, *, stretched: bool = False) -> RecedingConflict:
     """The vehicle must stay where it is: the goal leaves the reach of the arm, or is out of it at first.
 
-    A little weight of posture in the tool's own level says on which side the elbow bends, and the level keeps off the ends of
-    the joints' ranges, one of which is just beyond a straight elbow: an arm that is pressed against it stays there.
+    A little weight of posture in the tool's own level says on which side the elbow bends. One end of its range is just beyond
+    the straight arm, and an elbow that is pressed against it would stay there.
     """
     goal = moving_goal(robot, -3.0 if stretched else WAIT)
     q = robot.configuration(position=(0, 0, -5), rpy=(0, 0, 0.5), joints=STRETCHED) if stretched else None
     vehicle = VehiclePose(goal=Kinematics(robot, start_of(robot)).pose("base_link"))
     held = OcpLevel(name="vehicle", terms=(TaskTerm(task=vehicle, at=At.PATH, weight=100.0),))
-    limits = TaskTerm(task=JointLimits(guard=0.03), at=At.PATH, weight=10.0)
-    level = tool_level(goal, limits, Posture(q=start_of(robot), weight=0.3))
+    level = tool_level(goal, Posture(q=start_of(robot), weight=1.0))
     name = "vehicle above tool" + (", from a stretched arm" if stretched else "")
     return RecedingConflict(
         name=name, problem=_problem(robot, [held, level, CHEAP], q), goal=goal, returned=goal.motion.returned
