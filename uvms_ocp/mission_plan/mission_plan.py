@@ -17,7 +17,7 @@ from uvms_ocp.mission_plan.saved import read_plan, write_plan
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.record import Record
-from uvms_ocp.scenario import Scenario
+from uvms_ocp.scenario import MissionController, Scenario
 from uvms_ocp.sim.loop import Progress
 
 
@@ -45,6 +45,11 @@ class MissionPlan:
     """[s]"""
     identity: Mapping[str, str]
     """What it was made for, as digests."""
+
+    @property
+    def solved(self) -> bool:
+        """Every phase ends as the mission asks for."""
+        return self.status is OcpStatus.SOLVED
 
     @property
     def duration(self) -> float:
@@ -119,8 +124,12 @@ class MissionPlan:
         mission, robot = scenario.mission, scenario.robot
         return PlanGuide(self.trajectory, self.phases, mission, robot, dt=scenario.dt, tuning=tuning)
 
+    def controller(self, scenario: Scenario, tuning: FollowingTuning | None = None) -> MissionController:
+        """A fresh one for `Scenario.run`: the hierarchy's, led by `guide`."""
+        return scenario.guided(self.guide(scenario, tuning))
+
     def fly(
         self, scenario: Scenario, progress: Progress | None = None, *, tuning: FollowingTuning | None = None
     ) -> Record:
         """Run the scenario along the plan; where that is left, the hierarchy takes over, and an alarm says when and why."""
-        return scenario.run(progress, scenario.guided(self.guide(scenario, tuning)))
+        return scenario.run(progress, self.controller(scenario, tuning))

@@ -26,7 +26,7 @@ from uvms_ocp.tasks.velocity import NullVelocity
 
 _SMOOTH = 0.3  # weight of smoothness: what is free to swing would ring from node to node
 
-_LIKED = 0.003  # weight of preferences: 3 W for 1 rad
+_LIKED = 3e-4  # weight of preferences: 0.3 W for 1 rad
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
