@@ -19,6 +19,7 @@ from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.record import Record
 from uvms_ocp.scenario import MissionController, Scenario
 from uvms_ocp.sim.loop import Progress
+from uvms_ocp.validation import shown
 
 
 @checked
@@ -88,23 +89,12 @@ class MissionPlan:
     @staticmethod
     def load(path: Path | str) -> MissionPlan:
         """Read a file written by `save`. Raises `InvalidInput`, in one line, for what is no such file."""
-        trajectory, told = read_plan(path)
-        return MissionPlan(
-            scenario=told["scenario"],
-            trajectory=trajectory,
-            phases=tuple(
-                PlannedPhase(phase=part["phase"], begin=part["begin_s"], end=part["end_s"], moves=part["moves"])
-                for part in told["phases"]
-            ),
-            names=tuple(part["name"] for part in told["phases"]),
-            status=OcpStatus(told["status"]),
-            reason=told["reason"],
-            energy=told["energy_j"],
-            greedy_duration=told["greedy_duration_s"],
-            iterations=told["iterations"],
-            solve_time=told["solve_time_s"],
-            identity=told["identity"],
-        )
+        try:
+            return _made(*read_plan(path))
+        except InvalidInput as error:
+            raise InvalidInput(f"{shown(path)}: {error}") from error
+        except (KeyError, TypeError, ValueError) as error:
+            raise InvalidInput(f"{shown(path)}: its summary lacks or garbles {error}; plan the mission anew") from error
 
     def require_of(self, scenario: Scenario) -> None:
         """Raise `InvalidInput` unless this is a plan of that scenario, and can be flown."""
@@ -133,3 +123,25 @@ class MissionPlan:
     ) -> Record:
         """Run the scenario along the plan; where that is left, the hierarchy takes over, and an alarm says when and why."""
         return scenario.run(progress, self.controller(scenario, tuning))
+
+
+def _made(trajectory: Trajectory, told: dict[str, Any]) -> MissionPlan:
+    """From what a file tells, as `MissionPlan.summary` has it."""
+    statuses = {status.value: status for status in OcpStatus}
+    parts = [
+        PlannedPhase(phase=part["phase"], begin=part["begin_s"], end=part["end_s"], moves=part["moves"])
+        for part in told["phases"]
+    ]
+    return MissionPlan(
+        scenario=told["scenario"],
+        trajectory=trajectory,
+        phases=tuple(parts),
+        names=tuple(part["name"] for part in told["phases"]),
+        status=statuses[told["status"]],
+        reason=told["reason"],
+        energy=told["energy_j"],
+        greedy_duration=told["greedy_duration_s"],
+        iterations=told["iterations"],
+        solve_time=told["solve_time_s"],
+        identity=told["identity"],
+    )

@@ -9,8 +9,8 @@ import numpy as np
 
 from uvms_ocp.mission_plan.greedy_way import GreedyWay, greedy_way
 from uvms_ocp.mission_plan.margins import Margins
+from uvms_ocp.mission_plan.shapes_and_floor import clearance_terms, floor_along, floor_terms
 from uvms_ocp.mission_plan.stretches import Stretch, stretches_of
-from uvms_ocp.mission_plan.surroundings import clearance_terms, floor_along, floor_terms
 from uvms_ocp.mission_plan.translation import Terms, Weights, levels_of, terms_of
 from uvms_ocp.model.state import State
 from uvms_ocp.ocp.problem import OcpProblem

@@ -88,7 +88,9 @@ def _within(posed: MissionProblem, planner: Planner, longest: float) -> tuple[Pl
     plan = planner.plan(posed.at(_FIRST, posed.guess, longest), guess=posed.guess, diagnose=False)
     iterations, best, prices = plan.iterations, None, _Prices()
     for _ in range(_TRIALS * plan.status.usable):
-        trial = planner.plan(posed.at(Weights(price=prices.now), plan.trajectory, longest), guess=plan.trajectory, diagnose=False)
+        trial = planner.plan(
+            posed.at(Weights(price=prices.now), plan.trajectory, longest), guess=plan.trajectory, diagnose=False
+        )
         iterations += trial.iterations
         plan = trial if trial.status.usable else plan
         in_time = trial.status.usable and trial.duration <= longest

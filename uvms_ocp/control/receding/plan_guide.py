@@ -11,7 +11,7 @@ import pinocchio as pin
 from uvms_ocp.arguments import Magnitude, Positive, checked
 from uvms_ocp.control.navigation.degraded import told
 from uvms_ocp.control.velocity.distress import Strain
-from uvms_ocp.control.velocity.guide import Guided
+from uvms_ocp.control.velocity.tick.guide import Guided
 from uvms_ocp.control.velocity.tick_state import TickState
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model.robot import Robot

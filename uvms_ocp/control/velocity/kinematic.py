@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.arguments import Period, changed, checked, late, trusted
+from uvms_ocp.arguments import Period, checked, late, trusted
 from uvms_ocp.control.navigation.degraded import (
     ALTIMETER,
     FREE,
@@ -24,7 +24,6 @@ from uvms_ocp.control.navigation.last_known import LastEcho, LastSound
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.control.velocity.climb import climb_goal
 from uvms_ocp.control.velocity.distress import Distress, Strain, Why
-from uvms_ocp.control.velocity.guide import Guide
 from uvms_ocp.control.velocity.guards import Guarding, guards_of, models_of, rule_sizes
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.parameters import (
@@ -36,6 +35,7 @@ from uvms_ocp.control.velocity.parameters import (
     nearest_sizes,
 )
 from uvms_ocp.control.velocity.tick.finishing import Solved, finish_by, finish_in_c
+from uvms_ocp.control.velocity.tick.guide import Guide, led
 from uvms_ocp.control.velocity.tick.kernels import after, before, is_unknown, take
 from uvms_ocp.control.velocity.tick.memory import altimeter_of, arrays_of, inputs_of, tick_memory
 from uvms_ocp.control.velocity.tick.solving import velocity_controller
@@ -117,8 +117,7 @@ class KinematicController:
         self._distress = Distress(mission, names, memory)
         self._strain = self._felt = Strain()
         self._jammed = self._felt.jammed
-        self._restriction = FREE
-        self._guide = guide
+        self._restriction, self._guide = FREE, guide
         self._state = mission.start()
         write_state(memory.mission, self._state)
 
@@ -205,25 +204,11 @@ class KinematicController:
             finished=self._state.over,
             telemetry=_telemetry(tick, solved, arrays.reported.copy(), memory.share),
         )
-        return command if self._guide is None else self._guided(self._guide, tick, command)
-
-    def _guided(self, guide: Guide, tick: TickState, command: Command) -> Command:
-        """What is commanded where a guide has its say, who tells of its end as an alarm."""
-        told = guide(tick, self._strain, self.pending)
-        if told.why:
-            self.watchdog.alarms.append((tick.t, told.why))
-        telemetry = {**command.telemetry, "guided": told.v is not None}
-        if told.v is None:
-            return changed(command, telemetry=telemetry)
-        guided = changed(command, v=told.v, telemetry=telemetry)
-        self.follow(guided)
-        return guided
+        return command if self._guide is None else led(self, self._guide, tick, self._strain, command)
 
     def _finish_by(self, solver: HierarchySolver) -> Callable[[], Solved]:
-        tick, inputs = (
-            solver.bind(self.problem.function, self.problem.sizes),
-            inputs_of(self.memory, self._arrays, self.problem),
-        )
+        tick = solver.bind(self.problem.function, self.problem.sizes)
+        inputs = inputs_of(self.memory, self._arrays, self.problem)
         solve = tick.adopt(*inputs) if isinstance(tick, SharedTick) else partial(tick, *inputs)
         (settle,) = bind_to(self.memory, (after,))
         return finish_by(solve, partial(settle, self.memory), self._arrays, self.memory)
