@@ -294,12 +294,6 @@ def clearance() -> tasks.Clearance:
     return tasks.Clearance(model=CollisionModel(robot(), [rock()]))
 
 
-def whole() -> ocp.WholeMission:
-    return ocp.WholeMission(
-        way_point=pin.SE3.Identity(), target=np.ones(3), tool_goal=pin.SE3.Identity(), durations=((1.0, 2.0),) * 4
-    )
-
-
 @cache
 def nmpc() -> control.Nmpc:
     return control.Nmpc(problem())
@@ -543,7 +537,6 @@ POOL: dict[str, Callable[[], Any]] = {
     "Solution": lambda: solvers.Icat().solve([level()]),
     "Status": lambda: solvers.Status.SOLVED,
     "Ball": lambda: ocp.Ball(radius=0.1),
-    "WholeMission": whole,
     "Clearance": clearance,
     "Kinematics": lambda: Kinematics(robot(), q()),
     "CollisionModel": lambda: CollisionModel(robot(), [rock()]),
@@ -690,7 +683,6 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "Posture.residual": lambda: parameters(robot().model.nq),
     "BallClearance.residual": lambda: parameters(4),
     "ToolGoal.as_tasks": lambda: {"start": q()},
-    "WholeMission": lambda: fields_of(whole()),
     "check_clearance": lambda: {"trajectory": motion()},
     "clearance_along": lambda: {"trajectory": motion()},
     "closest_approach": lambda: {"q": np.array([q(), q()])},
@@ -719,7 +711,6 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "tool_goal": lambda: {"goal": pin.SE3.Identity(), "guess": two_postures()[0]},
     "tool_reach": lambda: {"goal": pin.SE3.Identity(), "n_steps": 2},
     "hold": dict,
-    "whole_mission": lambda: {"start": state(), "floor": -60.0},
     "lexicographic_program": lambda: lexicographic(),
     "random_limits": lambda: {"n": 2},
     "Fault": lambda: {"target": "depth", "kind": "lost"},
