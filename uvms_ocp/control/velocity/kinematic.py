@@ -87,7 +87,7 @@ class KinematicController:
 
         Raises `InvalidInput` where it is not > 0, and what `build_levels` and `Mission.check_quantities` raise.
         """
-        self.robot, self.mission, self.dt = robot, mission, dt
+        self.robot, self.mission, self.dt, self.guide = robot, mission, dt, guide
         self.problem: LevelsProblem = build_levels(robot, mission.hierarchy, dt)
         mission.check_quantities(self.problem.quantity_names)
         self.events: list[Event] = []
@@ -117,7 +117,7 @@ class KinematicController:
         self._distress = Distress(mission, names, memory)
         self._strain = self._felt = Strain()
         self._jammed = self._felt.jammed
-        self._restriction, self._guide = FREE, guide
+        self._restriction = FREE
         self._state = mission.start()
         write_state(memory.mission, self._state)
 
@@ -204,7 +204,7 @@ class KinematicController:
             finished=self._state.over,
             telemetry=_telemetry(tick, solved, arrays.reported.copy(), memory.share),
         )
-        return command if self._guide is None else led(self, self._guide, tick, self._strain, command)
+        return command if self.guide is None else led(self, self.guide, tick, self._strain, command)
 
     def _finish_by(self, solver: HierarchySolver) -> Callable[[], Solved]:
         tick = solver.bind(self.problem.function, self.problem.sizes)

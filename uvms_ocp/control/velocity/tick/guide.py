@@ -28,6 +28,10 @@ class Guided:
 class Guide(Protocol):
     """Asked at every tick after the mission has looked at it."""
 
+    @property
+    def bandwidth(self) -> float:
+        """[-] Share of the usual feedback of velocities that is enough: what it knows beforehand needs little."""
+
     def __call__(self, tick: TickState, strain: Strain, waiting: Callable[[], str]) -> Guided:
         """waiting: tells what the mission waits for, in words; strain: what the layer of forces meets."""
 
