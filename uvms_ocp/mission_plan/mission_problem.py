@@ -44,7 +44,7 @@ class MissionProblem:
         p, times = self.problem.start.q[None, :3], np.arange(0.0, _AHEAD, _LOOK)
         u = np.array([self.current.velocity(p, float(t))[0] for t in times])
         changed = np.linalg.norm(u - u[0], axis=1) > _SAME
-        return float(times[np.argmax(changed)]) if changed.any() else np.inf
+        return float(times[np.argmax(changed) - 1]) if changed.any() else np.inf
 
     def at(self, weights: Weights, way: Trajectory, longest: float) -> OcpProblem:
         """The problem with other weights in its last level, and the water as it is along a way.

@@ -45,7 +45,7 @@ class FollowingTuning:
     """[1/s] velocity per deviation."""
     joints: Positive = 2.0
     """[1/s]"""
-    bandwidth: Positive = 0.4
+    bandwidth: Positive = 0.7
     """[-] share of the usual feedback of the vehicle's velocity: the plan is fed forward."""
     smoothing: Positive = 0.5
     """[s] of the correction: noise is not to become acceleration."""
