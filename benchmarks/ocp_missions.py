@@ -126,7 +126,8 @@ def measured(name: str, scenario: Scenario, plan_of: Callable[..., MissionPlan])
     greedy = _Flown(mission=name, how="greedy", scenario=scenario, record=scenario.run())
     first = greedy.row(None)
     found = once(lambda: plan_of(scenario, duration=first["duration [s]"]))
-    plan, rows = found.value, [first]
+    plan = found.value
+    rows: list[Row] = [first]
     if plan.status.usable:
         flown = _Flown(mission=name, how="one problem", scenario=scenario, record=plan.fly(scenario))
         rows.append(flown.row(first["energy [J]"]))

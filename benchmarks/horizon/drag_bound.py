@@ -35,7 +35,7 @@ def quasi_static_energy(
 
 def least_power(robot: Robot, wrench: np.ndarray) -> float:
     """[W] Least electrical power of all thrusts that give a wrench (6,) [N, N m], without their limits."""
-    B, given = thruster_matrix(robot), [thruster.power for thruster in robot.description.thrusters]
+    B, given = thruster_matrix(robot), [thruster.power for thruster in robot.description.thrusters if thruster.power]
     exponent = np.array([power.exponent for power in given])
     factor = np.array([power.watts / power.thrust**power.exponent for power in given])
     thrust = np.linalg.pinv(B) @ wrench

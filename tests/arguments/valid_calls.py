@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from inspect import Parameter
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import Any
 
 import casadi as ca
@@ -20,10 +21,13 @@ from public_surface import Call
 from uvms_ocp import collision, control, mission, ocp, planning, report, sim, solvers, tasks, trajectories, without_arm
 from uvms_ocp.collision.conservative_advancement import ClearanceReport
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
+from uvms_ocp.control.receding.plan_guide import PlannedPhase
 from uvms_ocp.control.velocity import levels
 from uvms_ocp.control.velocity.distress import Strain
 from uvms_ocp.control.velocity.tick_state import TickState
 from uvms_ocp.functions.buffered import BufferedFunction
+from uvms_ocp.mission_plan import MissionPlan
+from uvms_ocp.mission_plan.identity import digests
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.model.kinematics import Kinematics
 from uvms_ocp.model.loading import load_robot
@@ -32,11 +36,12 @@ from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpec
 from uvms_ocp.model.shapes.collision_model import CollisionModel
 from uvms_ocp.model.state import Command, Measurement, Readings, State
 from uvms_ocp.model.symbolic.tree import SymbolicModel
+from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.preflight import Finding, PreflightReport, Severity
 from uvms_ocp.record import Record
 from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios import RunOptions, case1
+from uvms_ocp.scenarios import RunOptions, case1, reach
 from uvms_ocp.sim.faults import Fault
 from uvms_ocp.solvers import nlp
 from uvms_ocp.tasks.task import TickSymbols
@@ -324,6 +329,33 @@ def wrenches() -> Any:
 
 
 @cache
+def whole() -> MissionPlan:
+    """As if somebody had planned the mission of `scenario`, and it were of no length."""
+    q0, n_v = np.array(scenario().start), robot().n_v
+    steady = Trajectory(
+        t=np.array([0.0, 1.0]),
+        q=np.array([q0, q0]),
+        v=np.zeros((2, n_v)),
+        a=np.zeros((1, n_v)),
+        thrust=np.zeros((1, len(robot().description.thrusters))),
+        torque=np.zeros((1, robot().n_joints)),
+    )
+    return MissionPlan(
+        scenario=scenario().name,
+        trajectory=steady,
+        phases=(PlannedPhase(phase=0, begin=0.0, end=1.0, moves=False),),
+        names=("A",),
+        status=ocp.OcpStatus.SOLVED,
+        reason="all goals are met",
+        energy=1.0,
+        greedy_duration=2.0,
+        iterations=3,
+        solve_time=0.1,
+        identity=digests(scenario()),
+    )
+
+
+@cache
 def planner() -> ocp.Planner:
     return ocp.Planner(problem())
 
@@ -452,6 +484,9 @@ POOL: dict[str, Callable[[], Any]] = {
     "OcpRequest": lambda: ocp_result().request,
     "OcpResult": ocp_result,
     "Plan": plan,
+    "MissionPlan": whole,
+    "tuple[PlannedPhase, ...]": lambda: whole().phases,
+    "Guide": lambda: whole().guide(scenario()),
     "Trajectory": lambda: plan().trajectory,
     "Planner": planner,
     "Transcription": lambda: Transcription(problem()),
@@ -638,6 +673,14 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "RealTimeSqp.solve": lambda: {"x": np.zeros(nmpc_x()), "p": nmpc_p()},
     "Planner.solve": lambda: {"p": planner().transcription.parameters(problem()), "guess": plan().trajectory},
     "Plan": lambda: fields_of(plan()),
+    "MissionPlan": lambda: fields_of(whole()),
+    "plan_mission": lambda: {
+        "scenario": reach(plant="kinematic", duration=0.05),
+        "options": nlp.NlpOptions(max_iterations=1),
+        "step": 60.0,
+    },
+    "MissionPlan.load": lambda: {"path": whole().save(Path(mkdtemp(), "plan.npz"))},
+    "MissionPlan.save": lambda: {"path": Path(mkdtemp(), "plan.npz")},
     "Trajectory": lambda: fields_of(plan().trajectory),
     "Trajectory.state_at": lambda: {"model": arm().model},
     "Posture": lambda: {"q": arm().configuration()},
@@ -733,7 +776,17 @@ REFUSES = {"Task.residual", "BufferedFunction.__call__"}
 
 EXPENSIVE = {
     *("write_figures", "write_plan_figures", "write_scene", "show", "solve_ocp", "solve", "plan_soft_collision"),
-    *("Nmpc", "Planner", "Planner.plan", "Planner.solve", "RealTimeSqp", "RealTimeSqp.solve", "Transcription", "plan"),
+    *(
+        "Nmpc",
+        "Planner",
+        "Planner.plan",
+        "Planner.solve",
+        "RealTimeSqp",
+        "RealTimeSqp.solve",
+        "Transcription",
+        "plan",
+        "plan_mission",
+    ),
     *("DynamicPlant", "robot_dynamics", "Dynamics", "case2", "sampled_waypoints", "check_mission", "figure_joints"),
     *("figure_tick_time", "compile_library", "compile_function", "SymbolicModel.jacobian_function"),
 }

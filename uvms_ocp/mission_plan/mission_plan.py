@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Count, Magnitude, checked
 from uvms_ocp.control.receding.plan_guide import FollowingTuning, PlanGuide, PlannedPhase
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.mission_plan.identity import digests
@@ -37,12 +37,12 @@ class MissionPlan:
     status: OcpStatus
     reason: str
     """With the numbers behind the verdict."""
-    energy: float | None
+    energy: Magnitude | None
     """[J] electrical, of thrusters and joints; `None` where it is not known."""
-    greedy_duration: float
+    greedy_duration: Magnitude
     """[s] of the greedy mission in still water, without forces."""
-    iterations: int
-    solve_time: float
+    iterations: Count
+    solve_time: Magnitude
     """[s]"""
     identity: Mapping[str, str]
     """What it was made for, as digests."""
