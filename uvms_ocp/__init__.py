@@ -13,6 +13,7 @@ from uvms_ocp.mission.conditions import Below as Below
 from uvms_ocp.mission.conditions import Transition as Transition
 from uvms_ocp.mission.mission import Mission as Mission
 from uvms_ocp.mission.phase import Phase as Phase
+from uvms_ocp.mission_plan.planning import plan_mission as plan_mission
 from uvms_ocp.model.assembly.mounting import mount as mount
 from uvms_ocp.model.assembly.mounting import without_arm as without_arm
 from uvms_ocp.model.dynamics import robot_dynamics as robot_dynamics

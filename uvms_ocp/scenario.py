@@ -17,8 +17,8 @@ from uvms_ocp.control.navigation.estimator import Estimator
 from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.control.navigation.health.monitor import HealthMonitor
 from uvms_ocp.control.navigation.pass_through import PassThrough
-from uvms_ocp.control.velocity.guide import Guide
 from uvms_ocp.control.velocity.kinematic import HierarchySolver, KinematicController
+from uvms_ocp.control.velocity.tick.guide import Guide
 from uvms_ocp.control.watched import WatchedController
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.meta_values import FaultMeta
@@ -153,9 +153,7 @@ class Scenario:
 
     def kinematic_controller(self, guide: Guide | None = None) -> KinematicController:
         """Its layer of velocities alone, fresh; guide: what stands in for the hierarchy while it lasts."""
-        return KinematicController(
-            robot=self.robot, mission=self.mission, solver=self.solver, dt=self.dt, guide=guide
-        )
+        return KinematicController(robot=self.robot, mission=self.mission, solver=self.solver, dt=self.dt, guide=guide)
 
     def guided(self, guide: Guide) -> MissionController:
         """The hierarchy's controller, fresh, with a guide that stands in for the hierarchy while it lasts."""

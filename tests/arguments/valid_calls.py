@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from inspect import Parameter
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import Any
 
 import casadi as ca
@@ -20,10 +21,13 @@ from public_surface import Call
 from uvms_ocp import collision, control, mission, ocp, planning, report, sim, solvers, tasks, trajectories, without_arm
 from uvms_ocp.collision.conservative_advancement import ClearanceReport
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
+from uvms_ocp.control.receding.plan_guide import PlannedPhase
 from uvms_ocp.control.velocity import levels
 from uvms_ocp.control.velocity.distress import Strain
 from uvms_ocp.control.velocity.tick_state import TickState
 from uvms_ocp.functions.buffered import BufferedFunction
+from uvms_ocp.mission_plan import MissionPlan
+from uvms_ocp.mission_plan.identity import digests
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.model.kinematics import Kinematics
 from uvms_ocp.model.loading import load_robot
@@ -32,11 +36,12 @@ from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpec
 from uvms_ocp.model.shapes.collision_model import CollisionModel
 from uvms_ocp.model.state import Command, Measurement, Readings, State
 from uvms_ocp.model.symbolic.tree import SymbolicModel
+from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.preflight import Finding, PreflightReport, Severity
 from uvms_ocp.record import Record
 from uvms_ocp.scenario import Scenario
-from uvms_ocp.scenarios import RunOptions, case1
+from uvms_ocp.scenarios import RunOptions, case1, reach
 from uvms_ocp.sim.faults import Fault
 from uvms_ocp.solvers import nlp, stagewise
 from uvms_ocp.tasks.task import TickSymbols
@@ -294,12 +299,6 @@ def clearance() -> tasks.Clearance:
     return tasks.Clearance(model=CollisionModel(robot(), [rock()]))
 
 
-def whole() -> ocp.WholeMission:
-    return ocp.WholeMission(
-        way_point=pin.SE3.Identity(), target=np.ones(3), tool_goal=pin.SE3.Identity(), durations=((1.0, 2.0),) * 4
-    )
-
-
 @cache
 def nmpc() -> control.Nmpc:
     return control.Nmpc(problem())
@@ -327,6 +326,33 @@ def wrenches() -> Any:
     from uvms_ocp.model.symbolic.bodies import Wrench
 
     return [Wrench(force=ca.SX.zeros(3), moment=ca.SX.zeros(3)) for _ in poses()]
+
+
+@cache
+def whole() -> MissionPlan:
+    """As if somebody had planned the mission of `scenario`, and it were of no length."""
+    q0, n_v = np.array(scenario().start), robot().n_v
+    steady = Trajectory(
+        t=np.array([0.0, 1.0]),
+        q=np.array([q0, q0]),
+        v=np.zeros((2, n_v)),
+        a=np.zeros((1, n_v)),
+        thrust=np.zeros((1, len(robot().description.thrusters))),
+        torque=np.zeros((1, robot().n_joints)),
+    )
+    return MissionPlan(
+        scenario=scenario().name,
+        trajectory=steady,
+        phases=(PlannedPhase(phase=0, begin=0.0, end=1.0, moves=False),),
+        names=("A",),
+        status=ocp.OcpStatus.SOLVED,
+        reason="all goals are met",
+        energy=1.0,
+        greedy_duration=2.0,
+        iterations=3,
+        solve_time=0.1,
+        identity=digests(scenario()),
+    )
 
 
 @cache
@@ -467,6 +493,9 @@ POOL: dict[str, Callable[[], Any]] = {
     "OcpRequest": lambda: ocp_result().request,
     "OcpResult": ocp_result,
     "Plan": plan,
+    "MissionPlan": whole,
+    "tuple[PlannedPhase, ...]": lambda: whole().phases,
+    "Guide": lambda: whole().guide(scenario()),
     "Trajectory": lambda: plan().trajectory,
     "Planner": planner,
     "Transcription": lambda: Transcription(problem()),
@@ -559,7 +588,6 @@ POOL: dict[str, Callable[[], Any]] = {
     "Solution": lambda: solvers.Icat().solve([level()]),
     "Status": lambda: solvers.Status.SOLVED,
     "Ball": lambda: ocp.Ball(radius=0.1),
-    "WholeMission": whole,
     "Clearance": clearance,
     "Kinematics": lambda: Kinematics(robot(), q()),
     "CollisionModel": lambda: CollisionModel(robot(), [rock()]),
@@ -665,6 +693,14 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "RealTimeSqp.solve": lambda: {"x": np.zeros(nmpc_x()), "p": nmpc_p()},
     "Planner.solve": lambda: {"p": planner().transcription.parameters(problem()), "guess": plan().trajectory},
     "Plan": lambda: fields_of(plan()),
+    "MissionPlan": lambda: fields_of(whole()),
+    "plan_mission": lambda: {
+        "scenario": reach(plant="kinematic", duration=0.05),
+        "options": nlp.NlpOptions(max_iterations=1),
+        "step": 60.0,
+    },
+    "MissionPlan.load": lambda: {"path": whole().save(Path(mkdtemp(), "plan.npz"))},
+    "MissionPlan.save": lambda: {"path": Path(mkdtemp(), "plan.npz")},
     "Trajectory": lambda: fields_of(plan().trajectory),
     "Trajectory.state_at": lambda: {"model": arm().model},
     "Posture": lambda: {"q": arm().configuration()},
@@ -710,7 +746,6 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "Posture.residual": lambda: parameters(robot().model.nq),
     "BallClearance.residual": lambda: parameters(4),
     "ToolGoal.as_tasks": lambda: {"start": q()},
-    "WholeMission": lambda: fields_of(whole()),
     "check_clearance": lambda: {"trajectory": motion()},
     "clearance_along": lambda: {"trajectory": motion()},
     "closest_approach": lambda: {"q": np.array([q(), q()])},
@@ -739,7 +774,6 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "tool_goal": lambda: {"goal": pin.SE3.Identity(), "guess": two_postures()[0]},
     "tool_reach": lambda: {"goal": pin.SE3.Identity(), "n_steps": 2},
     "hold": dict,
-    "whole_mission": lambda: {"start": state(), "floor": -60.0},
     "lexicographic_program": lambda: lexicographic(),
     "random_limits": lambda: {"n": 2},
     "Fault": lambda: {"target": "depth", "kind": "lost"},
@@ -762,7 +796,17 @@ REFUSES = {"Task.residual", "BufferedFunction.__call__"}
 
 EXPENSIVE = {
     *("write_figures", "write_plan_figures", "write_scene", "show", "solve_ocp", "solve", "plan_soft_collision"),
-    *("Nmpc", "Planner", "Planner.plan", "Planner.solve", "RealTimeSqp", "RealTimeSqp.solve", "Transcription", "plan"),
+    *(
+        "Nmpc",
+        "Planner",
+        "Planner.plan",
+        "Planner.solve",
+        "RealTimeSqp",
+        "RealTimeSqp.solve",
+        "Transcription",
+        "plan",
+        "plan_mission",
+    ),
     *("DynamicPlant", "robot_dynamics", "Dynamics", "case2", "sampled_waypoints", "check_mission", "figure_joints"),
     *("figure_tick_time", "compile_library", "compile_function", "SymbolicModel.jacobian_function"),
 }

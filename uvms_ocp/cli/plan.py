@@ -10,6 +10,7 @@ import typer
 
 from uvms_ocp.cli.option_group import defaults_of, spread_options
 from uvms_ocp.cli.options import Json, Out, default_folder
+from uvms_ocp.cli.plan_mission import mission
 from uvms_ocp.cli.plan_options import MotionOptions
 from uvms_ocp.cli.plan_output import MadePlan, put_out
 from uvms_ocp.ocp.plan import OcpStatus
@@ -65,9 +66,10 @@ def ocp(
     put_out(lambda: _by_ocp(request), out or default_folder(("plan", "ocp"), changed), as_json)
 
 
-app = typer.Typer(help="Plan a motion among obstacles.", no_args_is_help=True)
+app = typer.Typer(help="Plan a motion among obstacles, or a whole mission.", no_args_is_help=True)
 app.command(name="curve")(spread_options(curve))
 app.command(name="ocp")(spread_options(ocp))
+app.command(name="mission")(mission)
 
 
 def _changed(defaults: Mapping[str, Any], **options: Any) -> dict[str, Any]:

@@ -41,6 +41,7 @@ from uvms_ocp.cli.options import (
 )
 from uvms_ocp.cli.printing import cell, console_of, print_findings, print_json, print_paths, table_of
 from uvms_ocp.exceptions import InvalidInput, plain_line
+from uvms_ocp.mission_plan import MissionPlan
 from uvms_ocp.model.state import Command
 from uvms_ocp.output import claimed
 from uvms_ocp.record import Record
@@ -48,6 +49,9 @@ from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.sim.faults.notation import parse_faults
 
+Follow = Annotated[
+    Path | None, typer.Option(metavar="PLAN", help="Plan of this mission, of `plan mission`; the hierarchy takes over.")
+]
 _PROGRESS_EVERY = 40  # ticks between two updates of the progress bar
 _STUDY_FILES = ("report.json", "runs.csv")
 
@@ -63,6 +67,7 @@ def run(
     noise: Noise = None,
     duration: Duration = None,
     fault: Faults = None,
+    follow: Follow = None,
     out: Out = None,
     force: Annotated[bool, typer.Option("--force", help="Run even if pre-flight finds errors.")] = False,
     n: Annotated[int | None, typer.Option(metavar="N", help="Number of missions of a study.")] = None,
@@ -73,11 +78,14 @@ def run(
     What is left out is as the scenario has it.
 
     \f
-    Raises `InvalidInput` for what pre-flight refuses, unless forced, and for --n with a scenario.
+    Raises `InvalidInput` for what pre-flight refuses, unless forced, for --n with a scenario, and for --follow with a study or
+    another mission's plan.
     """
     console = console_of(stderr=as_json)
     options = given(robot=robot, plant=plant, current=current, seabed=seabed, noise=noise, seed=seed, duration=duration)
     if name in STUDIES:
+        if follow is not None:
+            raise InvalidInput(f"{name} is a study of many missions: leave out --follow")
         chosen = given(n=n, force=force or None, solver=solver, fault=fault or None)
         _run_study(name, options | chosen, out, console, as_json)
         return
@@ -85,7 +93,8 @@ def run(
         raise InvalidInput(f"{name} is no study: leave out --n")
     options |= {"faults": parse_faults(fault)} if fault else {}
     scenario = build_scenario(name, options, solver)
-    parts = (name, scenario.plant, solver_name(scenario.solver))
+    plan = None if follow is None else _plan_of(scenario, follow)
+    parts = (name, scenario.plant, solver_name(scenario.solver), *(("followed",) if plan else ()))
     others = {key: value for key, value in options.items() if key != "plant"}
     with claimed(out or default_folder(parts, others), _files()) as claim:
         preflight = scenario.check()
@@ -94,7 +103,7 @@ def run(
             raise InvalidInput(
                 f"pre-flight refuses {name} ({len(preflight.errors)} errors); --force runs it all the same"
             )
-        record = _simulate(scenario, console)
+        record = _simulate(scenario, plan, console)
         report = summarize(record) | {"preflight": preflight.to_dict()}
         with claim.staged() as staging:
             share(_jobs(scenario, record, report, staging), console.status("writing record, report, figures and scene"))
@@ -124,12 +133,19 @@ def _run_study(name: str, options: dict[str, Any], out: Path | None, console: Co
         print_json(result.to_dict())
 
 
-def _simulate(scenario: Scenario, console: Console) -> Record:
+def _plan_of(scenario: Scenario, place: Path) -> MissionPlan:
+    """A plan of that scenario, from its file or the folder that holds it. Raises `InvalidInput`."""
+    plan = MissionPlan.load(place / "plan.npz" if place.is_dir() else place)
+    plan.require_of(scenario)
+    return plan
+
+
+def _simulate(scenario: Scenario, plan: MissionPlan | None, console: Console) -> Record:
     """Run with a progress bar that names the phase and what it waits for; what is compiled before."""
     with _bar(console) as bar:
         task = bar.add_task("", total=scenario.duration, waiting="")
         with told_of_compiling(lambda text: bar.update(task, description=text), console):
-            controller = scenario.controller()
+            controller = scenario.controller() if plan is None else plan.controller(scenario)
 
             def show(t: float, command: Command) -> None:
                 if round(t / scenario.dt) % _PROGRESS_EVERY == 0 or command.finished:

@@ -59,9 +59,7 @@ def rims_of(robot: Robot) -> tuple[Rim, ...]:
     """Of the lower side of the hull, and of every shape of the arm."""
     hull = [Rim(joint=1, centre=point, axis=np.zeros(3)) for point in skid_points(robot)]
     first = 2 if robot.n_vehicle else 1
-    arm = [
-        rim for shape in robot.collision_model.geometryObjects if shape.parentJoint >= first for rim in _rims(shape)
-    ]
+    arm = [rim for shape in robot.collision_model.geometryObjects if shape.parentJoint >= first for rim in _rims(shape)]
     return (*hull, *arm)
 
 
@@ -73,7 +71,11 @@ def _rims(shape: pin.GeometryObject) -> list[Rim]:
         ends = [X.act(np.array([0.0, 0.0, side * geometry.halfLength])) for side in (-1, 1)]
         size = {"rounding" if isinstance(geometry, coal.Capsule) else "radius": geometry.radius}
         return [Rim(joint=shape.parentJoint, centre=end, axis=X.rotation[:, 2], **size) for end in ends]
+    return [Rim(joint=shape.parentJoint, centre=X.act(corner), axis=np.zeros(3)) for corner in _corners(geometry)]
+
+
+def _corners(geometry: coal.CollisionGeometry) -> np.ndarray:
+    """(8, 3) [m] of the bounding box."""
     geometry.computeLocalAABB()
-    ends = np.array([geometry.aabb_local.min_, geometry.aabb_local.max_])
-    corners = ends[np.indices((2, 2, 2)).reshape(3, -1).T, np.arange(3)]
-    return [Rim(joint=shape.parentJoint, centre=X.act(corner), axis=np.zeros(3)) for corner in corners]
+    extremes = np.array([geometry.aabb_local.min_, geometry.aabb_local.max_])
+    return extremes[np.indices((2, 2, 2)).reshape(3, -1).T, np.arange(3)]

@@ -51,6 +51,7 @@ def greedy_way(scenario: Scenario) -> GreedyWay:
         plant_robot=None,
         controller=our_controller,
         dt=_DT,
+        duration=max(scenario.duration, _DT),
     )
     record = ideal.run()
     ends = [(event.source, event.t) for event in record.run_meta.events]

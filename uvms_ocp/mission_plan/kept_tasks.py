@@ -49,7 +49,7 @@ def is_prerequisite(task: Task) -> bool:
 
 
 def is_broken(task: Task, quantities: Mapping[str, float]) -> bool:
-    """Whether quantities, by their names, are outside what a task of `kept_tasks` allows, as far as they tell."""
+    """Whether quantities [in their units] are outside what a task of `kept_tasks` allows, as far as they tell."""
     if isinstance(task, MinimumAltitude):
         return quantities[f"{task.name}.altitude"] < task.threshold
     if isinstance(task, AngleTask):

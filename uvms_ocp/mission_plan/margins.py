@@ -25,5 +25,5 @@ class Margins:
 
 
 def inside(limit: float, margin: float) -> float:
-    """What a plan keeps below, so that what is flown stays below `limit` [unit of the margin]."""
+    """What a plan keeps below, so that what is flown stays below a limit [m or rad]; margin [m or rad]."""
     return max(limit - margin, _LEAST * limit)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Count, Magnitude, checked
 from uvms_ocp.control.receding.plan_guide import FollowingTuning, PlanGuide, PlannedPhase
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.mission_plan.identity import digests
@@ -17,8 +17,9 @@ from uvms_ocp.mission_plan.saved import read_plan, write_plan
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.record import Record
-from uvms_ocp.scenario import Scenario
+from uvms_ocp.scenario import MissionController, Scenario
 from uvms_ocp.sim.loop import Progress
+from uvms_ocp.validation import shown
 
 
 @checked
@@ -36,15 +37,20 @@ class MissionPlan:
     status: OcpStatus
     reason: str
     """With the numbers behind the verdict."""
-    energy: float | None
+    energy: Magnitude | None
     """[J] electrical, of thrusters and joints; `None` where it is not known."""
-    greedy_duration: float
+    greedy_duration: Magnitude
     """[s] of the greedy mission in still water, without forces."""
-    iterations: int
-    solve_time: float
+    iterations: Count
+    solve_time: Magnitude
     """[s]"""
     identity: Mapping[str, str]
     """What it was made for, as digests."""
+
+    @property
+    def solved(self) -> bool:
+        """Every phase ends as the mission asks for."""
+        return self.status is OcpStatus.SOLVED
 
     @property
     def duration(self) -> float:
@@ -83,23 +89,12 @@ class MissionPlan:
     @staticmethod
     def load(path: Path | str) -> MissionPlan:
         """Read a file written by `save`. Raises `InvalidInput`, in one line, for what is no such file."""
-        trajectory, told = read_plan(path)
-        return MissionPlan(
-            scenario=told["scenario"],
-            trajectory=trajectory,
-            phases=tuple(
-                PlannedPhase(phase=part["phase"], begin=part["begin_s"], end=part["end_s"], moves=part["moves"])
-                for part in told["phases"]
-            ),
-            names=tuple(part["name"] for part in told["phases"]),
-            status=OcpStatus(told["status"]),
-            reason=told["reason"],
-            energy=told["energy_j"],
-            greedy_duration=told["greedy_duration_s"],
-            iterations=told["iterations"],
-            solve_time=told["solve_time_s"],
-            identity=told["identity"],
-        )
+        try:
+            return _made(*read_plan(path))
+        except InvalidInput as error:
+            raise InvalidInput(f"{shown(path)}: {error}") from error
+        except (KeyError, TypeError, ValueError) as error:
+            raise InvalidInput(f"{shown(path)}: its summary lacks or garbles {error}; plan the mission anew") from error
 
     def require_of(self, scenario: Scenario) -> None:
         """Raise `InvalidInput` unless this is a plan of that scenario, and can be flown."""
@@ -119,8 +114,34 @@ class MissionPlan:
         mission, robot = scenario.mission, scenario.robot
         return PlanGuide(self.trajectory, self.phases, mission, robot, dt=scenario.dt, tuning=tuning)
 
+    def controller(self, scenario: Scenario, tuning: FollowingTuning | None = None) -> MissionController:
+        """A fresh one for `Scenario.run`: the hierarchy's, led by `guide`."""
+        return scenario.guided(self.guide(scenario, tuning))
+
     def fly(
         self, scenario: Scenario, progress: Progress | None = None, *, tuning: FollowingTuning | None = None
     ) -> Record:
         """Run the scenario along the plan; where that is left, the hierarchy takes over, and an alarm says when and why."""
-        return scenario.run(progress, scenario.guided(self.guide(scenario, tuning)))
+        return scenario.run(progress, self.controller(scenario, tuning))
+
+
+def _made(trajectory: Trajectory, told: dict[str, Any]) -> MissionPlan:
+    """From what a file tells, as `MissionPlan.summary` has it."""
+    statuses = {status.value: status for status in OcpStatus}
+    parts = [
+        PlannedPhase(phase=part["phase"], begin=part["begin_s"], end=part["end_s"], moves=part["moves"])
+        for part in told["phases"]
+    ]
+    return MissionPlan(
+        scenario=told["scenario"],
+        trajectory=trajectory,
+        phases=tuple(parts),
+        names=tuple(part["name"] for part in told["phases"]),
+        status=statuses[told["status"]],
+        reason=told["reason"],
+        energy=told["energy_j"],
+        greedy_duration=told["greedy_duration_s"],
+        iterations=told["iterations"],
+        solve_time=told["solve_time_s"],
+        identity=told["identity"],
+    )

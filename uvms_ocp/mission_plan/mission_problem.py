@@ -9,14 +9,17 @@ import numpy as np
 
 from uvms_ocp.mission_plan.greedy_way import GreedyWay, greedy_way
 from uvms_ocp.mission_plan.margins import Margins
+from uvms_ocp.mission_plan.shapes_and_floor import clearance_terms, floor_along, floor_terms
 from uvms_ocp.mission_plan.stretches import Stretch, stretches_of
-from uvms_ocp.mission_plan.surroundings import clearance_terms, floor_along, floor_terms
 from uvms_ocp.mission_plan.translation import Terms, Weights, levels_of, terms_of
 from uvms_ocp.model.state import State
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.trajectory import Trajectory, through
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.sim.currents import Current, water_at
+
+_AHEAD, _LOOK = 600.0, 0.5  # [s] how far and how often the water is looked at
+_SAME = 0.05  # [m/s] by which it may differ
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -35,10 +38,21 @@ class MissionProblem:
     current: Current
     """Of the water."""
 
-    def at(self, weights: Weights, way: Trajectory) -> OcpProblem:
-        """The problem with other weights in its last level, and the water as it is along a way."""
+    @property
+    def steady_until(self) -> float:
+        """[s] until when the water at the start is as it is at first; infinite where nothing is found."""
+        p, times = self.problem.start.q[None, :3], np.arange(0.0, _AHEAD, _LOOK)
+        u = np.array([self.current.velocity(p, float(t))[0] for t in times])
+        changed = np.linalg.norm(u - u[0], axis=1) > _SAME
+        return float(times[np.argmax(changed) - 1]) if changed.any() else np.inf
+
+    def at(self, weights: Weights, way: Trajectory, longest: float) -> OcpProblem:
+        """The problem with other weights in its last level, and the water as it is along a way.
+
+        longest [s]: after which no plan is to go on, so that the water of later does not matter.
+        """
         levels = levels_of(self.problem.robot, self.terms, weights)
-        return replace(self.problem, levels=levels, current=_currents(self.current, way))
+        return replace(self.problem, levels=levels, current=_currents(self.current, way, longest))
 
 
 def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> MissionProblem:
@@ -82,7 +96,7 @@ def _guess(problem: OcpProblem, way: GreedyWay, stretches: Sequence[Stretch]) ->
     return through(problem, t, way.q[np.clip(rows, 0, len(way.t) - 1)])
 
 
-def _currents(current: Current, way: Trajectory) -> np.ndarray:
+def _currents(current: Current, way: Trajectory, longest: float) -> np.ndarray:
     """Velocities (n_steps, 3) [m/s] of the water around the vehicle at the middle of each step."""
-    t, p = (way.t[:-1] + way.t[1:]) / 2, (way.q[:-1, :3] + way.q[1:, :3]) / 2
+    t, p = np.minimum((way.t[:-1] + way.t[1:]) / 2, longest), (way.q[:-1, :3] + way.q[1:, :3]) / 2
     return np.array([water_at(current, p[k : k + 1], float(t[k])).velocity[0] for k in range(len(t))])

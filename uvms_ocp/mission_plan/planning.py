@@ -28,7 +28,8 @@ _FIRST = Weights(energy=1e-3, effort=1.0)
 _PRICES = (1e-6, 1.0)  # [kW] of time, cheapest and dearest
 _NEAR = 0.97  # share of the time allowed from which on it counts as used
 _TRIALS = 7
-_OPTIONS = NlpOptions(max_iterations=400, convergence=1e-5, time_limit=120.0, barrier=1e-5)
+OPTIONS = NlpOptions(max_iterations=400, convergence=1e-5, time_limit=120.0, barrier=1e-5)
+"""Of the solver, by default: a barrier as small as what energy costs."""
 
 
 @checked
@@ -50,7 +51,7 @@ def plan_mission(
     """
     begin = perf_counter()
     posed = mission_problem(scenario, margins=margins or Margins(), step=step)
-    plan, iterations = _within(posed, duration or posed.greedy_duration, options or _OPTIONS)
+    plan, iterations = _best(posed, duration or posed.greedy_duration, options or OPTIONS)
     phases = _phases(scenario, posed.stretches, plan.trajectory.t[posed.problem.starts_of_phases()])
     return MissionPlan(
         scenario=scenario.name,
@@ -67,24 +68,54 @@ def plan_mission(
     )
 
 
-def _within(posed: MissionProblem, duration: float, options: NlpOptions) -> tuple[Plan, int]:
-    """The plan of least energy that takes `duration` [s] at most, found by the price of time, and all iterations."""
-    planner = Planner(posed.at(_FIRST, posed.guess), options)
-    plan = planner.plan(guess=posed.guess, diagnose=False)
-    iterations, best, (low, high) = plan.iterations, None, np.log(_PRICES)
-    price = math.log(Weights().price)
-    for _ in range(_TRIALS * plan.status.usable):
-        trial = planner.plan(posed.at(Weights(price=math.exp(price)), plan.trajectory), guess=plan.trajectory, diagnose=False)
-        iterations += trial.iterations
-        if trial.status.usable:
-            plan = trial
-        in_time = trial.status.usable and trial.duration <= duration
-        best = trial if in_time and (best is None or trial.duration > best.duration) else best
-        if best is not None and best.duration >= _NEAR * duration:
+def _best(posed: MissionProblem, longest: float, options: NlpOptions) -> tuple[Plan, int]:
+    """The plan of least energy that takes `longest` [s] at most, and all iterations.
+
+    Where the water changes meanwhile, one that is through before is taken if there is one: how much later water costs
+    depends on the durations by what no derivative tells.
+    """
+    planner, iterations = Planner(posed.at(_FIRST, posed.guess, longest), options), 0
+    for limit in sorted({min(longest, posed.steady_until), longest}):
+        plan, spent = _within(posed, planner, limit)
+        iterations += spent
+        if plan.status.usable and plan.duration <= limit:
             break
-        low, high = (low, price) if in_time else (price, high)
-        price = (low + high) / 2
+    return plan, iterations
+
+
+def _within(posed: MissionProblem, planner: Planner, longest: float) -> tuple[Plan, int]:
+    """By the price of time that makes a plan so long; dearer time where it takes longer, cheaper where less."""
+    plan = planner.plan(posed.at(_FIRST, posed.guess, longest), guess=posed.guess, diagnose=False)
+    iterations, best, prices = plan.iterations, None, _Prices()
+    for _ in range(_TRIALS * plan.status.usable):
+        trial = planner.plan(
+            posed.at(Weights(price=prices.now), plan.trajectory, longest), guess=plan.trajectory, diagnose=False
+        )
+        iterations += trial.iterations
+        plan = trial if trial.status.usable else plan
+        in_time = trial.status.usable and trial.duration <= longest
+        best = trial if in_time and (best is None or trial.duration > best.duration) else best
+        if prices.settled(in_time) or (best is not None and best.duration >= _NEAR * longest):
+            break
     return best or plan, iterations
+
+
+class _Prices:
+    """Of time [kW], halved in their logarithms between what is too cheap and what is dear enough."""
+
+    def __init__(self) -> None:
+        self._low, self._high = (math.log(price) for price in _PRICES)
+        self.now = Weights().price
+        """[kW] to try next."""
+
+    def settled(self, in_time: bool) -> bool:
+        """Go on from what this price led to; True where nothing cheaper is left to try."""
+        if in_time and self.now <= _PRICES[0]:
+            return True
+        self._low, self._high = (self._low, math.log(self.now)) if in_time else (math.log(self.now), self._high)
+        untried = in_time and self._low == math.log(_PRICES[0])
+        self.now = _PRICES[0] if untried else math.exp((self._low + self._high) / 2)
+        return False
 
 
 def _phases(scenario: Scenario, stretches: Sequence[Stretch], times: np.ndarray) -> tuple[PlannedPhase, ...]:

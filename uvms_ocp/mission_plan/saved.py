@@ -11,7 +11,6 @@ import numpy as np
 from uvms_ocp.exceptions import InvalidInput, OutputError
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.untrusted.array_file import read_arrays
-from uvms_ocp.validation import shown
 
 _KEY = "mission_plan"
 _ARRAYS = ("t", "q", "v", "a", "thrust", "torque")
@@ -30,23 +29,23 @@ def write_plan(path: Path | str, trajectory: Trajectory, summary: dict[str, Any]
 
 
 def read_plan(path: Path | str) -> tuple[Trajectory, dict[str, Any]]:
-    """Of a file that anyone may have written. Raises `InvalidInput`."""
-    try:
-        arrays = dict(read_arrays(path))
-        if _KEY not in arrays or not set(_ARRAYS) <= arrays.keys():
-            raise InvalidInput("no plan of a mission; give the plan.npz that `plan mission` wrote")
-        told = json.loads(str(arrays[_KEY]))
-        return _trajectory({name: arrays[name] for name in _ARRAYS}), told
-    except (InvalidInput, ValueError) as error:
-        raise InvalidInput(f"{shown(path)}: {error}") from error
+    """Of a file that anyone may have written. Raises `InvalidInput`, and `ValueError` for a summary that is no JSON."""
+    arrays = dict(read_arrays(path))
+    if _KEY not in arrays or not set(_ARRAYS) <= arrays.keys():
+        raise InvalidInput("no plan of a mission; give the plan.npz that `plan mission` wrote")
+    told = json.loads(str(arrays[_KEY]))
+    if not isinstance(told, dict):
+        raise InvalidInput("its summary is no table")
+    _check({name: arrays[name] for name in _ARRAYS})
+    return Trajectory(**{name: arrays[name] for name in _ARRAYS}, of_wrench=False), told
 
 
-def _trajectory(arrays: dict[str, np.ndarray]) -> Trajectory:
+def _check(arrays: dict[str, np.ndarray]) -> None:
     n = arrays["t"].size
     rows = {"t": n, "q": n, "v": n, "a": n - 1, "thrust": n - 1, "torque": n - 1}
     for name, array in arrays.items():
-        if len(array) != rows[name] or array.ndim != 1 + (name != "t") or not np.isfinite(array).all():
+        flat = array.ndim == 1 + (name != "t") and array.dtype.kind == "f"
+        if not flat or len(array) != rows[name] or not np.isfinite(array).all():
             raise InvalidInput(f"{name} of shape {array.shape} does not fit {n} times, or is not finite")
     if n < 2 or not (np.diff(arrays["t"]) > 0).all():
         raise InvalidInput("its times do not increase")
-    return Trajectory(**arrays)

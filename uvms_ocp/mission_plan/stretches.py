@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -65,8 +65,12 @@ def stretches_of(mission: Mission, greedy: GreedyWay, margins: Margins, *, step:
         before = {task.name for task in on if is_prerequisite(task)}
         moving = end_of_goals(phase, on)
         marks = _Marks(begin=greedy.begins[k], entered=_entered(greedy, k, kept), end=greedy.begins[k + 1])
-        parts = _Parts(index=index, phase=phase, hold=out.hold, moving=moving, step=min(step, _FOLLOWED) if moving else step)
-        broken = frozenset(task.name for task in kept if len(greedy.rows(k)) and is_broken(task, greedy.at(greedy.rows(k)[0])))
+        parts = _Parts(
+            index=index, phase=phase, hold=out.hold, moving=moving, step=min(step, _FOLLOWED) if moving else step
+        )
+        broken = frozenset(
+            task.name for task in kept if len(greedy.rows(k)) and is_broken(task, greedy.at(greedy.rows(k)[0]))
+        )
         found += parts.entering(marks, broken)
         found += parts.free(marks)
         found += parts.held(marks, margins)
@@ -122,9 +126,7 @@ class _Parts:
     def _free_phase(self, name: str, greedy: float) -> OcpPhase:
         longest = max(_LONGEST * greedy, self.moving) + _LEEWAY
         shortest = max(_SHORTEST * greedy, self.moving, 0.2 * _LEEWAY)
-        return OcpPhase(
-            name=name, n_steps=max(_FEWEST, math.ceil(greedy / self.step)), duration=(shortest, longest)
-        )
+        return OcpPhase(name=name, n_steps=max(_FEWEST, math.ceil(greedy / self.step)), duration=(shortest, longest))
 
 
 def _entered(greedy: GreedyWay, k: int, kept: Sequence[Task]) -> float:
@@ -136,10 +138,32 @@ def _entered(greedy: GreedyWay, k: int, kept: Sequence[Task]) -> float:
 
 
 def end_of_goals(phase: Phase, on: Sequence[Task]) -> float:
-    """on: tasks that are. When the goals that are the phase's own come to rest [s after its beginning]; 0 where none of them moves."""
+    """When the goals that are the phase's own come to rest [s after its beginning]; 0 where none moves. on: its tasks."""
     ends = [0.0]
     for task in on:
         goal = phase.goals.get(task.name)
         if callable(goal):
             ends.append(float(goal.end) if isinstance(goal, EndingReference) else 0.0)
     return max(ends)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Delayed:
+    """A reference that begins later."""
+
+    goal: Callable[[float], Any]
+    """[m] or [rad], of the time since its beginning."""
+    start: float
+    """[s]"""
+
+    def __call__(self, t: float) -> Any:
+        """Value and rate at t [s]."""
+        return self.goal(max(t - self.start, 0.0))
+
+
+def task_in_time(task: Task, phase: Phase, begin: float) -> Task:
+    """A task of a phase that begins at `begin` [s] on the horizon."""
+    goal = getattr(task, "goal", None)
+    if task.name not in phase.goals or not callable(goal):
+        return task
+    return task.with_goal(Delayed(goal=goal, start=begin))

@@ -4,29 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
-import casadi as ca
 import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.mission.conditions import Condition
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Phase
-from uvms_ocp.mission_plan.condition_terms import condition_term
-from uvms_ocp.mission_plan.goals_in_time import task_in_time
+from uvms_ocp.mission_plan.condition_terms import Place, condition_term
 from uvms_ocp.mission_plan.kept_tasks import active, is_prerequisite, kept_tasks
 from uvms_ocp.mission_plan.margins import Margins
-from uvms_ocp.mission_plan.stretches import Stretch, way_out
+from uvms_ocp.mission_plan.mission_terms import Preferred, Rest
+from uvms_ocp.mission_plan.stretches import Stretch, task_in_time, way_out
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.ocp.problem import OcpLevel
-from uvms_ocp.ocp.terms import At, Duration, Effort, Energy, Smoothness, StageSymbols, TaskTerm, Term
-from uvms_ocp.tasks.task import Residual, Task, TaskClass, zero_residual
+from uvms_ocp.ocp.terms import At, Duration, Effort, Energy, Smoothness, TaskTerm, Term
+from uvms_ocp.tasks.task import Task, TaskClass
 from uvms_ocp.tasks.velocity import NullVelocity
 
 _SMOOTH = 0.3  # weight of smoothness: what is free to swing would ring from node to node
 
-_LIKED = 0.003  # weight of preferences: 3 W for 1 rad
+_LIKED = 3e-4  # weight of preferences: 0.3 W for 1 rad
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -39,42 +37,6 @@ class Terms:
     """What tasks of constraints and safety keep all along their phases."""
     preferences: tuple[Term, ...]
     """What tasks of optimization would like, for a little of what is least in the end."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Rest(Term):
-    """Velocities are zero that nothing else keeps at zero."""
-
-    axes: tuple[int, ...]
-    """Indices in v."""
-
-    @property
-    def name(self) -> str:
-        return "at rest"
-
-    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
-        return zero_residual(stage.tick.velocity[list(self.axes)])
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Preferred(Term):
-    """The residual of a task as a cost, not as something to be reached."""
-
-    is_goal: ClassVar[bool] = False
-    task: Task
-
-    @property
-    def name(self) -> str:
-        return self.task.name
-
-    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
-        return self.task.residual(stage.tick, parameters)
-
-    def n_parameters(self, robot: Robot) -> int:
-        return self.task.n_parameters(robot)
-
-    def reference(self, t: float) -> np.ndarray:
-        return self.task.reference(t)
 
 
 def terms_of(
@@ -114,7 +76,8 @@ def levels_of(robot: Robot, terms: Terms, weights: Weights) -> tuple[OcpLevel, .
     """Goals in the order of the classes of their tasks, then energy with a little smoothness, as far as it is known."""
     classes = sorted({kind for kind, _ in terms.goals})
     asked = [
-        OcpLevel(name=kind.name.lower(), terms=tuple(term for own, term in terms.goals if own is kind)) for kind in classes
+        OcpLevel(name=kind.name.lower(), terms=tuple(term for own, term in terms.goals if own is kind))
+        for kind in classes
     ]
     powers = [thruster.power for thruster in robot.description.thrusters]
     known: tuple[Term, ...] = () if None in powers else (Energy(weight=weights.energy),)
@@ -190,9 +153,8 @@ class _Phase:
         return next(task for task in self.tasks if task.name == name)
 
     def _term(self, condition: Condition, part: Stretch, at: At, *, met: bool) -> Term:
-        return condition_term(
-            self.tasks, self._phase.name, condition, self._margins, met=met, at=at, stretch=part.ocp.name
-        )
+        place = Place(phase=self._phase.name, stretch=part.ocp.name, at=at)
+        return condition_term(self.tasks, condition, place, self._margins, met=met)
 
 
 def _rest(robot: Robot, tasks: Sequence[Task]) -> Iterator[Term]:

@@ -30,5 +30,3 @@ from uvms_ocp.ocp.tool_reach import tool_reach as tool_reach
 from uvms_ocp.ocp.trajectory import Trajectory as Trajectory
 from uvms_ocp.ocp.trajectory import hold as hold
 from uvms_ocp.ocp.trajectory import through as through
-from uvms_ocp.ocp.whole_mission import WholeMission as WholeMission
-from uvms_ocp.ocp.whole_mission import whole_mission as whole_mission

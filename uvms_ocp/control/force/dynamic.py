@@ -105,7 +105,8 @@ class DynamicController:
         """The command for the tick at time t [s]."""
         tick = self.kinematic.observe(measurement, t)
         sound, command, bounds = tick.measurement, self.kinematic.command(tick), tick.restriction
-        self._tick.give(sound.q, sound.v, command, (bounds.feedback, bounds.joint_feedback))
+        share = 1.0 if self.kinematic.guide is None else self.kinematic.guide.bandwidth
+        self._tick.give(sound.q, sound.v, command, (share * bounds.feedback, bounds.joint_feedback))
         known = not bounds.doubted or bounds.doubted.isdisjoint(_ENCODERS)
         told = self._tick.step(tick.t, sound.joint_age, known)
         if self._look.changed and self.monitor is not None:

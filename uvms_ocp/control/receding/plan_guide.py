@@ -11,7 +11,7 @@ import pinocchio as pin
 from uvms_ocp.arguments import Magnitude, Positive, checked
 from uvms_ocp.control.navigation.degraded import told
 from uvms_ocp.control.velocity.distress import Strain
-from uvms_ocp.control.velocity.guide import Guided
+from uvms_ocp.control.velocity.tick.guide import Guided
 from uvms_ocp.control.velocity.tick_state import TickState
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model.robot import Robot
@@ -45,6 +45,8 @@ class FollowingTuning:
     """[1/s] velocity per deviation."""
     joints: Positive = 2.0
     """[1/s]"""
+    bandwidth: Positive = 0.7
+    """[-] share of the usual feedback of the vehicle's velocity: the plan is fed forward."""
     smoothing: Positive = 0.5
     """[s] of the correction: noise is not to become acceleration."""
     position: Positive = 0.3
@@ -80,6 +82,11 @@ class PlanGuide:
         self._correction = np.zeros(robot.n_v)
         self._clock = self._late = 0.0
         self._at, self._left = 0, False
+
+    @property
+    def bandwidth(self) -> float:
+        """[-] Of the velocity loop, all of it once the plan is left."""
+        return 1.0 if self._left else self._tuning.bandwidth
 
     def __call__(self, tick: TickState, strain: Strain, waiting: Callable[[], str]) -> Guided:
         """The velocity along the plan, or that it is left."""

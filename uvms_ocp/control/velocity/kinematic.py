@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.arguments import Period, changed, checked, late, trusted
+from uvms_ocp.arguments import Period, checked, late, trusted
 from uvms_ocp.control.navigation.degraded import (
     ALTIMETER,
     FREE,
@@ -36,6 +36,7 @@ from uvms_ocp.control.velocity.parameters import (
     nearest_sizes,
 )
 from uvms_ocp.control.velocity.tick.finishing import Solved, finish_by, finish_in_c
+from uvms_ocp.control.velocity.tick.guide import Guide, led
 from uvms_ocp.control.velocity.tick.kernels import after, before, is_unknown, take
 from uvms_ocp.control.velocity.tick.memory import altimeter_of, arrays_of, inputs_of, tick_memory
 from uvms_ocp.control.velocity.tick.solving import velocity_controller
@@ -87,7 +88,7 @@ class KinematicController:
 
         Raises `InvalidInput` where it is not > 0, and what `build_levels` and `Mission.check_quantities` raise.
         """
-        self.robot, self.mission, self.dt = robot, mission, dt
+        self.robot, self.mission, self.dt, self.guide = robot, mission, dt, guide
         self.problem: LevelsProblem = build_levels(robot, mission.hierarchy, dt)
         mission.check_quantities(self.problem.quantity_names)
         self.events: list[Event] = []
@@ -119,7 +120,6 @@ class KinematicController:
         self._jammed = self._felt.jammed
         self._restriction = FREE
         self._bad = BadChannels()
-        self._guide = guide
         self._state = mission.start()
         write_state(memory.mission, self._state)
 
@@ -206,25 +206,11 @@ class KinematicController:
             finished=self._state.over,
             telemetry=_telemetry(tick, solved, arrays.reported.copy(), memory.share),
         )
-        return command if self._guide is None else self._guided(self._guide, tick, command)
-
-    def _guided(self, guide: Guide, tick: TickState, command: Command) -> Command:
-        """What is commanded where a guide has its say, who tells of its end as an alarm."""
-        told = guide(tick, self._strain, self.pending)
-        if told.why:
-            self.watchdog.alarms.append((tick.t, told.why))
-        telemetry = {**command.telemetry, "guided": told.v is not None}
-        if told.v is None:
-            return changed(command, telemetry=telemetry)
-        guided = changed(command, v=told.v, telemetry=telemetry)
-        self.follow(guided)
-        return guided
+        return command if self.guide is None else led(self, self.guide, tick, self._strain, command)
 
     def _finish_by(self, solver: HierarchySolver) -> Callable[[], Solved]:
-        tick, inputs = (
-            solver.bind(self.problem.function, self.problem.sizes),
-            inputs_of(self.memory, self._arrays, self.problem),
-        )
+        tick = solver.bind(self.problem.function, self.problem.sizes)
+        inputs = inputs_of(self.memory, self._arrays, self.problem)
         solve = tick.adopt(*inputs) if isinstance(tick, SharedTick) else partial(tick, *inputs)
         (settle,) = bind_to(self.memory, (after,))
         return finish_by(solve, partial(settle, self.memory), self._arrays, self.memory)

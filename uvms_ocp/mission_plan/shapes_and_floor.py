@@ -37,7 +37,7 @@ def floor_along(scenario: Scenario, way: GreedyWay) -> float:
 
 
 def floor_terms(scenario: Scenario, stretches: Sequence[Stretch], floor: float, margins: Margins) -> list[Term]:
-    """Hull and arm stay above the floor wherever no task on altitude keeps the robot far from it."""
+    """Hull and arm stay above the floor [m] wherever no task on altitude keeps the robot far from it."""
     if not np.isfinite(floor):
         return []
     rims, found = rims_of(scenario.robot), list[Term]()

@@ -1,0 +1,46 @@
+"""The least energy that drag and weight set along a way, whatever flies it.
+
+At every moment of the way the thrusters have to balance, at least, what the water does to the robot at the velocity that it
+has relative to it, and what weight and buoyancy do: the generalized force of moving on steadily, without accelerating.
+Among all thrusts that give the vehicle's part of it the least power is taken, ``sum factor |T|^exponent``. Integrated
+over the way this is the energy of flying it quasi-statically; accelerations, noise and errors of control come on top.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from uvms_ocp.model.dynamics import robot_dynamics
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.thrusters import thruster_matrix
+from uvms_ocp.sim.currents import Current, water_at
+
+_SWEEPS = 60  # of reweighted least squares
+_ROUNDING = 1e-6  # [N]
+
+
+def quasi_static_energy(
+    robot: Robot, current: Current, t: np.ndarray, q: np.ndarray, v: np.ndarray, *, every: int
+) -> float:
+    """Of thrusters [J] along q (n, n_q) [m, rad] with v (n, n_v) [m/s, rad/s] at t (n,) [s], looked at `every` rows [-]."""
+    dynamics, still = robot_dynamics(robot), np.zeros(robot.n_v)
+    rows = np.arange(0, len(t), every)
+    powers = []
+    for k in rows:
+        water = water_at(current, q[k : k + 1, :3], float(t[k]))
+        u = type(water)(velocity=water.velocity[0])
+        powers.append(least_power(robot, dynamics.inverse_dynamics(q[k], v[k], still, u)[: robot.n_vehicle]))
+    return float(np.trapezoid(powers, t[rows]))
+
+
+def least_power(robot: Robot, wrench: np.ndarray) -> float:
+    """[W] Least electrical power of all thrusts that give a wrench (6,) [N, N m], without their limits."""
+    B, given = thruster_matrix(robot), [thruster.power for thruster in robot.description.thrusters if thruster.power]
+    exponent = np.array([power.exponent for power in given])
+    factor = np.array([power.watts / power.thrust**power.exponent for power in given])
+    thrust = np.linalg.pinv(B) @ wrench
+    for _ in range(_SWEEPS):
+        # A parabola that touches the power of each thruster at the last thrust and lies above it.
+        softness = (np.abs(thrust) + _ROUNDING) ** (2 - exponent) / factor
+        thrust = softness * (B.T @ np.linalg.lstsq((B * softness) @ B.T, wrench, rcond=None)[0])
+    return float(factor @ np.abs(thrust) ** exponent)

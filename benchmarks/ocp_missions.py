@@ -1,0 +1,168 @@
+"""Missions as one problem, against greedy ones: ``python benchmarks/ocp_missions.py``.
+
+Both are flown on the physical plant with noise, and judged by its true state. Writes ocp_missions.csv and ocp_missions.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from horizon.drag_bound import quasi_static_energy
+from recording.processes import hide_compiler
+from recording.report import Report, Row, Table, begin, parser_of
+from recording.timing import once
+
+from uvms_ocp import scenarios
+from uvms_ocp.mission_plan import MissionPlan, plan_mission
+from uvms_ocp.mission_plan.planning import OPTIONS
+from uvms_ocp.record import Record, quantity
+from uvms_ocp.report.resources import resources
+from uvms_ocp.scenario import Scenario
+from uvms_ocp.sim.closest_approach import closest_approach
+
+STEADY = (0.3, -0.2, 0.05)  # [m/s]
+MISSIONS: dict[str, Callable[..., Scenario]] = {
+    "case1": scenarios.case1,
+    "case1 in a current": lambda **more: scenarios.case1(current=STEADY, **more),
+    "case2": scenarios.case2,
+    "two_targets": scenarios.two_targets,
+    "current_drift": scenarios.current_drift,
+    "bluerov_inspection": scenarios.bluerov_inspection,
+    "obstacle_field": scenarios.obstacle_field,
+}
+FORMATS = {
+    "mission": "",
+    "flown": "",
+    "completed": "",
+    "duration [s]": ".1f",
+    "energy [J]": ".0f",
+    "of thrusters [J]": ".0f",
+    "over greedy [-]": ".2f",
+    "over drag [-]": ".2f",
+    "peak thrust [N]": ".1f",
+    "tilt [rad]": ".3f",
+    "threshold used [-]": ".3f",
+    "clear of obstacles [mm]": ".0f",
+    "left": "",
+}
+PLANS = {"mission": "", "status": "", "iterations": "", "CPU [s]": ".1f", "planned [s]": ".1f", "planned [J]": ".0f"}
+_EVERY = 20  # rows of the record between two that are looked at
+PROSE = """
+Greedy: the mission as `uvms-ocp run` flies it, phase after phase, by the velocity hierarchy above the dynamic layer. As one
+problem: `uo.plan_mission`, within the time that the greedy mission took, flown by `uvms-ocp run --follow`: the same
+dynamic layer, the same mission that goes from phase to phase by what it measures, and the hierarchy in reserve. Sensors have
+the noise, rates and delays of the robot's file.
+
+Energy is electrical, of thrusters and joints; over drag: that of the thrusters over what a quasi-static flight of the same way
+takes at least, in the same water. Threshold used: the largest true value of a condition as its phase ended, over the limit
+that it had to be below; noise can make it more than 1. Left: when and why the hierarchy took over. The current of
+`case1 in a current` is {current} m/s.
+"""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Flown:
+    """A run, and what it was made by."""
+
+    mission: str
+    how: str
+    scenario: Scenario
+    record: Record
+
+    def row(self, greedy_energy: float | None) -> dict[str, Any]:
+        """greedy_energy [J]"""
+        record, meta = self.record, self.record.run_meta
+        *_, total = resources(record)
+        bound = quasi_static_energy(
+            self.scenario.robot,
+            self.scenario.environment.current,
+            record["t"],
+            record["q"],
+            record["v"],
+            every=_EVERY,
+        )
+        tilt = quantity(record, "HA.tilt")
+        return {
+            "mission": self.mission,
+            "flown": self.how,
+            "completed": meta.completed,
+            "duration [s]": float(record["t"][-1]),
+            "energy [J]": total["energy_j"],
+            "of thrusters [J]": total["thruster_energy_j"],
+            "over greedy [-]": None if greedy_energy is None else total["energy_j"] / greedy_energy,
+            "over drag [-]": total["thruster_energy_j"] / max(bound, 1e-9),
+            "peak thrust [N]": total["peak_thrust_n"],
+            "tilt [rad]": None if tilt is None else float(np.nanmax(tilt)),
+            "threshold used [-]": _used(record),
+            "clear of obstacles [mm]": _clear(self.scenario, record),
+            "left": next((f"{a.t:.1f} s: {a.text}" for a in meta.alarms if a.text.startswith("plan left")), ""),
+        }
+
+
+def _used(record: Record) -> float | None:
+    """The largest share [-] of the limit of a condition, true and at the end of its phase."""
+    shares = [
+        value.value / condition.limit
+        for event in record.run_meta.events
+        for condition in event.conditions
+        for value in event.true_quantities
+        if condition.sign == "<" and value.name == condition.quantity
+    ]
+    return max(shares, default=None)
+
+
+def _clear(scenario: Scenario, record: Record) -> float | None:
+    if not scenario.environment.obstacles:
+        return None
+    near = closest_approach(scenario.robot, scenario.environment, record["q"][::_EVERY], floor=False)
+    return None if near is None else 1e3 * near.distance
+
+
+def measured(name: str, scenario: Scenario, plan_of: Callable[..., MissionPlan]) -> tuple[list[Row], Row]:
+    """Rows of both flights, and of the plan."""
+    greedy = _Flown(mission=name, how="greedy", scenario=scenario, record=scenario.run())
+    first = greedy.row(None)
+    found = once(lambda: plan_of(scenario, duration=first["duration [s]"]))
+    plan = found.value
+    rows: list[Row] = [first]
+    if plan.status.usable:
+        flown = _Flown(mission=name, how="one problem", scenario=scenario, record=plan.fly(scenario))
+        rows.append(flown.row(first["energy [J]"]))
+    told = {"mission": name, "status": plan.status.value, "iterations": plan.iterations, "CPU [s]": found.cpu}
+    return rows, {**told, "planned [s]": plan.duration, "planned [J]": plan.energy}
+
+
+def quick_plan(scenario: Scenario, **more: Any) -> MissionPlan:
+    """With one iteration and few steps."""
+    return plan_mission(scenario, step=60.0, options=replace(OPTIONS, max_iterations=1), **more)
+
+
+def main() -> None:
+    """Plan, fly, compare."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--only", choices=MISSIONS, help="this mission alone")
+    given, run = begin(parser)
+    chosen = {given.only: MISSIONS[given.only]} if given.only else MISSIONS
+    if run.quick:
+        hide_compiler()
+        chosen = {"reach": lambda **more: scenarios.reach(duration=0.2)}
+    both = [
+        measured(name, make(noise=True), quick_plan if run.quick else plan_mission) for name, make in chosen.items()
+    ]
+    flights = Table(rows=[row for rows, _ in both for row in rows], columns=FORMATS)
+    plans = Table(rows=[row for _, row in both], columns=PLANS)
+    run.write(
+        Report(
+            name="ocp_missions",
+            title="Missions as one problem",
+            prose=PROSE.format(current=STEADY),
+            tables=[flights, plans],
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()
