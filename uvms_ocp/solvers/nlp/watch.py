@@ -23,7 +23,7 @@ class Moment:
     """That is being solved; the last one while all levels above are required in full."""
     iteration: int
     residual: float
-    """[-] of the level, as a norm."""
+    """[-] of the level: the root of twice its cost."""
     violation: float
     """[-] Largest of constraints, bounds and levels above."""
 
