@@ -116,7 +116,7 @@ class OcpProblem:
     levels: tuple[OcpLevel, ...]
     constraints: tuple[Term, ...] = ()
     current: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    """(3,) [m/s] water velocity in W, uniform."""
+    """(3,) [m/s] water velocity in W, uniform; or (n_steps, 3), that of each step."""
     floor: Bound = -np.inf
     """[m] height of the seafloor, for altitude terms."""
     integrator: Integrator = Integrator.MIDPOINT
@@ -137,8 +137,8 @@ class OcpProblem:
             raise InvalidInput("an optimal control problem needs phases and levels; give at least one of each")
         self._check_phase_names()
         self._check_relaxed_levels()
-        if np.shape(self.current) != (3,) or not np.isfinite(self.current).all():
-            raise InvalidInput(f"current {self.current}; give three finite numbers [m/s]")
+        if np.shape(self.current) not in ((3,), (self.n_steps, 3)) or not np.isfinite(self.current).all():
+            raise InvalidInput(f"current {self.current}; give three finite numbers [m/s], or three for each step")
         if self.robot.n_vehicle and self.actuation is Actuation.THRUSTERS and not self.robot.description.thrusters:
             raise InvalidInput(f"robot {self.robot.name!r} has no thrusters; give some, or use Actuation.WRENCH")
         self._check_powers()
@@ -152,6 +152,11 @@ class OcpProblem:
     @property
     def fixed_start(self) -> bool:
         return self.start_freedom is None
+
+    @property
+    def currents(self) -> np.ndarray:
+        """Water velocity (n_steps, 3) [m/s] in W at the steps."""
+        return np.broadcast_to(self.current, (self.n_steps, 3))
 
     @property
     def free_time(self) -> bool:

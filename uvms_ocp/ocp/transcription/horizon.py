@@ -100,7 +100,7 @@ class Horizon:
 
     def _mapped(self, function: ca.Function, *more: ca.MX) -> ca.MX:
         """Outputs (m, N) of a function of the dynamics at all steps."""
-        return function.map(self.N)(self.nodes.steps, ca.repmat(self.water, 1, self.N), *more)
+        return function.map(self.N)(self.nodes.steps, ca.reshape(self.water, 3, self.N), *more)
 
     @cached_property
     def costs(self) -> ca.MX:

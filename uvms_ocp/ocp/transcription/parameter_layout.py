@@ -1,4 +1,4 @@
-"""The parameters of the NLP, in this order: start, current, lengths of the steps, and those of all terms in their units."""
+"""The parameters of the NLP, in this order: start, currents, lengths of the steps, and those of all terms in their units."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class ParameterLayout:
     start: slice
     """q [m, rad] and v [m/s, rad/s] of the first node."""
     water: slice
-    """[m/s] Velocity of the water."""
+    """[m/s] Velocities of the water, step after step."""
     steps: slice
     """[s] Lengths of the steps."""
     terms: tuple[slice, ...]
@@ -35,7 +35,7 @@ class ParameterLayout:
         """Parameters (n,) with the first node at t0 [s]; see `Transcription.parameters`."""
         nominal, state = given.problem.nominal_times(), start or given.problem.start
         times, rate = t0 + nominal, 1.0 / nominal[-1]
-        parts = [state.q, state.v, given.problem.current, np.diff(nominal)]
+        parts = [state.q, state.v, given.problem.currents.ravel(), np.diff(nominal)]
         for block, numbers in zip(self.blocks, given.numbers, strict=True):
             parts += numbers.parameters(
                 times[block.nodes].tolist(), ((block.nodes > 0) | (not given.problem.fixed_start)).tolist(), rate
@@ -46,6 +46,6 @@ class ParameterLayout:
 def parameter_layout(problem: OcpProblem, blocks: tuple[TermBlock, ...]) -> ParameterLayout:
     """Place the parameters of a problem whose terms are `blocks`."""
     sizes = [block.rows.n_parameters * len(block.nodes) for block in blocks]
-    ends = np.cumsum([0, problem.robot.n_q + problem.robot.n_v, 3, problem.n_steps, *sizes]).tolist()
+    ends = np.cumsum([0, problem.robot.n_q + problem.robot.n_v, 3 * problem.n_steps, problem.n_steps, *sizes]).tolist()
     start, water, steps, *places = (slice(first, stop) for first, stop in pairwise(ends))
     return ParameterLayout(blocks=blocks, start=start, water=water, steps=steps, terms=tuple(places))
