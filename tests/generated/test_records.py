@@ -15,6 +15,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from promises import DAMAGES, Damage, Tally, damaged, damaged_bytes
 
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.state import State
+from uvms_ocp.ocp.plan import Plan
+from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.ocp.problem import OcpLevel, single_phase
+from uvms_ocp.ocp.terms import Effort
 from uvms_ocp.record import Record
 from uvms_ocp.report.cause import cause_of_end
 from uvms_ocp.report.compare import compare
@@ -219,4 +225,28 @@ def test_members_of_archives_may_be_called_anything(tmp_path: Path) -> None:
         assert tally.outcome(lambda: Record.load(path)) is None
 
     holds()
+    tally.check()
+
+
+def test_any_change_of_a_plan_is_as_promised_or_refused_in_one_line(tmp_path: Path) -> None:
+    tally, arm = Tally(bad=250), load_robot("planar5")
+    start = State(q=arm.configuration(), v=np.zeros(arm.n_v))
+    level = OcpLevel(name="effort", terms=(Effort(),))
+    plan = Planner(single_phase(robot=arm, start=start, duration=1.0, n_steps=2, levels=[level], water=False)).plan()
+    for suffix in ("npz", "json"):
+        path = plan.save(tmp_path / f"plan.{suffix}")
+        whole = path.read_bytes()
+
+        def holds(content: bytes, path: Path = path) -> None:
+            path.write_bytes(content)
+            found = tally.outcome(lambda: Plan.load(path))
+            if found is not None:
+                assert found.trajectory.q.shape == plan.trajectory.q.shape
+                assert np.isfinite(found.trajectory.q).all()
+                assert (np.diff(found.trajectory.t) > 0.0).all()
+                found.to_record()
+
+        settings(max_examples=300)(
+            given(DAMAGES.map(lambda damage, whole=whole: damaged_bytes(whole, damage)))(lambda content: holds(content))
+        )()
     tally.check()

@@ -23,6 +23,7 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
 from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
 from uvms_ocp.ocp.capsule_clearance import CapsuleClearance, PlacedCapsule
+from uvms_ocp.ocp.own_term import residual_term
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpPhase, OcpProblem, single_phase
@@ -64,6 +65,9 @@ TERMS: dict[str, Term] = {
     "duration": Duration(),
     "posture": Posture(q=np.zeros(5)),
     "balls": BallClearance(robot_balls=(ROBOT_BALL,), obstacles=(STONE,)),
+    "own": residual_term(
+        "own", lambda stage, goal: stage.tick.q[:3] - goal, lower=-1.0, upper=1.0, parameters=np.zeros(3)
+    ),
     "capsules": CapsuleClearance(pairs=((LINK, ROCK),), names=("link and rock",), margin=0.05),
 }
 OTHERS: dict[str, Any] = {
@@ -86,6 +90,9 @@ OTHERS: dict[str, Any] = {
     "relax": 0.2,
     "altimeter_frame": "link2",
     "duration": 5.0,
+    "label": "another",
+    "rows": lambda stage, goal: 2 * stage.tick.q[:3] - goal,
+    "start_freedom": np.full(10, 0.1),
 }
 """Other values of fields, where one is not simply made from the present one."""
 

@@ -12,7 +12,7 @@ from uvms_ocp.cli.option_group import defaults_of, spread_options
 from uvms_ocp.cli.options import Json, Out, default_folder
 from uvms_ocp.cli.plan_mission import mission
 from uvms_ocp.cli.plan_options import MotionOptions
-from uvms_ocp.cli.plan_output import MadePlan, put_out
+from uvms_ocp.cli.plan_output import MadePlan, Tell, put_out
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.request import OcpRequest, solve_ocp
 from uvms_ocp.planning.goals import Triple
@@ -20,6 +20,7 @@ from uvms_ocp.planning.request import AXES, PlanRequest, solve
 from uvms_ocp.report.ocp_motion import ocp_record, ocp_report
 from uvms_ocp.report.planned_motion import motion_record, plan_report
 from uvms_ocp.solvers.nlp.nlp_options import PLUGINS
+from uvms_ocp.solvers.nlp.watch import Moment
 
 _PERIOD = 0.02  # [s] between rows of plan.csv
 _CURVE, _OCP = defaults_of(PlanRequest), defaults_of(OcpRequest)
@@ -41,7 +42,7 @@ def curve(
     """
     request = PlanRequest(**motion.asked(), axes=axes, seed=seed)
     changed = _changed(_CURVE | _MOTION, robot=motion.robot, seed=seed)
-    put_out(lambda: _by_curve(request), out or default_folder(("plan", "curve"), changed), as_json)
+    put_out(lambda _: _by_curve(request), out or default_folder(("plan", "curve"), changed), as_json)
 
 
 def ocp(
@@ -63,7 +64,7 @@ def ocp(
         **motion.asked(), duration=duration, n_steps=steps, current=current, time_limit=time_limit, plugin=nlp
     )
     changed = _changed(_OCP | _MOTION, robot=motion.robot, current=current)
-    put_out(lambda: _by_ocp(request), out or default_folder(("plan", "ocp"), changed), as_json)
+    put_out(lambda tell: _by_ocp(request, tell), out or default_folder(("plan", "ocp"), changed), as_json)
 
 
 app = typer.Typer(help="Plan a motion among obstacles, or a whole mission.", no_args_is_help=True)
@@ -94,8 +95,8 @@ def _by_curve(request: PlanRequest) -> MadePlan:
     )
 
 
-def _by_ocp(request: OcpRequest) -> MadePlan:
-    result = solve_ocp(request)
+def _by_ocp(request: OcpRequest, tell: Tell) -> MadePlan:
+    result = solve_ocp(request, progress=lambda moment: tell(_words(moment)))
 
     def save(folder: Path) -> None:
         for name in ("plan.npz", "plan.json"):
@@ -108,3 +109,11 @@ def _by_ocp(request: OcpRequest) -> MadePlan:
         good=result.plan.status is OcpStatus.SOLVED and result.collision_free,
         save=save,
     )
+
+
+def _words(moment: Moment) -> str:
+    """Ctrl-C keeps the best plan so far."""
+    found = (
+        f"iteration {moment.iteration}, residual {moment.residual:.3g}, constraints broken by {moment.violation:.1e}"
+    )
+    return f"level {moment.level!r}, {found} (Ctrl-C stops)"

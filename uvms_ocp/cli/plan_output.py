@@ -52,12 +52,16 @@ class MadePlan:
         write_scene(self.record, self.robot, folder / "scene.html")
 
 
-def put_out(make: Callable[[], MadePlan], out: Path, as_json: bool) -> None:
+Tell = Callable[[str], None]
+"""Told how far the search is, to show while it goes on."""
+
+
+def put_out(make: Callable[[Tell], MadePlan], out: Path, as_json: bool) -> None:
     """Make the plan, write it to the folder `out` and print what came of it; exit where it is not good."""
     console = console_of(stderr=as_json)
     with claimed(out, _FILES) as claim:
-        with console.status("planning"):
-            made = make()
+        with console.status("planning") as status:
+            made = make(lambda text: status.update(plain_line(f"planning: {text}")))
         with claim.staged() as staging:
             made.write(staging)
         written = claim.written()

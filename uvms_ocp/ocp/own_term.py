@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, TypeAlias
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.arguments import checked
+from uvms_ocp.arguments import Bound, Range, checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.robot import Robot
@@ -17,6 +17,7 @@ from uvms_ocp.ocp.terms import At, StageSymbols, Term
 from uvms_ocp.tasks.reference import VectorGoal, evaluate_vector
 from uvms_ocp.tasks.task import Residual
 
+Bounds: TypeAlias = Bound | Annotated[np.ndarray, Range()]
 OwnRows = Callable[..., ca.SX]
 """``stage -> rows``, or ``stage, parameters -> rows`` for a term that has parameters; rows (m,) as CasADi SX."""
 
@@ -28,8 +29,8 @@ class _OwnTerm(Term):
 
     label: str
     rows: OwnRows
-    lower: Any
-    upper: Any
+    lower: Bounds
+    upper: Bounds
     parameters: VectorGoal | None
     # What holds for all terms of a package's class holds here for one term.
     state_only: bool = True  # type: ignore[misc]
@@ -48,7 +49,7 @@ class _OwnTerm(Term):
             raise InvalidInput(f"{self.label}: its rows depend on acceleration, thrust or torque; give inputs=True")
         lower, upper = (_bound(self.label, bound, value.shape[0]) for bound in (self.lower, self.upper))
         if not (lower <= upper).all():
-            raise InvalidInput(f"{self.label}: bounds {lower} to {upper} are NaN or swapped; give lower <= upper")
+            raise InvalidInput(f"{self.label}: bounds {lower} to {upper} are swapped; give lower <= upper")
         return Residual(value=value, lower=lower, upper=upper)
 
     def n_parameters(self, robot: Robot) -> int:
@@ -63,8 +64,8 @@ def residual_term(
     name: str,
     rows: OwnRows,
     *,
-    lower: Any = 0.0,
-    upper: Any = 0.0,
+    lower: Bounds = 0.0,
+    upper: Bounds = 0.0,
     at: At = At.END,
     weight: float = 1.0,
     phase: str | None = None,
@@ -95,13 +96,11 @@ def residual_term(
     )
 
 
-def _bound(name: str, bound: Any, m: int) -> Array:
+def _bound(name: str, bound: Bounds, m: int) -> Array:
     """(m,) [unit of the row]"""
-    try:
-        return np.array(np.broadcast_to(np.asarray(bound, dtype=float), (m,)))
-    except (ValueError, TypeError):
-        given = f"shape {np.shape(bound)}"
-        raise InvalidInput(f"{name}: a bound has {given}; give one number, or {m} of them") from None
+    if np.shape(bound) not in ((), (m,)):
+        raise InvalidInput(f"{name}: a bound has shape {np.shape(bound)}; give one number, or {m} of them")
+    return np.array(np.broadcast_to(np.asarray(bound, dtype=float), (m,)))
 
 
 def _reads_inputs(value: ca.SX, stage: StageSymbols) -> bool:

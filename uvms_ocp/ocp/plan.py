@@ -85,8 +85,9 @@ class LevelReport:
     """[-] Norm of the distances of its weighted rows to their range."""
     iterations: int
     prices: tuple[float, ...] = ()
-    """[-] What each level above costs this one: by how much its cost, half the square of its residual, would fall for
-    each unit of residual, as a norm, that the level above gave up. First order; for one with `relax`, each unit of cost."""
+    """[-] What each level above costs this one: by how much its cost, half the sum of squares of its rows, path terms as a
+    mean over time, would fall for each unit of residual, as a norm, that the level above gave up (of cost, where that one
+    has `relax`). To first order."""
 
 
 @checked
@@ -217,14 +218,19 @@ def _robot_of(values: PlanValues) -> Robot:
 def _plan_of(values: PlanValues, arrays: dict[str, np.ndarray], robot: Robot) -> Plan:
     if robot.name != values.robot:
         raise InvalidInput(f"a plan of robot {values.robot[:60]!r}, not of {robot.name!r}")
+    trajectory = stored_trajectory(robot, arrays, of_wrench=values.of_wrench)
+    result = None if values.solver is None else stored_result(values.solver, arrays)
+    unknown = arrays.keys() - trajectory_arrays(trajectory).keys() - (result_arrays(result) if result else {}).keys()
+    if unknown:
+        raise InvalidInput(f"array {min(unknown)[:60]!r} is none of a plan")
     return Plan(
         robot=robot,
-        trajectory=stored_trajectory(robot, arrays, of_wrench=values.of_wrench),
+        trajectory=trajectory,
         status=OcpStatus(values.status),  # type: ignore[call-arg]
         reason=values.reason,
         levels=tuple(LevelReport(**level.model_dump()) for level in values.levels),
         solve_time=values.solve_time,
-        result=None if values.solver is None else stored_result(values.solver, arrays),
+        result=result,
         surroundings=values.surroundings,
         current=values.current,
     )

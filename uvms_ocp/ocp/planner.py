@@ -70,7 +70,7 @@ class Planner:
     def solve(
         self,
         p: np.ndarray,
-        guess: Trajectory | Plan | LexicographicResult | np.ndarray,
+        guess: Trajectory | Plan | LexicographicResult,
         *,
         problem: OcpProblem | None = None,
         time_limit: float | None = None,
@@ -78,8 +78,8 @@ class Planner:
     ) -> LexicographicResult:
         """The lexicographic solution for parameters p (n_p,) [unit of the parameter] of `Transcription.parameters`.
 
-        guess: also variables (n_x,) [unit of x]. problem: that of p, by default the one this planner was built from.
-        time_limit [s]: where it is to be shorter than that of the options. progress: as `plan` takes it.
+        problem: that of p, by default the one this planner was built from. time_limit [s]: where it is to be shorter than
+        that of the options. progress: as `plan` takes it.
         """
         lower, upper = self.transcription.bounds(problem)
         ranges = self.transcription.ranges(problem)
@@ -93,8 +93,8 @@ class Planner:
             progress=progress,
         )
 
-    def _start(self, guess: Trajectory | Plan | LexicographicResult | np.ndarray) -> np.ndarray | LexicographicResult:
-        if isinstance(guess, (LexicographicResult, np.ndarray)):
+    def _start(self, guess: Trajectory | Plan | LexicographicResult) -> np.ndarray | LexicographicResult:
+        if isinstance(guess, LexicographicResult):
             return guess
         if isinstance(guess, Plan):
             return guess.result if guess.result is not None else self.transcription.pack(guess.trajectory)
@@ -103,7 +103,8 @@ class Planner:
     def _court(self, given: OcpProblem, p: np.ndarray, t0: float, deadline: float | None) -> Court:
         def solve(other: OcpProblem, x: np.ndarray | None, limit: float) -> LexicographicResult:
             numbers = self.transcription.parameters(other, t0=t0)
-            return self.solve(numbers, hold(other) if x is None else x, problem=other, time_limit=limit)
+            guess = hold(other) if x is None else self.transcription.unpack(x, other)
+            return self.solve(numbers, guess, problem=other, time_limit=limit)
 
         feasibility = self.options.feasibility
         return Court(

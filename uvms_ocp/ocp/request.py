@@ -26,6 +26,7 @@ from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Effort, Posture, Smoothness, TaskTerm
 from uvms_ocp.planning.goals import FiniteTriple, Goal, check_way
 from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
+from uvms_ocp.solvers.nlp.watch import Progress
 
 
 @checked
@@ -89,8 +90,8 @@ class OcpResult:
 
 
 @checked
-def solve_ocp(request: OcpRequest) -> OcpResult:
-    """Plan by lexicographic optimal control.
+def solve_ocp(request: OcpRequest, *, progress: Progress | None = None) -> OcpResult:
+    """Plan by lexicographic optimal control; progress is told every iteration of the solver.
 
     Raises `NameNotFound` for an unknown joint, frame or NLP solver, `InvalidInput` for a goal outside limits, a start in
     collision, two obstacles of one name, obstacles of shapes that capsules do not cover, and numbers out of their range.
@@ -101,7 +102,7 @@ def solve_ocp(request: OcpRequest) -> OcpResult:
     clearance = capsule_clearance(scene, margin=request.clearance)
     problem = _problem(request, clearance)
     scene.check_apart(CoalDistances(scene).distances(planned.x(request.start)[None])[0], "the start")
-    plan = Planner(problem, NlpOptions(plugin=request.plugin, time_limit=request.time_limit)).plan()
+    plan = Planner(problem, NlpOptions(plugin=request.plugin, time_limit=request.time_limit)).plan(progress=progress)
     if plan.status is OcpStatus.OBSTRUCTED and clearance.pairs:
         plan = replace(plan, reason=_too_near(request, clearance) or plan.reason)
     return OcpResult(request=request, scene=scene, plan=plan)

@@ -34,6 +34,7 @@ Where: TypeAlias = Plant | Environment
 _DEEP = FlatSeafloor(z=-1e4)  # of plants, whose floor no one tells: the echo of the altimeter is not used
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Flight:
     """What a plant made of a plan."""

@@ -120,7 +120,7 @@ def _from_text(source: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     whole = _object(read_text(source, _LARGEST))
     values = {name: whole.pop(name) for name in PlanValues.model_fields if name in whole}
     try:
-        return values, {name: np.array(item, dtype=float) for name, item in whole.items()}
+        return values, {name: np.atleast_1d(np.array(item, dtype=float)) for name, item in whole.items()}
     except (ValueError, TypeError, OverflowError) as error:
         raise InvalidInput(f"lists that are no arrays of numbers: {str(error)[:100]}") from error
 

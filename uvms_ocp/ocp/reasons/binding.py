@@ -10,6 +10,7 @@ import numpy as np
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.reasons.groups import Group, Grouped, Measure, row_groups, variable_groups
 from uvms_ocp.ocp.transcription.transcription import Transcription
+from uvms_ocp.solvers.nlp.level_solver import NlpPoint
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
 from uvms_ocp.solvers.nlp.program import LevelRows
 
@@ -28,20 +29,19 @@ class Binding:
     axes: tuple[str, ...]
     """That hold most, where the group has several."""
 
-    def needed(self, residual: float) -> float:
-        """Amount by which the group alone would have to give way for the level to lose a residual [-].
+    def needed(self, cost: float) -> float:
+        """Amount by which the group alone would have to give way for the level to lose its cost [-].
 
-        The residual falls by ``strength / residual`` for an amount of 1, and is taken to go on so.
+        The root of the cost is taken to go on falling as it does at first.
         """
-        return residual**2 / self.strength
+        return 2 * cost / self.strength
 
 
 def bindings(
-    transcription: Transcription, problem: OcpProblem, result: LexicographicResult, level: int
+    transcription: Transcription, problem: OcpProblem, point: NlpPoint, level: int, cost: float
 ) -> list[Binding]:
-    """What holds a level back where it ended, the strongest first; none where its end has no multipliers."""
-    point, residual = result.points[level], float(result.level_residuals[level])
-    if point.x_multipliers is None or point.row_multipliers is None or residual == 0.0:
+    """What holds a level back where it ended, at `cost` [-], the strongest first; none where its end has no multipliers."""
+    if point.x_multipliers is None or point.row_multipliers is None or cost == 0.0:
         return []
     rows = row_groups(transcription, problem)
     found = [
@@ -49,7 +49,7 @@ def bindings(
         *_summed(rows, point.row_multipliers[: len(rows.number)]),
         *_levels(transcription, point.row_multipliers, level),
     ]
-    strong = [item for item in found if item.strength > 0 and item.needed(residual) <= _FARTHEST]
+    strong = [item for item in found if item.strength > 0 and item.needed(cost) <= _FARTHEST]
     strong.sort(key=lambda item: -item.strength)
     return [item for item in strong if item.strength >= _WEAK * strong[0].strength][:_MOST]
 

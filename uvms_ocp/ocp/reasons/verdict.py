@@ -108,11 +108,14 @@ class Court:
         return Verdict(status=OcpStatus.UNFINISHED, reason=text, result=result)
 
     def _least(self, result: LexicographicResult) -> PhaseOne | None:
-        """`None` where there is no time for it."""
+        """`None` where there is no time for it, or nobody waits for it."""
         left = 0.0 if self.deadline is None else self.deadline - perf_counter()
         if left <= 0.0 or not np.isfinite(result.x).all():
             return None
-        return phase_one(self.transcription, self.problem, self.p, result.x, time_limit=left)
+        try:
+            return phase_one(self.transcription, self.problem, self.p, result.x, time_limit=left)
+        except KeyboardInterrupt:
+            return None
 
     def _again(self, least: PhaseOne) -> Verdict:
         assert self.deadline is not None
@@ -152,11 +155,13 @@ class Court:
 
     def _held(self, missed: int, result: LexicographicResult) -> str:
         """What holds the goal back, for the end of a sentence."""
-        found, residual = bindings(self.transcription, self.problem, result, missed), result.level_residuals[missed]
+        point = result.points[missed]
+        cost = float(self.transcription.costs(point.x, self.p)[missed])
+        found = bindings(self.transcription, self.problem, point, missed, cost)
         if not found:
             return "; no limit, constraint or level above holds it back: the robot does not get nearer"
         strongest = found[0]
-        change = strongest.group.change(strongest.needed(float(residual)), strongest.axes)
+        change = strongest.group.change(strongest.needed(cost), strongest.axes)
         return f"; held back by {_listed([item.group.named(item.axes) for item in found])}; to first order {change}"
 
 

@@ -110,6 +110,14 @@ class Transcription:
         """``nlp_g``, ``nlp_jac_g`` and ``nlp_hess_l`` of the constraints alone, as IPOPT asks for them."""
         return self._horizon.derivative_functions(0, self._rows.constraints, plugin="ipopt")
 
+    @cached_property
+    def _costs(self) -> ca.Function:
+        return ca.Function("costs", [self._horizon.x, self._horizon.p], [self._horizon.costs])
+
+    def costs(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Cost (n_levels,) [-] of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
+        return np.array(self._costs(x, p)).ravel()
+
     def violations(self, x: np.ndarray, p: np.ndarray, problem: OcpProblem | None = None) -> dict[str, float]:
         """Largest violation [unit of the row] of every group of constraints at x (n_x,) [unit of x].
 

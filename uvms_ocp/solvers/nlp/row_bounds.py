@@ -30,7 +30,7 @@ class RowBounds:
         lower[rows], upper[rows] = bounds
         return replace(self, lower=lower, upper=upper)
 
-    def violation(self, x: np.ndarray, g: np.ndarray, rows: np.ndarray) -> float:
+    def violation(self, x: np.ndarray, g: np.ndarray, rows: np.ndarray | slice) -> float:
         """Largest violation [-] at x (n_x,) [unit of x], where the rows numbered `rows` (m,) [-] are g (m,) [unit of the row]."""
         broken = excess(g, self.lower[rows], self.upper[rows]).max(initial=0.0)
         return float(max(broken, excess(x, self.x_lower, self.x_upper).max(initial=0.0)))

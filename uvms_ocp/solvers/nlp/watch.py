@@ -6,13 +6,15 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import FrameType
 from typing import TypeAlias
 
 import numpy as np
 
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds
+
+_ALL = slice(None)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -23,7 +25,7 @@ class Moment:
     """That is being solved; the last one while all levels above are required in full."""
     iteration: int
     residual: float
-    """[-] of the level, as a norm."""
+    """[-] of the level: the root of twice its cost."""
     violation: float
     """[-] Largest of constraints, bounds and levels above."""
 
@@ -87,7 +89,9 @@ class Best:
 
     def __init__(self, bounds: RowBounds, rows: np.ndarray, feasibility: float) -> None:
         """Of rows numbered `rows` (m,) [-]; feasibility [-]: violation with which the bounds count as kept."""
-        self._bounds, self._rows, self._feasibility = bounds, rows, feasibility
+        # Chosen once: it is looked at every iteration.
+        self._bounds = replace(bounds, lower=bounds.lower[rows], upper=bounds.upper[rows])
+        self._feasibility = feasibility
         self._key = (np.inf, np.inf)
         self.x: np.ndarray | None = None
         self.cost = self.violation = np.inf
@@ -95,7 +99,7 @@ class Best:
 
     def look(self, x: np.ndarray, cost: float, g: np.ndarray) -> float:
         """Violation [-] at x (n_x,) [unit of x], with this cost [-] and rows g (m,) [unit of the row]."""
-        violation = self._bounds.violation(x, g, self._rows)
+        violation = self._bounds.violation(x, g, _ALL)
         kept = violation <= self._feasibility
         key = (0.0, cost) if kept else (1.0, violation)
         self.iterations += 1

@@ -1,0 +1,98 @@
+"""Laws of whoever looks on: every iteration is told, and a stop by hand returns the best point so far."""
+
+from __future__ import annotations
+
+import os
+import signal
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from reaches import reach, tool_goal
+
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.ocp.plan import OcpStatus
+from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.ocp.terms import TaskTerm
+from uvms_ocp.solvers.nlp.watch import Moment
+
+
+def test_every_iteration_is_told_with_its_level(planner: Planner) -> None:
+    told: list[Moment] = []
+    plan = planner.plan(progress=told.append)
+    assert [moment.iteration for moment in told] == list(range(plan.iterations + 1))
+    assert {moment.level for moment in told} == {"effort"}, "the last one, all above in full"
+    assert told[-1].violation < 1e-6 < told[0].violation
+    assert plan.result is not None
+    cost = planner.transcription.costs(plan.result.x, planner.transcription.parameters())[-1]
+    assert told[-1].residual == pytest.approx(np.sqrt(2 * cost), rel=1e-6)
+
+
+def far(planner: Planner, robot: Robot) -> Planner:
+    """Whose levels are solved in order."""
+    goal = TaskTerm(task=tool_goal(robot, planner.problem.start.q, (100.0, 0.0, 0.0)))
+    levels = (replace(planner.problem.levels[0], terms=(goal,)), planner.problem.levels[1])
+    return Planner(replace(planner.problem, levels=levels), replace(planner.options, anticipate=False))
+
+
+@pytest.mark.parametrize("at", [0, 1, 20])
+def test_a_stop_by_hand_returns_the_best_point_so_far(planner: Planner, robot: Robot, at: int) -> None:
+    told: list[Moment] = []
+
+    def stop(moment: Moment) -> None:
+        told.append(moment)
+        if moment.iteration == at:
+            raise KeyboardInterrupt
+
+    patient = far(planner, robot)
+    plan = patient.plan(progress=stop)
+    assert plan.status is OcpStatus.INTERRUPTED
+    assert "stopped by hand" in plan.reason
+    assert plan.result is not None
+    kept = [moment.residual for moment in told if moment.violation <= patient.options.feasibility]
+    if kept:
+        assert plan.levels[0].residual == pytest.approx(min(kept), rel=1e-6)
+    else:
+        assert plan.result.violation == pytest.approx(min(moment.violation for moment in told), rel=1e-6)
+    assert np.isfinite(plan.trajectory.q).all()
+
+
+def test_a_search_goes_on_from_where_it_was_stopped(planner: Planner) -> None:
+    def stop(moment: Moment) -> None:
+        if moment.iteration == 8:
+            raise KeyboardInterrupt
+
+    plan = planner.plan(progress=stop)
+    assert plan.status is OcpStatus.INTERRUPTED
+    assert "guess=plan" in plan.advice
+    assert planner.plan(guess=plan).status is OcpStatus.SOLVED
+
+
+def test_the_signal_of_ctrl_c_does_the_same_and_its_handler_is_put_back(planner: Planner) -> None:
+    before = signal.getsignal(signal.SIGINT)
+
+    def press(moment: Moment) -> None:
+        if moment.iteration == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        assert planner.plan(progress=press).status is OcpStatus.INTERRUPTED
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert planner.plan().status is OcpStatus.SOLVED
+
+
+def test_an_error_of_the_one_who_looks_on_is_his(planner: Planner) -> None:
+    def fail(moment: Moment) -> None:
+        raise ZeroDivisionError("mine")
+
+    with pytest.raises(ZeroDivisionError, match="mine"):
+        planner.plan(progress=fail)
+    assert planner.plan().status is OcpStatus.SOLVED
+
+
+def test_a_watched_plan_is_the_same_plan(planner: Planner, robot: Robot) -> None:
+    silent, watched = planner.plan(reach(robot)), planner.plan(reach(robot), progress=lambda moment: None)
+    np.testing.assert_array_equal(silent.trajectory.q, watched.trajectory.q)
