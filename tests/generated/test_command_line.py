@@ -17,8 +17,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from promises import Tally
 
-import uvms_ocp.cli.plan
-import uvms_ocp.cli.plan_options
+import uvms_ocp.cli.plans.plan
+import uvms_ocp.cli.plans.plan_options
 import uvms_ocp.ocp.request
 import uvms_ocp.planning.goals
 import uvms_ocp.planning.request
@@ -42,7 +42,7 @@ def in_front(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
     """A folder of its own, robots that are loaded once, and no work."""
     monkeypatch.chdir(tmp_path)
     once = lru_cache(load_robot)
-    for module in (uvms_ocp.cli.plan_options, uvms_ocp.scenarios.run_options):
+    for module in (uvms_ocp.cli.plans.plan_options, uvms_ocp.scenarios.run_options):
         monkeypatch.setattr(module, "load_robot", once)
     monkeypatch.setattr(uvms_ocp.planning.request, "plan_soft_collision", begins)
     monkeypatch.setattr(uvms_ocp.planning.goals, "tool_goal", begins)

@@ -25,7 +25,6 @@ from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.control.velocity.climb import climb_goal
 from uvms_ocp.control.velocity.distress import Distress, Strain, Why
 from uvms_ocp.control.velocity.guards import Guarding, guards_of, models_of, rule_sizes
-from uvms_ocp.control.velocity.guide import Guide
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.parameters import (
     Measuring,
@@ -96,9 +95,7 @@ class KinematicController:
         """Where the mission was at each event, just before."""
         self.watchdog = watchdog or Watchdog()
         names, tasks = self.problem.quantity_names, mission.hierarchy.tasks
-        guards = guards_of(robot, tasks, names)
-        tracks = tracks_of(mission, dt)
-        asking = asking_of(mission)
+        guards, tracks, asking = guards_of(robot, tasks, names), tracks_of(mission, dt), asking_of(mission)
         pairs = [pairs for _, _, pairs in asking]
         nearest = nearest_sizes(robot, pairs, robot.n_q, robot.n_v)
         room = distance_room([*models_of(guards), *(asked.model for asked in pairs)], robot)

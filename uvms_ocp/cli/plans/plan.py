@@ -10,9 +10,9 @@ import typer
 
 from uvms_ocp.cli.option_group import defaults_of, spread_options
 from uvms_ocp.cli.options import Json, Out, default_folder
-from uvms_ocp.cli.plan_mission import mission
-from uvms_ocp.cli.plan_options import MotionOptions
-from uvms_ocp.cli.plan_output import MadePlan, Tell, put_out
+from uvms_ocp.cli.plans.plan_mission import mission
+from uvms_ocp.cli.plans.plan_options import MotionOptions
+from uvms_ocp.cli.plans.plan_output import MadePlan, Tell, put_out
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.request import OcpRequest, solve_ocp
 from uvms_ocp.planning.goals import Triple
