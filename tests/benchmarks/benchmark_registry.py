@@ -59,6 +59,7 @@ ALONE = tuple(
         "nmpc",
         "ocp_peers",
         "ocp_reach",
+        "ocp_scenes",
         "ocp_whole_mission",
         "random_missions",
         "simulation",

@@ -13,16 +13,19 @@ from functools import cache
 from typing import Any
 
 import casadi as ca
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from uvms_ocp.collision import CollisionScene, collision_scene, coordinates
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.obstacles import obstacle
 from uvms_ocp.model.state import State
-from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
-from uvms_ocp.ocp.capsule_clearance import CapsuleClearance, PlacedCapsule
+from uvms_ocp.ocp.clearance.ball_clearance import Ball, BallClearance
+from uvms_ocp.ocp.clearance.shape_clearance import ShapeClearance
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpPhase, OcpProblem, single_phase
@@ -38,9 +41,14 @@ from uvms_ocp.tasks.task import Residual, Task, zero_residual
 from uvms_ocp.tasks.velocity import NullVelocity
 
 GOAL = pin.SE3(np.eye(3), np.array([1.0, 0.2, 0.0]))
-LINK = PlacedCapsule(joint=5, p0=np.zeros(3), p1=np.array([0.5, 0.0, 0.0]), radius=0.1)
-ROCK = PlacedCapsule(joint=0, p0=np.array([3.0, 2.0, 0.0]), p1=np.array([3.0, 2.5, 0.0]), radius=0.2)
 ROBOT_BALL, STONE = Ball(frame="tool", radius=0.1), Ball(centre=(3.0, 1.0, 0.0), radius=0.2)
+
+
+def among(x: float, radius: float) -> CollisionScene:
+    """The planar robot beside a rock."""
+    rock = obstacle("rock", coal.Sphere(radius), [x, 2.0, 0.0])
+    return collision_scene(coordinates(load_robot("planar5")), [rock])
+
 
 TASKS: dict[str, Task] = {
     "NR": NullVelocity(axes=(0, 1)),
@@ -64,7 +72,7 @@ TERMS: dict[str, Term] = {
     "duration": Duration(),
     "posture": Posture(q=np.zeros(5)),
     "balls": BallClearance(robot_balls=(ROBOT_BALL,), obstacles=(STONE,)),
-    "capsules": CapsuleClearance(pairs=((LINK, ROCK),), names=("link and rock",), margin=0.05),
+    "shapes": ShapeClearance(scene=among(3.0, 0.2), margins=np.full(4, 0.05), n_rows=3, n_own_rows=1),
 }
 OTHERS: dict[str, Any] = {
     "frame": "link2",
@@ -77,8 +85,8 @@ OTHERS: dict[str, Any] = {
     "task": TaskTerm(task=ToolPosition(goal=GOAL, frame="link1")).task,
     "robot_balls": (replace(ROBOT_BALL, radius=0.15),),
     "obstacles": (replace(STONE, centre=(1.0, 2.0, 0.1), radius=0.3),),
-    "pairs": ((LINK, replace(ROCK, p0=np.array([2.0, 2.0, 0.1]), radius=0.3)),),
-    "names": ("link and stone",),
+    "scene": among(2.0, 0.3),
+    "moving": {"rock": lambda t: pin.SE3(np.eye(3), np.array([3.0 - t, 2.0, 0.0]))},
     "terms": (AtRest(), Effort()),
     "constraints": (AtRest(weight=2.0),),
     "start": State(q=np.full(5, 0.1), v=np.full(5, 0.05)),
@@ -228,7 +236,7 @@ def test_a_weight_is_a_factor_on_the_squares(name: str) -> None:
         for one in (problem, heavier)
     )
     assert three == pytest.approx(3.0 * cost, rel=1e-12)
-    assert cost > 0 or name in ("MAC", "HA", "balls", "capsules")  # ranges that these states are in
+    assert cost > 0 or name in ("MAC", "HA", "balls", "shapes")  # ranges that these states are in
 
 
 def test_the_registry_knows_every_term_and_every_task_with_rows_over_a_horizon() -> None:
@@ -255,7 +263,9 @@ OBEYED = {
     "posture-q",
     "balls-obstacles",
     "balls-margin",
-    "capsules-pairs",
+    "shapes-scene",
+    "shapes-margins",
+    "shapes-moving",
     "problem-start",
     "problem-current",
     "problem-constraints",

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.arguments import checked
+from uvms_ocp.collision.conservative_advancement import ClearanceReport
 from uvms_ocp.exceptions import OutputError
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.ocp.trajectory import Trajectory
@@ -81,6 +82,13 @@ class Plan:
     """[s]"""
     result: LexicographicResult | None = None
     """Start of the next, warm solve."""
+    clearance: ClearanceReport | None = None
+    """Of constraints on true shapes: whether these certainly stay apart between nodes too, and where they are nearest."""
+
+    @property
+    def certified_free(self) -> bool:
+        """True if it is proven that nothing touches: by true shapes, along the motion between the nodes too."""
+        return self.clearance is not None and self.clearance.collision_free
 
     @property
     def advice(self) -> str:

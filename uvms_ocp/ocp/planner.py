@@ -12,6 +12,7 @@ from uvms_ocp.arguments import Finite, checked
 from uvms_ocp.ocp.first_step import impossible_start
 from uvms_ocp.ocp.plan import LevelReport, OcpStatus, Plan
 from uvms_ocp.ocp.problem import OcpPhase, OcpProblem
+from uvms_ocp.ocp.refinement import Refinement, worst_clearance
 from uvms_ocp.ocp.trajectory import Trajectory, hold
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicNlp, LexicographicResult, NlpOptions
@@ -65,9 +66,11 @@ class Planner:
         impossible = impossible_start(given)
         if impossible is not None:
             return self._failed(given, OcpStatus.INFEASIBLE, impossible, begin)
-        p = self.transcription.parameters(given, t0=t0)
-        result = self.solve(p, guess if guess is not None else hold(given), problem=given)
-        deadline = begin + self.options.time_limit if diagnose else None
+        ends = begin + self.options.time_limit
+        refinement = Refinement(planner=self, given=given, t0=t0, deadline=ends)
+        found = refinement.solved(hold(given) if guess is None else guess)
+        p, result = found.p, found.result
+        deadline = ends if diagnose else None
         verdict = (
             self._broken(given, p, result) or self._unfinished(result) or self._reached(given, result, t0, deadline)
         )
@@ -102,9 +105,11 @@ class Planner:
     def _plan(
         self, given: OcpProblem, result: LexicographicResult, status: OcpStatus, reason: str, begin: float
     ) -> Plan:
+        trajectory = self.transcription.unpack(result.x, given)
         return Plan(
             robot=given.robot,
-            trajectory=self.transcription.unpack(result.x, given),
+            trajectory=trajectory,
+            clearance=worst_clearance(given, trajectory) if status.usable else None,
             status=status,
             reason=reason,
             levels=tuple(self._reports(result)),

@@ -149,9 +149,10 @@ class Nmpc:
         begin = t + self.period
         start = self._expected(now, state, t)
         last = self._newest or now
+        guess = shifted(self._problem, last.trajectory, begin - last.begin, start)
         result = self._sqp.solve(
-            self._transcription.pack(shifted(self._problem, last.trajectory, begin - last.begin, start)),
-            p=self._transcription.parameters(t0=begin, start=start),
+            self._transcription.pack(guess),
+            p=self._transcription.parameters(t0=begin, start=start, near=guess.q),
             x_lower=self._bounds[0],
             x_upper=self._bounds[1],
             time_limit=self.period,
