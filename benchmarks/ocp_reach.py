@@ -18,8 +18,8 @@ from horizon.tracking import tracked
 from recording.processes import hide_compiler, run_script
 from recording.report import Report, Row, Table, begin, parser_of
 
-from uvms_ocp.control.receding.plan_tracking import Mismatch, mismatch
 from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.ocp.plans.mismatch import Mismatch, mismatch
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor

@@ -18,6 +18,8 @@ from uvms_ocp.untrusted.array_file import read_arrays
 from uvms_ocp.validation import shown
 
 _META_KEY = "__meta__"
+# From 4 MB on NumPy asks for large pages, whose first touch takes a fraction of the time.
+_BLOCK = 8 * 2**20  # [bytes]
 
 
 @checked
@@ -101,8 +103,8 @@ def quantity(record: Record, name: str) -> np.ndarray | None:
 class Recorder:
     """Collects rows of equal structure in blocks of memory, which stay where they are."""
 
-    def __init__(self, capacity: int = 1024) -> None:
-        """capacity [-]: rows of a block."""
+    def __init__(self, capacity: int = 0) -> None:
+        """capacity [-]: rows of a block; 0 for as many as the memory asked for at a time holds."""
         self._capacity = capacity
         self._n = 0
         self._names: tuple[str, ...] = ()
@@ -156,6 +158,7 @@ class Recorder:
         names = tuple(row)
         samples = enumerate(map(np.asarray, row.values()))
         self._row = np.dtype([(f"series{k}", sample.dtype, sample.shape) for k, sample in samples], align=True)
+        self._capacity = self._capacity or max(1, _BLOCK // max(1, self._row.itemsize))
         # A getter of one name would give its value in place of a tuple.
         self._pick = itemgetter(*names) if len(names) > 1 else lambda row: (row[names[0]],)
         self._names = names

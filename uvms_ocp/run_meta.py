@@ -6,6 +6,8 @@ Values that cannot be changed. What a robot, a mission or a method does not have
 from __future__ import annotations
 
 import json
+import platform
+from importlib.metadata import version
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field, ValidationError, model_validator
@@ -34,11 +36,14 @@ from uvms_ocp.meta_values import (
     require_once,
 )
 from uvms_ocp.validation import one_line
+from uvms_ocp.version import __version__
 
 SHORTEST_TICK = 1e-9
 """[s] between two rows: what times are told apart by."""
 VERSION: Final = "0.2"
 """Of the format; 0.1 had neither a version nor a kind, and is still read."""
+
+_DEPENDENCIES = ("pin", "casadi", "coal", "numpy")
 
 
 class RecordMeta(MetaValue):
@@ -170,6 +175,13 @@ class PlanMeta(RecordMeta):
 
 
 _KINDS: dict[str, type[RunMeta] | type[PlanMeta]] = {"run": RunMeta, "plan": PlanMeta}
+
+
+def packages() -> tuple[PackageMeta, ...]:
+    """This package, Python and what the numbers depend on."""
+    own = {"uvms_ocp": __version__, "python": platform.python_version()}
+    found = own | {name: version(name) for name in _DEPENDENCIES}
+    return tuple(PackageMeta(name=name, version=text) for name, text in found.items())
 
 
 def write_meta(meta: RunMeta | PlanMeta) -> str:

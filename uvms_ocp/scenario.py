@@ -17,6 +17,7 @@ from uvms_ocp.control.navigation.estimator import Estimator
 from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.control.navigation.health.monitor import HealthMonitor
 from uvms_ocp.control.navigation.pass_through import PassThrough
+from uvms_ocp.control.velocity.guide import Guide
 from uvms_ocp.control.velocity.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.control.watched import WatchedController
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
@@ -55,9 +56,9 @@ class MissionController(Protocol):
         """The command for the tick at time t [s]."""
 
 
-def our_controller(scenario: Scenario) -> KinematicController | DynamicController:
+def our_controller(scenario: Scenario, guide: Guide | None = None) -> KinematicController | DynamicController:
     """The hierarchy's, fresh."""
-    kinematic = scenario.kinematic_controller()
+    kinematic = scenario.kinematic_controller(guide)
     if scenario.plant == "kinematic":
         return kinematic
     model = robot_dynamics(scenario.robot)
@@ -150,9 +151,15 @@ class Scenario:
             require_possible(self.faults, self.plant_robot or self.robot, kinematic=self.plant == "kinematic")
             self._sensor_suite()
 
-    def kinematic_controller(self) -> KinematicController:
-        """Its layer of velocities alone, fresh."""
-        return KinematicController(robot=self.robot, mission=self.mission, solver=self.solver, dt=self.dt)
+    def kinematic_controller(self, guide: Guide | None = None) -> KinematicController:
+        """Its layer of velocities alone, fresh; guide: what stands in for the hierarchy while it lasts."""
+        return KinematicController(
+            robot=self.robot, mission=self.mission, solver=self.solver, dt=self.dt, guide=guide
+        )
+
+    def guided(self, guide: Guide) -> MissionController:
+        """The hierarchy's controller, fresh, with a guide that stands in for the hierarchy while it lasts."""
+        return our_controller(self, guide)
 
     def estimator(self) -> GuardedEstimator:
         """A fresh estimator, ``(Readings, t, Command | None) -> Measurement``; a monitor keeps from it what cannot be true."""

@@ -13,6 +13,7 @@ from uvms_ocp.model.state import State
 from uvms_ocp.ocp.problem import OcpLevel, OcpPhase, OcpProblem
 from uvms_ocp.ocp.terms import At, AtRest, Duration, Effort, Posture
 from uvms_ocp.ocp.trajectory import hold
+from uvms_ocp.ocp.transcription.boundary import boundary
 from uvms_ocp.ocp.transcription.horizon import horizon
 from uvms_ocp.ocp.transcription.parameter_layout import parameter_layout
 from uvms_ocp.ocp.transcription.row_layout import RowLayout, row_layout
@@ -46,7 +47,7 @@ def problem(robot: Robot) -> OcpProblem:
 @pytest.fixture(scope="module")
 def layout(problem: OcpProblem) -> RowLayout:
     model = StageModel(problem)
-    return row_layout(problem, term_blocks(model), n_forces=model.n_forces)
+    return row_layout(problem, term_blocks(model), boundary(model), n_forces=model.n_forces)
 
 
 def test_every_row_is_in_one_group_and_the_groups_follow_each_other(layout: RowLayout) -> None:
@@ -58,8 +59,8 @@ def test_every_row_is_in_one_group_and_the_groups_follow_each_other(layout: RowL
 def test_the_horizon_has_a_value_for_every_row(problem: OcpProblem) -> None:
     model = StageModel(problem)
     blocks = term_blocks(model)
-    rows = row_layout(problem, blocks, n_forces=model.n_forces)
-    whole = horizon(VariableLayout(model=model), parameter_layout(problem, blocks), rows)
+    rows = row_layout(problem, blocks, boundary(model), n_forces=model.n_forces)
+    whole = horizon(VariableLayout(model=model), parameter_layout(problem, blocks), rows, boundary(model))
     assert whole.rows.shape == (rows.n_rows, 1)
 
 
@@ -82,7 +83,7 @@ def test_only_free_durations_have_rows_of_equal_steps(problem: OcpProblem, free:
     phases = problem.phases if free else tuple(replace(phase, duration=2.0) for phase in problem.phases)
     given = replace(problem, phases=phases)
     model = StageModel(given)
-    rows = row_layout(given, term_blocks(model), n_forces=model.n_forces)
+    rows = row_layout(given, term_blocks(model), boundary(model), n_forces=model.n_forces)
     assert len(rows.equal_steps) == (4 if free else 0)
 
 

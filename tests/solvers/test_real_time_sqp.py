@@ -12,7 +12,8 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicNlp, NlpOptions
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.program import LexicographicProgram, NlpLevel, lexicographic_program
-from uvms_ocp.solvers.nlp.real_time_sqp import RealTimeSqp, SqpOptions
+from uvms_ocp.solvers.nlp.real_time_sqp import RealTimeSqp
+from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
 
 
 def with_derivatives(program: LexicographicProgram) -> LexicographicProgram:
@@ -43,13 +44,30 @@ def linear_program(seed: int) -> LexicographicProgram:
 def test_one_step_reaches_the_lexicographic_optimum_of_linear_rows(plugin: str, seed: int) -> None:
     program = linear_program(seed)
     exact = LexicographicNlp(linear_program(seed), NlpOptions(anticipate=False)).solve(np.zeros(6))
-    result = RealTimeSqp(program, SqpOptions(plugin=plugin, damping=1e-9, tolerance=1e-4)).solve(
+    result = RealTimeSqp(program, SqpOptions(plugin=plugin, damping=1e-9, proximal=1e-9, tolerance=1e-4)).solve(
         np.ones(6), p=np.zeros(0)
     )
     assert result.status is NlpStatus.SOLVED
     assert result.steps == 1
     residuals = [np.linalg.norm(np.array(y)) for y in program.values.call([result.x, np.zeros(0)])]
     np.testing.assert_allclose(residuals, exact.level_residuals, atol=2e-3)
+
+
+def test_a_horizon_without_bounds_is_solved_by_hpipm() -> None:
+    rng, N = np.random.default_rng(0), 5
+    states = [ca.SX.sym(f"x{k}", 4) for k in range(N + 1)]
+    controls = [ca.SX.sym(f"u{k}", 2) for k in range(N)]
+    steps = [
+        ca.DM(rng.standard_normal((4, 4))) @ x + ca.DM(rng.standard_normal((4, 2))) @ u - after
+        for x, u, after in zip(states, controls, states[1:], strict=False)
+    ]
+    z = ca.vertcat(*(part for pair in zip(states, controls, strict=False) for part in pair), states[-1])
+    level = NlpLevel(y=ca.vertcat(z - 1.0, states[-1] + 1.0))
+    program = with_derivatives(lexicographic_program(z, [level], g=ca.vertcat(*steps), g_lower=0.0, g_upper=0.0))
+    result = RealTimeSqp(program, SqpOptions(plugin="hpipm")).solve(np.zeros(z.numel()), p=np.zeros(0))
+    assert result.status is NlpStatus.SOLVED
+    other = RealTimeSqp(program, SqpOptions(plugin="piqp")).solve(np.zeros(z.numel()), p=np.zeros(0))
+    np.testing.assert_allclose(result.x, other.x, atol=1e-5)
 
 
 def test_steps_go_on_until_the_constraints_are_kept() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,6 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from uvms_ocp.campaign import STUDIES
+from uvms_ocp.cli.beside import Job, share
 from uvms_ocp.cli.compiling import told_of_compiling
 from uvms_ocp.cli.options import (
     NOT_COMPLETED,
@@ -94,8 +96,8 @@ def run(
             )
         record = _simulate(scenario, console)
         report = summarize(record) | {"preflight": preflight.to_dict()}
-        with console.status("writing record, report, figures and scene"), claim.staged() as staging:
-            _write(scenario, record, report, staging)
+        with claim.staged() as staging:
+            share(_jobs(scenario, record, report, staging), console.status("writing record, report, figures and scene"))
         written = claim.written()
     _print_summary(console, report, written)
     if as_json:
@@ -158,15 +160,16 @@ def _files() -> tuple[str, ...]:
     return ("record.npz", "report.json", "scene.html", *(f"figures/{name}.png" for name in FIGURES))
 
 
-def _write(scenario: Scenario, record: Record, report: dict[str, Any], folder: Path) -> None:
-    from uvms_ocp.viz.run_figures import write_figures
+def _jobs(scenario: Scenario, record: Record, report: dict[str, Any], folder: Path) -> list[Job]:
+    """What writes each file, the slowest first."""
+    from uvms_ocp.viz.run_figures import FIGURES, write_figure
     from uvms_ocp.viz.scene.show import write_scene
 
-    record.save(folder / "record.npz")
     (folder / "report.json").write_text(json.dumps(report, indent=2) + "\n")
     (folder / "figures").mkdir()
-    write_figures(record, folder / "figures")
-    write_scene(record, scenario.robot, folder / "scene.html")
+    figures = [partial(write_figure, record, name, folder / "figures") for name in FIGURES]
+    scene = partial(write_scene, record, scenario.robot, folder / "scene.html")
+    return [scene, *figures, partial(record.save, folder / "record.npz")]
 
 
 def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) -> None:

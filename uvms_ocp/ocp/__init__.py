@@ -3,6 +3,7 @@
 from uvms_ocp.ocp.clearance.ball_clearance import Ball as Ball
 from uvms_ocp.ocp.clearance.ball_clearance import BallClearance as BallClearance
 from uvms_ocp.ocp.clearance.shape_clearance import ShapeClearance as ShapeClearance
+from uvms_ocp.ocp.own_term import residual_term as residual_term
 from uvms_ocp.ocp.plan import OcpStatus as OcpStatus
 from uvms_ocp.ocp.plan import Plan as Plan
 from uvms_ocp.ocp.planner import Planner as Planner

@@ -16,7 +16,7 @@ def impossible_start(problem: OcpProblem) -> str | None:
     of single axes: where they can be kept, forces, constraints or goals may still be out of reach. A free duration
     counts as impossible only if every step in its range is.
     """
-    if not problem.limited:
+    if not (problem.limited and problem.fixed_start):
         return None
     phase = problem.phases[0]
     shortest, longest = (duration / phase.n_steps for duration in phase.range)

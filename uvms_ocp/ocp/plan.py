@@ -2,20 +2,36 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from uvms_ocp.arguments import checked
 from uvms_ocp.collision.conservative_advancement import ClearanceReport
-from uvms_ocp.exceptions import OutputError
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.meta_values import SurroundingsMeta
+from uvms_ocp.model.files.library import list_robots
+from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.ocp.plans.motion_series import plan_record
+from uvms_ocp.ocp.plans.plan_file import LevelValues, PlanValues, read_plan, write_plan
+from uvms_ocp.ocp.plans.stored_result import (
+    result_arrays,
+    solver_values,
+    stored_result,
+    stored_trajectory,
+    trajectory_arrays,
+)
 from uvms_ocp.ocp.trajectory import Trajectory
+from uvms_ocp.record import Record
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
 from uvms_ocp.status import AdvisedStatus
+from uvms_ocp.validation import shown
+
+if TYPE_CHECKING:
+    from uvms_ocp.replay.flight import Flight, Where
 
 
 class OcpStatus(AdvisedStatus):
@@ -23,7 +39,7 @@ class OcpStatus(AdvisedStatus):
 
     MISSED: a goal is not met, and longer horizons were not tried. UNREACHABLE: they were, up to four times the time, and
     did not help. INFEASIBLE: the start is proven impossible, or the solver ended where no small change brings the
-    constraints any nearer. UNFINISHED proves nothing.
+    constraints any nearer. UNFINISHED and INTERRUPTED prove nothing.
     """
 
     SOLVED = "solved", "nothing to do"
@@ -43,6 +59,10 @@ class OcpStatus(AdvisedStatus):
     OBSTRUCTED = (
         "obstructed start",
         "the start breaks a constraint: move the start or the obstacle, or lower the margin",
+    )
+    INTERRUPTED = (
+        "interrupted",
+        "stopped by hand, at the best point so far: go on from it with guess=plan",
     )
     UNFINISHED = (
         "unfinished",
@@ -65,6 +85,9 @@ class LevelReport:
     residual: float
     """[-] Norm of the distances of its weighted rows to their range."""
     iterations: int
+    prices: tuple[float, ...] = ()
+    """[-] What each level above costs this one: by how much its cost, half the square of its residual, would fall for
+    each unit of residual, as a norm, that the level above gave up. First order; for one with `relax`, each unit of cost."""
 
 
 @checked
@@ -84,6 +107,10 @@ class Plan:
     """Start of the next, warm solve."""
     clearance: ClearanceReport | None = None
     """Of constraints on true shapes: whether these certainly stay apart between nodes too, and where they are nearest."""
+    surroundings: SurroundingsMeta = field(default_factory=SurroundingsMeta)
+    """Goals, obstacles and floor of the problem, for records and scenes."""
+    current: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """[m/s] of the water in W that was reckoned with."""
 
     @property
     def certified_free(self) -> bool:
@@ -149,21 +176,63 @@ class Plan:
             ],
         }
 
+    def to_record(self) -> Record:
+        """The motion as a record, which figures, scenes and comparisons take; see `motion_series` for what it holds."""
+        title = f"plan by optimal control, {self.status.value}"
+        return plan_record(self.robot, self.trajectory, self.powers(), title=title, surroundings=self.surroundings)
+
+    def replay(self, where: Where, *, feedback: bool = True) -> Flight:
+        """Carry it out on a plant or in an environment; see `uvms_ocp.replay.flight.replay`."""
+        from uvms_ocp.replay.flight import replay
+
+        return replay(self, where, feedback=feedback)
+
     def save(self, path: Path | str) -> Path:
-        """Write the trajectory and the summary as ``.npz``; with the suffix ``.json`` all of it as text.
+        """Write all of it as ``.npz``, or with the suffix ``.json`` as text; `load` gives it back exactly.
 
         Raises `OutputError` where the file cannot be written.
         """
-        target = Path(path)
-        t = self.trajectory
-        arrays = {"t": t.t, "q": t.q, "v": t.v, "a": t.a, "thrust": t.thrust, "torque": t.torque}
+        arrays = trajectory_arrays(self.trajectory) | ({} if self.result is None else result_arrays(self.result))
+        values = self.summary() | {
+            "levels": tuple(LevelValues(**asdict(level)) for level in self.levels),
+            "of_wrench": self.trajectory.of_wrench,
+            "surroundings": self.surroundings,
+            "current": self.current,
+            "solver": None if self.result is None else solver_values(self.result),
+        }
+        return write_plan(Path(path), PlanValues(**values), arrays)
+
+    @staticmethod
+    def load(path: Path | str, robot: Robot | None = None) -> Plan:
+        """A plan that `save` wrote, down to the last bit.
+
+        robot: by default that of the same name in the library. Raises `InvalidInput`, in one line, for what is no such file,
+        is damaged, or is of another robot.
+        """
+        values, arrays = read_plan(Path(path))
         try:
-            if target.suffix == ".json":
-                lists = {name: array.tolist() for name, array in arrays.items()}
-                target.write_text(json.dumps({**self.summary(), **lists}), encoding="utf-8")
-            else:
-                target = target.with_suffix(".npz")
-                np.savez(target, allow_pickle=False, summary=np.array(json.dumps(self.summary())), **arrays)
-        except OSError as error:
-            raise OutputError(f"cannot write {target}: {error.strerror}; choose another place") from error
-        return target
+            return _plan_of(values, arrays, robot or _robot_of(values))
+        except (InvalidInput, ValueError) as error:
+            raise InvalidInput(f"{shown(str(path))}: not a plan written by uvms_ocp: {error}") from error
+
+
+def _robot_of(values: PlanValues) -> Robot:
+    if values.robot not in list_robots():
+        raise InvalidInput(f"robot {values.robot[:60]!r} is not in the library; give it: Plan.load(path, robot)")
+    return load_robot(values.robot)
+
+
+def _plan_of(values: PlanValues, arrays: dict[str, np.ndarray], robot: Robot) -> Plan:
+    if robot.name != values.robot:
+        raise InvalidInput(f"a plan of robot {values.robot[:60]!r}, not of {robot.name!r}")
+    return Plan(
+        robot=robot,
+        trajectory=stored_trajectory(robot, arrays, of_wrench=values.of_wrench),
+        status=OcpStatus(values.status),  # type: ignore[call-arg]
+        reason=values.reason,
+        levels=tuple(LevelReport(**level.model_dump()) for level in values.levels),
+        solve_time=values.solve_time,
+        result=None if values.solver is None else stored_result(values.solver, arrays),
+        surroundings=values.surroundings,
+        current=values.current,
+    )

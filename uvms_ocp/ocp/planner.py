@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from time import perf_counter
-from typing import TypeAlias
 
 import numpy as np
 
 from uvms_ocp.arguments import Finite, checked
 from uvms_ocp.ocp.first_step import impossible_start
 from uvms_ocp.ocp.plan import LevelReport, OcpStatus, Plan
-from uvms_ocp.ocp.problem import OcpPhase, OcpProblem
-from uvms_ocp.ocp.refinement import Refinement, worst_clearance
+from uvms_ocp.ocp.plans.scenery import surroundings
+from uvms_ocp.ocp.problem import OcpProblem
+from uvms_ocp.ocp.reasons.binding import level_prices
+from uvms_ocp.ocp.reasons.verdict import Court, Verdict
+from uvms_ocp.ocp.refinement import Refinement, Written, worst_clearance
 from uvms_ocp.ocp.trajectory import Trajectory, hold
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicNlp, LexicographicResult, NlpOptions
-from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
-
-_MISSED = 1e-3  # weighted residual of a goal level from which it counts as missed
-_LONGER = (2.0, 4.0)  # shares of the horizon that are tried to tell "too short" from "unreachable"
-_HELPS = 0.9  # share of the residual that more time must leave at most to count as a help
-
-Verdict: TypeAlias = tuple[OcpStatus, str]
-"""With the reason in words."""
+from uvms_ocp.solvers.nlp.watch import Progress
 
 
 @checked
@@ -50,13 +44,16 @@ class Planner:
         guess: Trajectory | Plan | None = None,
         t0: Finite = 0.0,
         diagnose: bool = True,
+        progress: Progress | None = None,
     ) -> Plan:
         """Plan for `problem`, by default the one this planner was built from.
 
         problem: of the same shape. Start, current, goals, places and sizes of obstacles, weights, bounds and durations may
         differ; anything else raises `InvalidInput`, which says what. guess: a trajectory, or an earlier plan to start
         from, warm; by default the robot holds its start. t0 [s]: time of the first node, for goals that move. diagnose:
-        where a goal is missed, try longer horizons to say why, within the time limit of the options.
+        where a goal is missed, try longer horizons to say why, and where constraints are, look for what would have to give
+        way, within the time limit of the options. progress: told every iteration of IPOPT; Ctrl-C, or a
+        `KeyboardInterrupt` from it, ends the search with the best plan so far, whose status says so.
         """
         begin, given = perf_counter(), problem or self.problem
         obstruction = self.transcription.obstruction(given)
@@ -67,63 +64,86 @@ class Planner:
         if impossible is not None:
             return self._failed(given, OcpStatus.INFEASIBLE, impossible, begin)
         ends = begin + self.options.time_limit
-        refinement = Refinement(planner=self, given=given, t0=t0, deadline=ends)
+        refinement = Refinement(planner=self, given=given, t0=t0, deadline=ends, progress=progress)
         found = refinement.solved(hold(given) if guess is None else guess)
-        p, result = found.p, found.result
-        deadline = ends if diagnose else None
-        verdict = (
-            self._broken(given, p, result) or self._unfinished(result) or self._reached(given, result, t0, deadline)
-        )
-        return self._plan(given, result, *verdict, begin)
+        court = self._court(given, found, t0, ends if diagnose else None)
+        return self._plan(given, court.verdict(found.result), t0, begin)
 
     def solve(
         self,
         p: np.ndarray,
-        guess: Trajectory | Plan | LexicographicResult,
+        guess: Trajectory | Plan | LexicographicResult | np.ndarray,
         *,
         problem: OcpProblem | None = None,
         time_limit: float | None = None,
+        progress: Progress | None = None,
     ) -> LexicographicResult:
         """The lexicographic solution for parameters p (n_p,) [unit of the parameter] of `Transcription.parameters`.
 
-        problem: that of p, by default the one this planner was built from. time_limit [s]: where it is to be shorter than
-        that of the options.
+        guess: also variables (n_x,) [unit of x]. problem: that of p, by default the one this planner was built from.
+        time_limit [s]: where it is to be shorter than that of the options. progress: as `plan` takes it.
         """
         lower, upper = self.transcription.bounds(problem)
         ranges = self.transcription.ranges(problem)
         return self._nlp.solve(
-            self._start(guess), p=p, x_lower=lower, x_upper=upper, ranges=ranges, time_limit=time_limit
+            self._start(guess),
+            p=p,
+            x_lower=lower,
+            x_upper=upper,
+            ranges=ranges,
+            time_limit=time_limit,
+            progress=progress,
         )
 
-    def _start(self, guess: Trajectory | Plan | LexicographicResult) -> np.ndarray | LexicographicResult:
-        if isinstance(guess, LexicographicResult):
+    def _start(self, guess: Trajectory | Plan | LexicographicResult | np.ndarray) -> np.ndarray | LexicographicResult:
+        if isinstance(guess, (LexicographicResult, np.ndarray)):
             return guess
         if isinstance(guess, Plan):
             return guess.result if guess.result is not None else self.transcription.pack(guess.trajectory)
         return self.transcription.pack(guess)
 
-    def _plan(
-        self, given: OcpProblem, result: LexicographicResult, status: OcpStatus, reason: str, begin: float
-    ) -> Plan:
-        trajectory = self.transcription.unpack(result.x, given)
+    def _court(self, given: OcpProblem, found: Written, t0: float, deadline: float | None) -> Court:
+        def solve(other: OcpProblem, x: np.ndarray | None, limit: float) -> LexicographicResult:
+            numbers = self.transcription.parameters(other, t0=t0, near=found.near, tightened=found.tightened)
+            return self.solve(numbers, hold(other) if x is None else x, problem=other, time_limit=limit)
+
+        feasibility = self.options.feasibility
+        return Court(
+            transcription=self.transcription,
+            problem=given,
+            p=found.p,
+            feasibility=feasibility,
+            solve=solve,
+            deadline=deadline,
+        )
+
+    def _plan(self, given: OcpProblem, verdict: Verdict, t0: float, begin: float) -> Plan:
+        trajectory = self.transcription.unpack(verdict.result.x, given)
         return Plan(
             robot=given.robot,
             trajectory=trajectory,
-            clearance=worst_clearance(given, trajectory) if status.usable else None,
-            status=status,
-            reason=reason,
-            levels=tuple(self._reports(result)),
+            clearance=worst_clearance(given, trajectory) if verdict.status.usable else None,
+            status=verdict.status,
+            reason=verdict.reason,
+            levels=tuple(self._reports(verdict.result)),
             solve_time=perf_counter() - begin,
-            result=result,
+            result=verdict.result,
+            surroundings=surroundings(given, t0),
+            current=tuple(given.current.tolist()),
         )
 
     def _reports(self, result: LexicographicResult) -> list[LevelReport]:
-        rows = zip(
-            self.problem.levels, result.level_status, result.level_residuals.tolist(), result.iterations, strict=True
-        )
+        statuses, residuals = result.level_status, result.level_residuals.tolist()
         return [
-            LevelReport(name=level.name, status=status.value, advice=status.advice, residual=residual, iterations=n)
-            for level, status, residual, n in rows
+            LevelReport(
+                name=level.name,
+                status=statuses[i].value,
+                advice=statuses[i].advice,
+                residual=residuals[i],
+                iterations=result.iterations[i],
+                prices=level_prices(self.transcription, result, i),
+            )
+            for i, level in enumerate(self.problem.levels)
         ]
 
     def _failed(self, given: OcpProblem, status: OcpStatus, reason: str, begin: float) -> Plan:
@@ -134,77 +154,9 @@ class Planner:
             reason=reason,
             levels=(),
             solve_time=perf_counter() - begin,
+            surroundings=surroundings(given, 0.0),
+            current=tuple(given.current.tolist()),
         )
-
-    # --- why --------------------------------------------------------------------------------------
-
-    def _broken(self, given: OcpProblem, p: np.ndarray, result: LexicographicResult) -> Verdict | None:
-        if result.violation <= self.options.feasibility:
-            return None
-        groups = self.transcription.violations(result.x, p, given)
-        name = max(groups, key=lambda key: groups[key])
-        index = _first_failure(result)
-        level, status = self.problem.levels[index].name, result.level_status[index]
-        text = f"level {level!r}: {status.value} with {name} broken by {groups[name]:.4g}"
-        if status is NlpStatus.INFEASIBLE:
-            return OcpStatus.INFEASIBLE, f"{text}, and no small change helps"
-        return OcpStatus.UNFINISHED, text
-
-    def _unfinished(self, result: LexicographicResult) -> Verdict | None:
-        if result.status.optimal:
-            return None
-        index = _first_failure(result)
-        status = result.level_status[index]
-        return OcpStatus.UNFINISHED, f"level {self.problem.levels[index].name!r}: {status.value}"
-
-    def _reached(self, given: OcpProblem, result: LexicographicResult, t0: float, deadline: float | None) -> Verdict:
-        missed = self._missed(result)
-        if missed is None:
-            return OcpStatus.SOLVED, "all goals are met"
-        return self._why_missed(given, missed, result, t0, deadline)
-
-    def _missed(self, result: LexicographicResult) -> int | None:
-        """The first level of goals, not costs, that is not met."""
-        for i, level in enumerate(self.problem.levels):
-            if any(term.is_goal for term in level.terms) and result.level_residuals[i] > _MISSED:
-                return i
-        return None
-
-    def _why_missed(
-        self, given: OcpProblem, missed: int, result: LexicographicResult, t0: float, deadline: float | None
-    ) -> Verdict:
-        """No more than what longer horizons show until the deadline; without a deadline none is tried."""
-        residual = float(result.level_residuals[missed])
-        text = f"level {self.problem.levels[missed].name!r} is missed by {residual:.4g}"
-        if given.free_time:
-            return OcpStatus.MISSED, f"{text} with the best of all durations allowed"
-        if deadline is None:
-            return OcpStatus.MISSED, text
-        for share in _LONGER:
-            longer = replace(given, phases=tuple(_stretched(phase, share) for phase in given.phases))
-            p, left = self.transcription.parameters(longer, t0=t0), deadline - perf_counter()
-            trial = self.solve(p, hold(longer), problem=longer, time_limit=max(left, 0.0))
-            if trial.violation > self.options.feasibility or not trial.level_status[missed].optimal:
-                return OcpStatus.MISSED, f"{text}; a horizon of {_seconds(longer)} was tried in vain"
-            rest = float(trial.level_residuals[missed])
-            if rest <= _MISSED:
-                return OcpStatus.TOO_SHORT, f"{text}; {_seconds(longer)} would do"
-            if rest < _HELPS * residual:
-                return OcpStatus.TOO_SHORT, f"{text}; with {_seconds(longer)} it would be {rest:.4g}"
-        return OcpStatus.UNREACHABLE, f"{text}, and more time does not help"
-
-
-def _seconds(problem: OcpProblem) -> str:
-    return f"{problem.nominal_times()[-1]:.3g} s"
-
-
-def _first_failure(result: LexicographicResult) -> int:
-    failures = (i for i, status in enumerate(result.level_status) if not status.optimal)
-    return next(failures, len(result.level_status) - 1)
-
-
-def _stretched(phase: OcpPhase, share: float) -> OcpPhase:
-    return replace(phase, duration=phase.nominal * share)
 
 
 @checked

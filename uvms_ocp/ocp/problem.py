@@ -107,7 +107,7 @@ class OcpProblem:
 
     Raises `NameNotFound` for a term of a phase that there is not, and `InvalidInput` without phases or levels, for phases of one
     name, a level that minimises time above others without `relax`, thrusters that the robot does not have, power that is
-    not known, and a start or current of the wrong shape or not finite.
+    not known, a start or current of the wrong shape or not finite, and a freedom of the start that is negative.
     """
 
     robot: Robot
@@ -116,7 +116,7 @@ class OcpProblem:
     levels: tuple[OcpLevel, ...]
     constraints: tuple[Term, ...] = ()
     current: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    """(3,) [m/s] water velocity in W, uniform."""
+    """(3,) [m/s] water velocity in W, uniform; or (n_steps, 3), that of each step."""
     floor: Bound = -np.inf
     """[m] height of the seafloor, for altitude terms."""
     integrator: Integrator = Integrator.MIDPOINT
@@ -126,22 +126,37 @@ class OcpProblem:
     limited: bool = True
     """False leaves out all limits of the robot, for comparisons."""
     altimeter_frame: str = "altimeter"
+    start_freedom: np.ndarray | None = None
+    """(2 n_v,) [m, rad, m/s, rad/s] By how much each axis of the first state may differ from `start`: those of the
+    configuration, then those of the velocity; infinite where it is free, within the limits. By default not at all."""
+    periodic: bool = False
+    """The motion ends in the state in which it begins."""
 
     def __post_init__(self) -> None:
         if not self.phases or not self.levels:
             raise InvalidInput("an optimal control problem needs phases and levels; give at least one of each")
         self._check_phase_names()
         self._check_relaxed_levels()
-        if np.shape(self.current) != (3,) or not np.isfinite(self.current).all():
-            raise InvalidInput(f"current {self.current}; give three finite numbers [m/s]")
+        if np.shape(self.current) not in ((3,), (self.n_steps, 3)) or not np.isfinite(self.current).all():
+            raise InvalidInput(f"current {self.current}; give three finite numbers [m/s], or three for each step")
         if self.robot.n_vehicle and self.actuation is Actuation.THRUSTERS and not self.robot.description.thrusters:
             raise InvalidInput(f"robot {self.robot.name!r} has no thrusters; give some, or use Actuation.WRENCH")
         self._check_powers()
         _check_state(self.robot, self.start)
+        self._check_freedom()
 
     @property
     def n_steps(self) -> int:
         return sum(phase.n_steps for phase in self.phases)
+
+    @property
+    def fixed_start(self) -> bool:
+        return self.start_freedom is None
+
+    @property
+    def currents(self) -> np.ndarray:
+        """Water velocity (n_steps, 3) [m/s] in W at the steps."""
+        return np.broadcast_to(self.current, (self.n_steps, 3))
 
     @property
     def free_time(self) -> bool:
@@ -181,6 +196,11 @@ class OcpProblem:
             raise InvalidInput(
                 f"{names[0]}: no power is given for thruster {', '.join(unknown)}; add it, or use Effort"
             )
+
+    def _check_freedom(self) -> None:
+        freedom, n = self.start_freedom, 2 * self.robot.n_v
+        if freedom is not None and (np.shape(freedom) != (n,) or not (np.asarray(freedom) >= 0).all()):
+            raise InvalidInput(f"start_freedom {freedom}; give {n} numbers >= 0, of all axes and of their velocities")
 
     def _check_relaxed_levels(self) -> None:
         for level in self.levels[:-1]:

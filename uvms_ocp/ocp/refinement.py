@@ -22,6 +22,8 @@ from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
+from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
+from uvms_ocp.solvers.nlp.watch import Progress
 
 _MOST_ROUNDS = 14
 _AGREES = 8e-4  # [m] between rows that decide and distances
@@ -42,7 +44,13 @@ class Solves(Protocol):
     transcription: Transcription
 
     def solve(
-        self, p: np.ndarray, guess: Guess, *, problem: OcpProblem, time_limit: float | None = None
+        self,
+        p: np.ndarray,
+        guess: Guess,
+        *,
+        problem: OcpProblem,
+        time_limit: float | None = None,
+        progress: Progress | None = None,
     ) -> LexicographicResult:
         """See `Planner.solve`, for p (n_p,) [unit of the parameter] and time_limit [s]."""
         ...
@@ -71,6 +79,8 @@ class Refinement:
     """[s] of the first node."""
     deadline: float
     """[s] by the clock on the wall."""
+    progress: Progress | None = None
+    """Told every iteration."""
 
     def solved(self, guess: Trajectory | Plan) -> Written:
         """The last that is no worse, or usable."""
@@ -82,7 +92,8 @@ class Refinement:
             path = self.planner.transcription.unpack(best.result.x, self.given)
             tightened = {**best.tightened, **self._missing(best, path)}
             kept = all(tightened[term] is best.tightened.get(term) for term in tightened)
-            if self._left <= 0 or (kept and self._settled(best, path.q, gained)):
+            stopped = NlpStatus.INTERRUPTED in best.result.level_status or self._left <= 0
+            if stopped or (kept and self._settled(best, path.q, gained)):
                 break
             found = self._solved(best.result, path.q, tightened)
             if found.result.violation > max(best.result.violation, _USABLE):
@@ -106,7 +117,8 @@ class Refinement:
     def _solved(self, guess: Guess, q: np.ndarray, tightened: Mapping[Term, np.ndarray]) -> Written:
         """Written at configurations q (n_nodes, n_q)."""
         p = self.planner.transcription.parameters(self.given, t0=self.t0, near=q, tightened=tightened)
-        result = self.planner.solve(p, guess, problem=self.given, time_limit=max(self._left, 0.0))
+        left = max(self._left, 0.0)
+        result = self.planner.solve(p, guess, problem=self.given, time_limit=left, progress=self.progress)
         return Written(result=result, p=p, near=q, tightened=tightened)
 
     def _settled(self, found: Written, q: np.ndarray, gained: float) -> bool:

@@ -25,6 +25,7 @@ from uvms_ocp.ocp.curve_guess import curve_guess
 from uvms_ocp.ocp.goal_check import check_goal, goal_distances, start_distances
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.ocp.plans.motion_series import sample_times
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Effort, Posture, Smoothness, TaskTerm
 from uvms_ocp.ocp.trajectory import Trajectory, hold
@@ -32,8 +33,6 @@ from uvms_ocp.planning.goals import FiniteTriple, Goal, PostureGoal, check_way
 from uvms_ocp.planning.request import PlanRequest
 from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 
-_PERIOD = 0.02  # [s] between the samples whose clearance is looked at
-_MAX_SAMPLES = 5000
 _OF_LINKS, _OF_OBSTACLES = 0.75, 0.99
 """Shares of the distances at start and goal that are kept where more is asked; arms are stowed close by design."""
 
@@ -76,8 +75,7 @@ class OcpResult:
     def samples(self) -> tuple[Array, Array]:
         """Times (n,) [s], and configurations (n, n_q) [m, rad] on their manifold, within the limits of the joints."""
         robot, trajectory = self.request.robot, self.plan.trajectory
-        n = max(2, min(int(np.ceil(self.plan.duration / _PERIOD)) + 1, _MAX_SAMPLES))
-        t = np.linspace(0.0, self.plan.duration, n)
+        t = sample_times(self.plan.duration)
         q = np.array([trajectory.state_at(robot.model, moment)[0] for moment in t])
         return t, np.array([_within(robot, row) for row in q])
 

@@ -18,6 +18,7 @@ from uvms_ocp.arguments import Range, checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.limits import bounded_joints
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.obstacle_data import ObstacleData
 from uvms_ocp.tasks.task import Residual, Task, TickSymbols, zero_residual
 
 _ROUNDING = 0.02  # share of the limit below which powers flatten out, so that they can be differentiated at 0
@@ -95,6 +96,10 @@ class Term(ABC):
         counts them.
         """
         return np.array([self.reference(t) for t in times])
+
+    def scenery(self, t: float) -> tuple[ObstacleData, ...]:
+        """What stands in the way at time t [s], to draw."""
+        return ()
 
 
 @checked

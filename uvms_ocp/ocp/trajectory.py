@@ -112,8 +112,8 @@ def _between(model: pin.Model, times: np.ndarray, configurations: np.ndarray, t:
 
 def _forces(problem: OcpProblem, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
     dynamics: Dynamics = robot_dynamics(problem.robot)
-    water = Water(velocity=problem.current)
-    return np.array([dynamics.inverse_dynamics(q[k], v[k], a[k], water) for k in range(len(a))])
+    waters = [Water(velocity=current) for current in problem.currents]
+    return np.array([dynamics.inverse_dynamics(q[k], v[k], a[k], waters[k]) for k in range(len(a))])
 
 
 def _thrust(problem: OcpProblem, wrench: np.ndarray) -> np.ndarray:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -42,17 +40,16 @@ from uvms_ocp.preflight.accuracy import quantity_spreads
 from uvms_ocp.preflight.setup import Setup
 from uvms_ocp.report.motion import Motion
 from uvms_ocp.run_meta import PlanMeta, RunMeta
+from uvms_ocp.run_meta import packages as packages
 from uvms_ocp.sim.seafloor import floor_relief
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.tasks.pose import ToolPose, ToolPosition
 from uvms_ocp.tasks.reference import evaluate_pose
-from uvms_ocp.version import __version__
 
 Markers = Mapping[str, tuple[float, float, float]]
 """Points (3,) [m] in W to draw, by name."""
 
 _FLOOR_AROUND = 12.0  # [m] of a floor with protuberances that a record keeps around the mission
-_DEPENDENCIES = ("pin", "casadi", "coal", "numpy")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -232,13 +229,6 @@ def plan_meta(
 
 def _clearance(nearest: Nearest) -> ClearanceMeta:
     return ClearanceMeta(t=nearest.time, distance=nearest.distance, between=nearest.pair)
-
-
-def packages() -> tuple[PackageMeta, ...]:
-    """This package, Python and what the numbers depend on."""
-    own = {"uvms_ocp": __version__, "python": platform.python_version()}
-    found = own | {name: version(name) for name in _DEPENDENCIES}
-    return tuple(PackageMeta(name=name, version=text) for name, text in found.items())
 
 
 def versions(found: tuple[PackageMeta, ...]) -> dict[str, str]:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from uvms_ocp.arguments import checked
-from uvms_ocp.arrays import Array
 from uvms_ocp.meta_values import AxisLimitsMeta
 from uvms_ocp.ocp.plan import OcpStatus
+from uvms_ocp.ocp.plans.motion_series import axis_series, motion_series
 from uvms_ocp.ocp.request import OcpResult
 from uvms_ocp.record import Record
 from uvms_ocp.report.meta import packages, plan_meta, versions
@@ -63,23 +61,9 @@ def ocp_record(result: OcpResult) -> Record:
     ``thrust`` and ``torque`` are those of the steps, ``thruster_energy`` and ``joint_energy`` what was taken so far [J].
     ``clearance`` (n, n_groups) is the smallest distance to each obstacle and between links.
     """
-    motion, x = _motion(result), result.coordinates
-    trajectory, model = result.plan.trajectory, result.request.robot.model
-    v = np.array([trajectory.state_at(model, moment)[1] for moment in motion.t])
-    steps = [trajectory.step_at(moment) for moment in motion.t]
-    thrusters, joints = (_taken(trajectory.t, power, motion.t) for power in result.plan.powers())
-    series = {
-        "t": motion.t,
-        "q": motion.q,
-        "v": v,
-        "x": x,
-        "x_rate": np.linalg.solve(result.scene.coordinates.velocity_map(x), v[..., None])[..., 0],
-        "thrust": trajectory.thrust[steps],
-        "torque": trajectory.torque[steps],
-        "thruster_energy": thrusters,
-        "joint_energy": joints.sum(axis=1),
-        **motion.clearance_series(),
-    }
+    motion, plan, robot = _motion(result), result.plan, result.request.robot
+    series = motion_series(robot, plan.trajectory, plan.powers(), motion.t, motion.q)
+    series |= axis_series(result.scene.coordinates, result.coordinates, series["v"]) | motion.clearance_series()
     meta = plan_meta(
         motion,
         scenario=f"plan by optimal control, {result.plan.status.value}",
@@ -93,9 +77,3 @@ def ocp_record(result: OcpResult) -> Record:
 def _motion(result: OcpResult) -> Motion:
     t, q = result.samples
     return Motion(request=result.request, scene=result.scene, t=t, q=q, distances=result.distances)
-
-
-def _taken(nodes: Array, power: Array, t: Array) -> Array:
-    """Integral (len(t), n) of powers (n_steps, n) that are constant between nodes."""
-    total = np.vstack([np.zeros(power.shape[1]), np.cumsum(np.diff(nodes)[:, None] * power, axis=0)])
-    return np.array([np.interp(t, nodes, column) for column in total.T]).reshape(power.shape[1], len(t)).T

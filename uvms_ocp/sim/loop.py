@@ -5,7 +5,7 @@ The parts know nothing of each other: what they exchange is `uvms_ocp.model.stat
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from time import perf_counter
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from uvms_ocp.arguments import Positive, checked
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.model.health import ChannelHealth
 from uvms_ocp.model.state import Command, Measurement, Readings, State
 from uvms_ocp.record import Recorder
 from uvms_ocp.sim.plant import Plant
@@ -47,14 +48,18 @@ def simulate(
     `InvalidInput` for more ticks than ordinary memory holds.
     """
     require_few_ticks(duration, dt)
-    recorder = Recorder()
+    recorder, trusts = Recorder(), _Trusts()
     command: Command | None = None
     for k in range(round(duration / dt) + 1):
         t = k * dt
         measurement = estimator(sensors(plant.state, t), t, command)
         begin = perf_counter()
         command = controller(measurement, t)
-        recorder.append(_row(t, plant, measurement, command, perf_counter() - begin))
+        spent = perf_counter() - begin
+        row = _row(t, plant.state, measurement, command, trusts(measurement.health))
+        row.setdefault("controller_time", spent)  # one that measures itself knows better
+        row.update(plant.telemetry())
+        recorder.append(row)
         if progress is not None:
             progress(t, command)
         if command.finished:
@@ -72,11 +77,30 @@ def require_few_ticks(duration: float, dt: float) -> None:
         )
 
 
-def _row(t: float, plant: Plant, measurement: Measurement, command: Command, spent: float) -> Mapping[str, Any]:
+class _Trusts:
+    """How far each channel can be trusted, (n_channels,) [-], made anew only where somebody has judged anew."""
+
+    __slots__ = ("_health", "_row")
+
+    def __init__(self) -> None:
+        self._health: tuple[ChannelHealth, ...] = ()
+        self._row: np.ndarray | None = None
+
+    def __call__(self, health: tuple[ChannelHealth, ...]) -> np.ndarray | None:
+        """`None` where nobody judges."""
+        if health is not self._health:
+            self._health = health
+            self._row = np.array([channel.trust for channel in health], dtype=np.int8) if health else None
+        return self._row
+
+
+def _row(
+    t: float, state: State, measurement: Measurement, command: Command, trusts: np.ndarray | None
+) -> dict[str, Any]:
     row = {
         "t": t,
-        "q": plant.state.q,
-        "v": plant.state.v,
+        "q": state.q,
+        "v": state.v,
         "q_measured": measurement.q,
         "v_measured": measurement.v,
         "altimeter_range": float(measurement.altimeter_range),
@@ -84,11 +108,11 @@ def _row(t: float, plant: Plant, measurement: Measurement, command: Command, spe
     if measurement.spread is not None:  # how well the estimate is known, where the estimator tells
         row["q_spread"], row["altimeter_spread"] = measurement.spread, float(measurement.altimeter_spread)
     row["command"] = command.v
-    if measurement.health:  # where somebody judges
-        row["health"] = np.frombuffer(bytes([channel.trust for channel in measurement.health]), dtype=np.int8)
-    told = {"controller_time": spent, **command.telemetry}
-    if not row.keys().isdisjoint(told):
-        raise InvalidInput(f"telemetry {sorted(row.keys() & told)} is what the loop records; rename it")
-    row.update(told)
-    row.update(plant.telemetry())
+    if trusts is not None:
+        row["health"] = trusts
+    own = len(row)
+    row.update(command.telemetry)
+    if len(row) != own + len(command.telemetry):
+        taken = sorted(set(list(row)[:own]) & command.telemetry.keys())
+        raise InvalidInput(f"telemetry {taken} is what the loop records; rename it")
     return row

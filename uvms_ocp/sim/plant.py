@@ -42,7 +42,7 @@ class KinematicPlant(Plant):
     @late
     def step(self, command: Command, dt: Period) -> None:
         v = command.v
-        if jammed := jammed_axes(self._robot, active_of(self._faults, self._t)):
+        if self._faults and (jammed := jammed_axes(self._robot, active_of(self._faults, self._t))):
             v = v.copy()
             v[list(jammed)] = 0.0
         acceleration = (v - self.state.v) / dt

@@ -75,8 +75,8 @@ class FlatSeafloor(Seafloor):
 
     @late
     def range_along(self, origin: Vector3, direction: Vector3) -> float:
-        descent = -float(direction[2])
-        return (float(origin[2]) - self.z) / descent if descent > _LEVEL else math.nan
+        descent = -direction.item(2)
+        return (origin.item(2) - self.z) / descent if descent > _LEVEL else math.nan
 
 
 @late

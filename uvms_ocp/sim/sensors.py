@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import Count, Shape, checked, late, trusted
+from uvms_ocp.arguments import Count, Shape, checked, late, trusted, unchecked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.buffered import BoundFunction, BufferedFunction
 from uvms_ocp.model.robot import Robot
@@ -141,8 +141,8 @@ def _sources(
         }
     frame = altimeter_frame or robot.description.altimeter
     if specs.altimeter_range is not None and frame is not None:
-        altimeter = Altimeter(robot, seafloor, frame)
-        sources["altimeter_range"] = (lambda state: altimeter.measure(state.q), _add_scalar, 1)
+        measure = unchecked(Altimeter(robot, seafloor, frame).measure)
+        sources["altimeter_range"] = (lambda state: measure(state.q), _add_scalar, 1)
     return sources
 
 

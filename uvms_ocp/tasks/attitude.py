@@ -217,6 +217,12 @@ class FieldOfView(AngleTask):
     def reference(self, t: float) -> np.ndarray:
         return np.concatenate(evaluate_vector(self.name, self.goal, t))
 
+    def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
+        """Angle to the point <= `aim` [rad]; free at the camera itself."""
+        R_WC, p_WC = symbols.kinematics.pose(self.frame)
+        d = parameters[:3] - p_WC
+        return self._angle_residual(R_WC @ ca.DM(self.axis), d / ca.sqrt(ca.sumsqr(d) + _OVERHEAD**2))
+
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         R_WC, p_WC = symbols.kinematics.pose(self.frame)
         J = symbols.kinematics.jacobian(self.frame)

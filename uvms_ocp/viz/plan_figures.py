@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import plain_line
 from uvms_ocp.meta_values import ClearanceMeta
+from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record import Record
 from uvms_ocp.viz.efforts import figure_efforts
 from uvms_ocp.viz.series import require_rows
@@ -99,15 +100,27 @@ def _mark_least(axis: Axes, nearest: ClearanceMeta) -> None:
 @checked
 def write_plan_figures(record: Record, folder: Path | str) -> tuple[Path, ...]:
     """Write every figure that the plan can fill as PNG; returns the paths. Raises `OutputError`."""
+    return tuple(save_figure(figure, Path(folder) / f"{name}.png") for name, figure in _figures(record).items())
+
+
+@checked
+def plot(plan: Plan | Record) -> tuple[Figure, ...]:
+    """Every figure that a plan, or the record of one, can fill: motion of vehicle and joints, clearance, efforts.
+
+    Raises `InvalidInput` for a record of a run, whose figures `write_figures` makes.
+    """
+    record = plan if isinstance(plan, Record) else plan.to_record()
+    return tuple(_figures(record).values())
+
+
+def _figures(record: Record) -> dict[str, Figure]:
     figures = {
         "vehicle_motion": figure_vehicle_motion(record),
         "joint_motion": figure_joint_motion(record),
         "clearance": figure_clearance(record),
         "efforts": figure_efforts(record),
     }
-    return tuple(
-        save_figure(figure, Path(folder) / f"{name}.png") for name, figure in figures.items() if figure is not None
-    )
+    return {name: figure for name, figure in figures.items() if figure is not None}
 
 
 def _motion(record: Record, names: Collection[str], title: str) -> Figure | None:

@@ -50,7 +50,11 @@ def write_figures(record: Record, folder: Path | str) -> tuple[Path, ...]:
     Raises `InvalidInput` for a record with fewer than two rows and `OutputError` where the folder cannot be written.
     """
     require_rows(record)
-    drawn = {name: draw(record) for name, draw in FIGURES.items()}
-    return tuple(
-        save_figure(figure, Path(folder) / f"{name}.png") for name, figure in drawn.items() if figure is not None
-    )
+    paths = (write_figure(record, name, folder) for name in FIGURES)
+    return tuple(path for path in paths if path is not None)
+
+
+def write_figure(record: Record, name: str, folder: Path | str) -> Path | None:
+    """Write one of `FIGURES`; `None` where the record cannot fill it. Raises as `write_figures`."""
+    figure = FIGURES[name](record)
+    return None if figure is None else save_figure(figure, Path(folder) / f"{name}.png")

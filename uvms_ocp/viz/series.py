@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import RegularGridInterpolator
 
 from uvms_ocp.exceptions import InvalidInput, plain_line
 from uvms_ocp.record import Record
@@ -137,6 +136,8 @@ def floor_heights(record: Record, points: np.ndarray) -> np.ndarray | None:
     """Height (n,) [m] of the floor at points (n, 2) [m] in W; `None` where the record knows no floor."""
     relief, plane = record.meta.surroundings.floor, record.meta.surroundings.floor_z
     if relief is not None:
+        from scipy.interpolate import RegularGridInterpolator
+
         grid = RegularGridInterpolator((relief.x, relief.y), np.transpose(relief.z))
         return np.asarray(grid(np.clip(points, (relief.x[0], relief.y[0]), (relief.x[-1], relief.y[-1]))))
     return None if plane is None else np.full(len(points), plane)

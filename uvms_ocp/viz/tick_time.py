@@ -41,7 +41,9 @@ def figure_tick_time(record: Record) -> Figure | None:
     spread.hist(tick, bins=np.geomspace(tick.min(), tick.max() * 1.01, 50), orientation="horizontal", color=BLUE)
     spread.set_xlabel("ticks")
     lines = [_percentile_line((over_time, spread), tick, *entry) for entry in ((50, BLACK), (99, VERMILLION))]
-    threshold(over_time, 1e6 * record.run_meta.dt, "control period")
+    period = 1e6 * record.run_meta.dt
+    threshold(over_time, period, "control period")
+    over_time.set_ylim(top=3.0 * max(period, float(tick.max())))  # room for its name below those of the phases
     heading_legend(figure, lines)
     mark_time([over_time], record, share=0.77)
     return figure

@@ -118,6 +118,22 @@ def bad_of(health: Sequence[ChannelHealth]) -> list[ChannelHealth]:
     return [item for item in health if item.trust is not _GOOD]
 
 
+class BadChannels:
+    """Those of one tick after the other, looked for where somebody has judged anew."""
+
+    __slots__ = ("_bad", "_health")
+
+    def __init__(self) -> None:
+        self._health: Sequence[ChannelHealth] = ()
+        self._bad: list[ChannelHealth] = []
+
+    def among(self, health: tuple[ChannelHealth, ...]) -> list[ChannelHealth]:
+        """As `bad_of`."""
+        if health is not self._health:
+            self._health, self._bad = health, bad_of(health)
+        return self._bad
+
+
 class RestrictionMemory(Layout):
     """`MODES`, how far each of `CHANNELS` can be trusted, and what applies."""
 

@@ -26,9 +26,11 @@ class PassThrough:
         Raises `InvalidInput` where a channel that it needs is missing: it estimates nothing.
         """
         free = robot.n_vehicle > 0
-        self._q_channels = (*(("position", "attitude") if free else ()), "joint_positions")
-        self._v_channels = (*(("linear_velocity", "angular_velocity") if free else ()), "joint_velocities")
-        for name in (*self._q_channels, *self._v_channels):
+        self.q_channels = (*(("position", "attitude") if free else ()), "joint_positions")
+        """Whose readings are q, one after the other."""
+        self.v_channels = (*(("linear_velocity", "angular_velocity") if free else ()), "joint_velocities")
+        """Whose readings are v."""
+        for name in (*self.q_channels, *self.v_channels):
             if getattr(specs, name) is None:
                 raise InvalidInput(f"sensor {name} is missing; add it, or use an Estimator instead of PassThrough")
         self._needed = (
@@ -42,8 +44,8 @@ class PassThrough:
         age, oldest = oldest_of(readings, self._needed, t)
         if age == math.inf:
             raise InvalidInput(f"no reading of every channel yet at t = {t} s; use an Estimator for such sensors")
-        q = np.concatenate([getattr(readings, name).value for name in self._q_channels])
-        v = np.concatenate([getattr(readings, name).value for name in self._v_channels])
+        q = np.concatenate([getattr(readings, name).value for name in self.q_channels])
+        v = np.concatenate([getattr(readings, name).value for name in self.v_channels])
         echo = readings.altimeter_range
         return _measurement(
             q=q,

@@ -16,15 +16,16 @@ from uvms_ocp.control.navigation.last_known import LastSound
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.state import Command, Measurement, State
-from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
 from uvms_ocp.ocp.trajectory import Trajectory, hold, shifted
 from uvms_ocp.ocp.transcription.transcription import Transcription
-from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
-from uvms_ocp.solvers.nlp.real_time_sqp import RealTimeSqp, SqpOptions
+from uvms_ocp.solvers.nlp.real_time_sqp import RealTimeSqp, SqpResult
+from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
 
 _state = trusted(State)
+_FIRST_SOLVES = 10
+"""[-] for the first plan, whose guess is to stay where the robot is."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -135,13 +136,23 @@ class Nmpc:
         return self._law.command(state, q=q, v=v, a=a, disturbance=disturbance)
 
     def _first(self, state: State, t: float) -> _Planned:
-        """Solved to the end: there is no plan to start from, and the robot waits for it."""
-        patient = Planner(self._problem, NlpOptions(anticipate=False), transcription=self._transcription)
-        p = self._transcription.parameters(t0=t, start=state)
-        result = patient.solve(p, hold(self._problem, state))
-        usable = result.violation <= self._sqp.options.accuracy
-        trajectory = self._transcription.unpack(result.x) if usable else hold(self._problem, state)
-        return _Planned(trajectory=trajectory, begin=t)
+        """As good as a few solves make it: there is no plan to start from, and the robot waits for it."""
+        best = last = hold(self._problem, state)
+        for _ in range(_FIRST_SOLVES):
+            result = self._solved(last, state, t, np.inf)
+            last = self._transcription.unpack(result.x)
+            best = last if result.status is NlpStatus.SOLVED else best
+        return _Planned(trajectory=best, begin=t)
+
+    def _solved(self, guess: Trajectory, start: State, t0: float, time_limit: float) -> SqpResult:
+        return self._sqp.solve(
+            self._transcription.pack(guess),
+            p=self._transcription.parameters(t0=t0, start=start, near=guess.q),
+            x_lower=self._bounds[0],
+            x_upper=self._bounds[1],
+            time_limit=time_limit,
+            clock=self._clock,
+        )
 
     def _replanned(self, now: _Planned, state: State, t: float) -> _Planned | None:
         """The plan for the next period, if it is fit for use."""
@@ -150,14 +161,7 @@ class Nmpc:
         start = self._expected(now, state, t)
         last = self._newest or now
         guess = shifted(self._problem, last.trajectory, begin - last.begin, start)
-        result = self._sqp.solve(
-            self._transcription.pack(guess),
-            p=self._transcription.parameters(t0=begin, start=start, near=guess.q),
-            x_lower=self._bounds[0],
-            x_upper=self._bounds[1],
-            time_limit=self.period,
-            clock=self._clock,
-        )
+        result = self._solved(guess, start, begin, self.period)
         self._times.append((self._clock() - wall, process_time() - processor))
         unfit = result.status is not NlpStatus.SOLVED
         self._missed += self._times[-1][0] > self.period

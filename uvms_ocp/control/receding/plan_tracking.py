@@ -1,11 +1,6 @@
-"""Carrying out a plan: blind, to see how well the model fits, or with feedback; and how far a plant departed from it."""
+"""Carrying out a plan: blind, to see how well the model fits, or with feedback."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
-
-import numpy as np
-import pinocchio as pin
 
 from uvms_ocp.arguments import changed, trusted
 from uvms_ocp.control.force.computed_torque import ComputedTorque, TrackingGains
@@ -47,36 +42,3 @@ class PlanTracker:
         q, v, a = self._trajectory.state_at(self._model, t)
         command = self._law.command(_state(q=measurement.q, v=measurement.v), q=q, v=v, a=a)
         return changed(command, finished=t > self._end)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Mismatch:
-    """How a plant departed from a plan."""
-
-    position: float
-    """[m] largest distance of the frame from its planned position."""
-    end_position: float
-    """[m] at the end."""
-    end_orientation: float
-    """[rad] at the end."""
-
-
-def mismatch(trajectory: Trajectory, t: np.ndarray, q: np.ndarray, *, robot: Robot, frame: str) -> Mismatch:
-    """The pose of a frame at the recorded q (n, n_q) [m, rad] against the planned one at the times t (n,) [s].
-
-    Raises `FrameNotFound` for an unknown frame.
-    """
-    data, index = robot.model.createData(), robot.frame_id(frame)
-
-    def pose(configuration: np.ndarray) -> pin.SE3:
-        pin.framesForwardKinematics(robot.model, data, configuration)
-        return data.oMf[index].copy()
-
-    planned = [trajectory.state_at(robot.model, float(moment))[0] for moment in t]
-    errors = [pose(wanted).inverse() * pose(found) for wanted, found in zip(planned, q, strict=True)]
-    distances = [float(np.linalg.norm(error.translation)) for error in errors]
-    return Mismatch(
-        position=max(distances),
-        end_position=distances[-1],
-        end_orientation=float(np.linalg.norm(pin.log3(errors[-1].rotation))),
-    )

@@ -10,12 +10,12 @@ from typing import Any, Protocol
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.arguments import Period, checked, late, trusted
+from uvms_ocp.arguments import Period, changed, checked, late, trusted
 from uvms_ocp.control.navigation.degraded import (
     ALTIMETER,
     FREE,
+    BadChannels,
     Restriction,
-    bad_of,
     restriction_in,
     told,
     write_channels,
@@ -24,6 +24,7 @@ from uvms_ocp.control.navigation.last_known import LastEcho, LastSound
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.control.velocity.climb import climb_goal
 from uvms_ocp.control.velocity.distress import Distress, Strain, Why
+from uvms_ocp.control.velocity.guide import Guide
 from uvms_ocp.control.velocity.guards import Guarding, guards_of, models_of, rule_sizes
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.parameters import (
@@ -80,8 +81,9 @@ class KinematicController:
         solver: HierarchySolver,
         dt: Period,
         watchdog: Watchdog | None = None,
+        guide: Guide | None = None,
     ) -> None:
-        """dt [s]: control period.
+        """dt [s]: control period. guide: what stands in for the hierarchy while it lasts.
 
         Raises `InvalidInput` where it is not > 0, and what `build_levels` and `Mission.check_quantities` raise.
         """
@@ -116,6 +118,8 @@ class KinematicController:
         self._strain = self._felt = Strain()
         self._jammed = self._felt.jammed
         self._restriction = FREE
+        self._bad = BadChannels()
+        self._guide = guide
         self._state = mission.start()
         write_state(memory.mission, self._state)
 
@@ -155,7 +159,7 @@ class KinematicController:
         arrays.v[:] = measurement.v
         memory.t, memory.altimeter_range = t, measurement.altimeter_range
         memory.age, memory.joint_age = measurement.age, measurement.joint_age
-        bad = bad_of(measurement.health)
+        bad = self._bad.among(measurement.health)
         if bad or self._restriction is not FREE:
             write_channels(memory.restriction, bad)
         self._before(memory)
@@ -194,7 +198,7 @@ class KinematicController:
         self._guarding.answer.check()
         if memory.eventful:
             self._advance(tick)
-        return _command(
+        command = _command(
             v=arrays.command.copy(),
             hold=tick.blind,
             stop=tick.stopped,
@@ -202,6 +206,19 @@ class KinematicController:
             finished=self._state.over,
             telemetry=_telemetry(tick, solved, arrays.reported.copy(), memory.share),
         )
+        return command if self._guide is None else self._guided(self._guide, tick, command)
+
+    def _guided(self, guide: Guide, tick: TickState, command: Command) -> Command:
+        """What is commanded where a guide has its say, who tells of its end as an alarm."""
+        told = guide(tick, self._strain, self.pending)
+        if told.why:
+            self.watchdog.alarms.append((tick.t, told.why))
+        telemetry = {**command.telemetry, "guided": told.v is not None}
+        if told.v is None:
+            return changed(command, telemetry=telemetry)
+        guided = changed(command, v=told.v, telemetry=telemetry)
+        self.follow(guided)
+        return guided
 
     def _finish_by(self, solver: HierarchySolver) -> Callable[[], Solved]:
         tick, inputs = (

@@ -16,9 +16,12 @@ from uvms_ocp.arguments import AtLeastOne, Shape, checked
 from uvms_ocp.arrays import Array, Indices, Mask
 from uvms_ocp.collision.coal_distances import CoalDistances, Configurations, Contacts
 from uvms_ocp.collision.collision_scene import CollisionScene
+from uvms_ocp.collision.obstacle_file import describe_obstacle
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.obstacles import Obstacle
 from uvms_ocp.model.symbolic.bodies import Pose
+from uvms_ocp.obstacle_data import ObstacleData
 from uvms_ocp.ocp.clearance.planes import Planes, Poses, planes
 from uvms_ocp.ocp.terms import At, StageSymbols, Term
 from uvms_ocp.tasks.task import Residual, bounded_residual
@@ -79,6 +82,14 @@ class ShapeClearance(Term):
     @property
     def name(self) -> str:
         return "clearance"
+
+    def scenery(self, t: float) -> tuple[ObstacleData, ...]:
+        """Obstacles that have an end, as they are at time t [s]."""
+        shapes = [item for i, item in enumerate(self.scene.geometry.geometryObjects) if self.scene.is_obstacle(i)]
+        places = [self.moving[item.name](t) if item.name in self.moving else item.placement for item in shapes]
+        pairs = zip(shapes, places, strict=True)
+        found = [describe_obstacle(Obstacle(name=item.name, shape=item.geometry, X_WO=X)) for item, X in pairs]
+        return tuple(item for item in found if item is not None)
 
     # --- rows -------------------------------------------------------------------------------------
 

@@ -8,6 +8,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.ocp.transcription.boundary import Boundary
 from uvms_ocp.ocp.transcription.parameter_layout import ParameterLayout
 from uvms_ocp.ocp.transcription.row_layout import RowLayout
 from uvms_ocp.ocp.transcription.sparse_blocks import Entries, assemble, scatter
@@ -55,6 +56,7 @@ class Horizon:
     """(3,) [m/s]"""
     start: ca.MX
     """(n_state,) q and v that are given."""
+    ends: Boundary
     blocks: tuple[Block, ...]
 
     @property
@@ -76,7 +78,7 @@ class Horizon:
         values = self._mapped(self.model.dynamics.value)
         parts = [
             ca.vec(ca.vertcat(self.nodes.following[:n, :] - values[:n, :], values[n:, :])),
-            self.nodes.steps[:n, 0] - self.start,
+            self.ends.functions.value(*self._states_of_ends),
         ]
         if len(self.layout.equal_steps):
             h = self.nodes.steps[self.model.layout.h, :]
@@ -84,9 +86,21 @@ class Horizon:
         parts += [ca.vec(block.mapped(block.functions.value)) for block in self.blocks]
         return ca.vertcat(*parts, self.costs)
 
+    @property
+    def _states_of_ends(self) -> tuple[ca.MX, ca.MX]:
+        """The first and the last state together, and the given one."""
+        n = self.layout.n_state
+        return ca.vertcat(self.nodes.steps[:n, 0], self.nodes.last[:n]), self.start
+
+    @property
+    def _columns_of_ends(self) -> np.ndarray:
+        """(1, 2 n_state) [-]"""
+        n = self.layout.n_state
+        return np.concatenate([self.columns[0, :n], self.columns[-1, :n]])[None]
+
     def _mapped(self, function: ca.Function, *more: ca.MX) -> ca.MX:
         """Outputs (m, N) of a function of the dynamics at all steps."""
-        return function.map(self.N)(self.nodes.steps, ca.repmat(self.water, 1, self.N), *more)
+        return function.map(self.N)(self.nodes.steps, ca.reshape(self.water, 3, self.N), *more)
 
     @cached_property
     def costs(self) -> ca.MX:
@@ -111,6 +125,12 @@ class Horizon:
         entries = [
             _placed(nonzeros, dynamics.jacobian_sparsity, layout.dynamics, self.columns[:-1]),
             self._linear_entries(),
+            _placed(
+                self.ends.functions.jacobian(*self._states_of_ends),
+                self.ends.functions.jacobian_sparsity,
+                layout.start[None],
+                self._columns_of_ends,
+            ),
         ]
         for block in self.blocks:
             sparsity = block.functions.jacobian_sparsity
@@ -120,13 +140,10 @@ class Horizon:
         return entries
 
     def _linear_entries(self) -> Entries:
-        """Ones and minus ones: the next state, the start, equal steps."""
+        """Ones and minus ones: the next state, equal steps."""
         n, layout = self.layout.n_state, self.layout
         h = self.columns[:-1, self.model.layout.h]
-        groups = [
-            (layout.dynamics[:, :n].ravel(), self.columns[1:, :n].ravel(), 1.0),
-            (layout.start, self.columns[0, :n], 1.0),
-        ]
+        groups = [(layout.dynamics[:, :n].ravel(), self.columns[1:, :n].ravel(), 1.0)]
         if len(layout.equal_steps):
             groups += [(layout.equal_steps, h[1:], 1.0), (layout.equal_steps, h[:-1], -1.0)]
         rows, columns, _ = zip(*groups, strict=True)
@@ -141,6 +158,10 @@ class Horizon:
             signed = ca.vertcat(-own[:n, :], own[n:, :])
             values = self._mapped(dynamics.hessian, ca.MX(0, self.N), signed)
             entries.append(_placed(values, dynamics.hessian_sparsity, self.columns[:-1], self.columns[:-1]))
+        ends = self.ends.functions
+        if ends.hessian_sparsity.nnz():
+            values = ends.hessian(*self._states_of_ends, ca.MX(0, 1), lam[self.layout.start.tolist()])
+            entries.append(_placed(values, ends.hessian_sparsity, self._columns_of_ends, self._columns_of_ends))
         for block in self.blocks:
             sparsity = block.functions.hessian_sparsity
             if sparsity.nnz():
@@ -190,7 +211,7 @@ class Horizon:
         return chosen
 
 
-def horizon(variables: VariableLayout, parameters: ParameterLayout, layout: RowLayout) -> Horizon:
+def horizon(variables: VariableLayout, parameters: ParameterLayout, layout: RowLayout, ends: Boundary) -> Horizon:
     """Symbols of the variables and parameters of a problem, and its rows in them."""
     x, p = ca.MX.sym("x", variables.n_x), ca.MX.sym("p", parameters.n)
     nodes = variables.nodes(x, p[parameters.steps])
@@ -215,6 +236,7 @@ def horizon(variables: VariableLayout, parameters: ParameterLayout, layout: RowL
         columns=columns,
         water=p[parameters.water],
         start=p[parameters.start],
+        ends=ends,
         blocks=blocks,
     )
 

@@ -1,4 +1,4 @@
-"""The parameters of the NLP, in this order: start, current, lengths of the steps, and those of all terms in their units."""
+"""The parameters of the NLP, in this order: start, currents, lengths of the steps, and those of all terms in their units."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class ParameterLayout:
     start: slice
     """q [m, rad] and v [m/s, rad/s] of the first node."""
     water: slice
-    """[m/s] Velocity of the water."""
+    """[m/s] Velocities of the water, step after step."""
     steps: slice
     """[s] Lengths of the steps."""
     terms: tuple[slice, ...]
@@ -49,11 +49,12 @@ class ParameterLayout:
         nominal, state = given.problem.nominal_times(), start or given.problem.start
         times, rate = t0 + nominal, 1.0 / nominal[-1]
         about = np.tile(state.q, (len(times), 1)) if near is None else near
-        parts = [state.q, state.v, given.problem.current, np.diff(nominal)]
+        parts = [state.q, state.v, given.problem.currents.ravel(), np.diff(nominal)]
         for block, numbers in zip(self.blocks, given.numbers, strict=True):
             own = block.nodes
             extra = {term: more[own] for term, more in (tightened or {}).items()}
-            nodes = Nodes(times=times[own].tolist(), active=(own > 0).tolist(), q=about[own], tightened=extra)
+            active = ((own > 0) | (not given.problem.fixed_start)).tolist()
+            nodes = Nodes(times=times[own].tolist(), active=active, q=about[own], tightened=extra)
             parts += numbers.parameters(nodes, rate)
         return np.concatenate(parts)
 
@@ -61,6 +62,6 @@ class ParameterLayout:
 def parameter_layout(problem: OcpProblem, blocks: tuple[TermBlock, ...]) -> ParameterLayout:
     """Place the parameters of a problem whose terms are `blocks`."""
     sizes = [block.rows.n_parameters * len(block.nodes) for block in blocks]
-    ends = np.cumsum([0, problem.robot.n_q + problem.robot.n_v, 3, problem.n_steps, *sizes]).tolist()
+    ends = np.cumsum([0, problem.robot.n_q + problem.robot.n_v, 3 * problem.n_steps, problem.n_steps, *sizes]).tolist()
     start, water, steps, *places = (slice(first, stop) for first, stop in pairwise(ends))
     return ParameterLayout(blocks=blocks, start=start, water=water, steps=steps, terms=tuple(places))

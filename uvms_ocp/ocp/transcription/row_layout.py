@@ -1,7 +1,7 @@
 """The raw rows of a horizon, all numbered here: where each group of them is, and what every single row is.
 
     dynamics      step by step: the next state, then the forces where they are variables
-    start         the first state
+    start         the first state, and the last one where the motion is periodic
     equal_steps   where durations are free: every step is as long as the one before
     terms         block by block, node by node
     costs         one row for each level
@@ -18,8 +18,11 @@ from itertools import pairwise
 import numpy as np
 
 from uvms_ocp.ocp.problem import OcpProblem
+from uvms_ocp.ocp.transcription.boundary import PERIODIC, START, Boundary
 from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermBlock, TermNumbers
 
+FIXED = ("motion", "forces", START, "equal steps")
+"""Names of rows that are laws, not wishes."""
 _DROPPED = -2  # level of rows that say nothing
 _START = 0.75  # stage of the first state: after the dynamics and the terms of the first node
 
@@ -31,13 +34,15 @@ class RowLayout:
     dynamics: np.ndarray
     """(N, n_dynamics) [-]"""
     start: np.ndarray
-    """(n_state,) [-]"""
+    """(n_boundary,) [-]"""
     equal_steps: np.ndarray
     """(N - 1,) [-], or none where durations are fixed."""
     terms: tuple[np.ndarray, ...]
     """(n_nodes, n_rows) [-] of each block."""
     costs: np.ndarray
     """(n_levels,) [-]"""
+    n_state: int
+    """[-] Rows of the next state in the dynamics of a step."""
     stage: np.ndarray
     """(n_rows,) [-] node or step of each row, by which they are sorted."""
     lower: np.ndarray
@@ -57,10 +62,6 @@ class RowLayout:
     def n_rows(self) -> int:
         return len(self.names)
 
-    @property
-    def n_state(self) -> int:
-        return len(self.start)
-
     def bounds(self, numbers: Sequence[TermNumbers]) -> tuple[np.ndarray, np.ndarray]:
         """Bounds (n_rows,) [unit of the row] with those of another problem of the same shape, block by block."""
         lower, upper = self.lower.copy(), self.upper.copy()
@@ -69,18 +70,18 @@ class RowLayout:
         return lower, upper
 
 
-def row_layout(problem: OcpProblem, blocks: Sequence[TermBlock], *, n_forces: int) -> RowLayout:
+def row_layout(problem: OcpProblem, blocks: Sequence[TermBlock], ends: Boundary, *, n_forces: int) -> RowLayout:
     """Number the rows of a problem whose terms are `blocks`; n_forces: rows of forces in the dynamics of each step."""
     N, n_state = problem.n_steps, problem.robot.n_q + problem.robot.n_v
     groups = [
         _dynamics(N, n_state, n_forces),
-        _start(n_state),
+        _ends(problem, ends),
         _equal_steps(problem),
-        *(_terms(block) for block in blocks),
+        *(_terms(block, fixed_start=problem.fixed_start) for block in blocks),
         _costs(problem),
     ]
-    ends = np.cumsum([0, *(len(group.names) for group in groups)])
-    dynamics, start, equal_steps, *terms, costs = (np.arange(first, stop) for first, stop in pairwise(ends))
+    stops = np.cumsum([0, *(len(group.names) for group in groups)])
+    dynamics, start, equal_steps, *terms, costs = (np.arange(first, stop) for first, stop in pairwise(stops))
     level = np.concatenate([group.level for group in groups])
     of_levels = tuple(np.flatnonzero(level == i) for i in range(len(problem.levels)))
     held = [costs[i : i + 1] if item.relax is not None else of_levels[i] for i, item in enumerate(problem.levels)]
@@ -90,6 +91,7 @@ def row_layout(problem: OcpProblem, blocks: Sequence[TermBlock], *, n_forces: in
         equal_steps=equal_steps,
         terms=tuple(rows.reshape(len(block.nodes), -1) for rows, block in zip(terms, blocks, strict=True)),
         costs=costs,
+        n_state=n_state,
         stage=np.concatenate([group.stage for group in groups]),
         lower=np.concatenate([group.lower for group in groups]),
         upper=np.concatenate([group.upper for group in groups]),
@@ -118,25 +120,35 @@ def _equalities(level: np.ndarray, stage: np.ndarray, names: tuple[str, ...]) ->
 
 
 def _dynamics(N: int, n_state: int, n_forces: int) -> _Group:
-    names = N * (*(["motion"] * n_state), *(["forces"] * n_forces))
+    names = N * (*FIXED[:1] * n_state, *FIXED[1:2] * n_forces)
     return _equalities(np.full(len(names), CONSTRAINT), np.repeat(np.arange(N), n_state + n_forces), names)
 
 
-def _start(n_state: int) -> _Group:
-    return _equalities(np.full(n_state, CONSTRAINT), np.full(n_state, _START), ("start",) * n_state)
+def _ends(problem: OcpProblem, ends: Boundary) -> _Group:
+    """Rows that tie both ends come last."""
+    closed = np.array([name == PERIODIC for name in ends.names], dtype=bool)
+    return _Group(
+        level=np.full(len(closed), CONSTRAINT),
+        stage=np.where(closed, problem.n_steps + _START, _START),
+        lower=ends.lower,
+        upper=ends.upper,
+        names=ends.names,
+    )
 
 
 def _equal_steps(problem: OcpProblem) -> _Group:
     """The first step of a phase may be longer or shorter than the last one of the phase before."""
     n = problem.n_steps - 1 if problem.free_time else 0
     first = np.isin(np.arange(1, n + 1), problem.starts_of_phases())
-    return _equalities(np.where(first, _DROPPED, CONSTRAINT), np.arange(n), ("equal steps",) * n)
+    return _equalities(np.where(first, _DROPPED, CONSTRAINT), np.arange(n), FIXED[3:] * n)
 
 
-def _terms(block: TermBlock) -> _Group:
+def _terms(block: TermBlock, *, fixed_start: bool) -> _Group:
+    """A state that is given is not asked for anything."""
     rows, n = block.rows, len(block.nodes)
     level = np.tile(rows.level, (n, 1))
-    level[(block.nodes == 0)[:, None] & rows.state_only] = _DROPPED
+    if fixed_start:
+        level[(block.nodes == 0)[:, None] & rows.state_only] = _DROPPED
     return _Group(
         level=level.ravel(),
         stage=np.repeat(block.nodes + 0.5, rows.n_rows),

@@ -13,16 +13,18 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.state import State
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.trajectory import Trajectory
+from uvms_ocp.ocp.transcription.boundary import boundary
 from uvms_ocp.ocp.transcription.horizon import horizon
 from uvms_ocp.ocp.transcription.parameter_layout import parameter_layout
 from uvms_ocp.ocp.transcription.row_layout import row_layout
 from uvms_ocp.ocp.transcription.shape import Fitted, fitted
 from uvms_ocp.ocp.transcription.stage import StageModel
-from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, Nodes, term_blocks
+from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, Nodes, TermNumbers, term_blocks
 from uvms_ocp.ocp.transcription.variable_layout import VariableLayout
 from uvms_ocp.solvers.intervals import excess
 from uvms_ocp.solvers.nlp.program import LevelNlp, LevelRows, LexicographicProgram, RowRanges
@@ -40,16 +42,19 @@ class Transcription:
         self.problem, self._plugin = problem, plugin
         self.model = StageModel(problem)
         self._blocks = term_blocks(self.model)
-        self._variables = VariableLayout(model=self.model)
+        self.variables = VariableLayout(model=self.model)
         self._parameters = parameter_layout(problem, self._blocks)
-        self._rows = row_layout(problem, self._blocks, n_forces=self.model.n_forces)
-        self._horizon = horizon(self._variables, self._parameters, self._rows)
+        ends = boundary(self.model)
+        if ends.coupled and plugin != "ipopt":
+            raise InvalidInput(f"{plugin} goes from step to step, a periodic motion ties its ends: use plugin='ipopt'")
+        self._rows = row_layout(problem, self._blocks, ends, n_forces=self.model.n_forces)
+        self._horizon = horizon(self.variables, self._parameters, self._rows, ends)
         self._last = fitted(self.model, self._blocks, problem)
 
     @property
     def n_x(self) -> int:
         """Number of variables."""
-        return self._variables.n_x
+        return self.variables.n_x
 
     def _fitted(self, problem: OcpProblem | None) -> Fitted:
         """Every method of a plan asks for that of the same problem."""
@@ -80,11 +85,11 @@ class Transcription:
         """Bounds (n_x,) of the variables: limits of the robot, durations."""
         if problem is None or not problem.free_time:
             return self._own_bounds
-        return self._variables.bounds(problem)
+        return self.variables.bounds(problem)
 
     @cached_property
     def _own_bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        return self._variables.bounds(self.problem)
+        return self.variables.bounds(self.problem)
 
     def ranges(self, problem: OcpProblem | None = None) -> RowRanges:
         """Where the rows are to be."""
@@ -95,16 +100,25 @@ class Transcription:
 
     def pack(self, trajectory: Trajectory) -> np.ndarray:
         """Variables (n_x,) of a trajectory; times are taken as they are where durations are free."""
-        return self._variables.pack(trajectory)
+        return self.variables.pack(trajectory)
 
     def unpack(self, x: np.ndarray, problem: OcpProblem | None = None) -> Trajectory:
         """The trajectory of variables x (n_x,) [unit of x]."""
-        return self._variables.unpack(x, problem or self.problem)
+        return self.variables.unpack(x, problem or self.problem)
 
     @cached_property
     def _constraint_values(self) -> ca.Function:
         rows = self._horizon.rows[self._rows.constraints.tolist()]
         return ca.Function("constraints", [self._horizon.x, self._horizon.p], [rows])
+
+    @property
+    def constraint_names(self) -> tuple[str, ...]:
+        """(n_constraints,) of what each constraint of the program stands for."""
+        return tuple(self._rows.names[row] for row in self._rows.constraints.tolist())
+
+    def constraint_functions(self) -> dict[str, ca.Function]:
+        """``nlp_g``, ``nlp_jac_g`` and ``nlp_hess_l`` of the constraints alone, as IPOPT asks for them."""
+        return self._horizon.derivative_functions(0, self._rows.constraints, plugin="ipopt")
 
     def violations(self, x: np.ndarray, p: np.ndarray, problem: OcpProblem | None = None) -> dict[str, float]:
         """Largest violation [unit of the row] of every group of constraints at x (n_x,) [unit of x].
@@ -122,16 +136,33 @@ class Transcription:
 
     def obstruction(self, problem: OcpProblem) -> tuple[str, float] | None:
         """Constraint along the path that the start itself breaks, and by how much."""
-        z = np.zeros(self.model.layout.n_z)
-        z[self.model.layout.q], z[self.model.layout.v] = problem.start.q, problem.start.v
+        if not problem.fixed_start:
+            return None
         rows, numbers = self._blocks[0].rows, self._fitted(problem).numbers[0]  # the steps of the first phase
-        here = Nodes(times=[0.0], active=[False], q=problem.start.q[None], tightened={})
-        s = np.concatenate(numbers.parameters(here, 1.0))
+        z, s = self._at_start(problem, numbers)
         broken = excess(np.array(rows.functions.value(z, s)).ravel(), numbers.lower, numbers.upper)
         broken[(rows.level != CONSTRAINT) | ~rows.state_only] = 0.0
         if not broken.any() or broken.max() < _ROUNDING:
             return None
         return rows.names[int(broken.argmax())], float(broken.max())
+
+    def undefined(self, problem: OcpProblem) -> list[str]:
+        """Terms whose rows, or their slopes, are no numbers at the start."""
+        names: dict[str, None] = {}
+        for block, numbers in zip(self._blocks, self._fitted(problem).numbers, strict=True):
+            functions, at = block.rows.functions, self._at_start(problem, numbers)
+            slopes = np.array(functions.jacobian(*at)).ravel()
+            wrong = set(np.flatnonzero(np.isnan(np.array(functions.value(*at)).ravel())).tolist())
+            wrong |= set(np.array(functions.jacobian_sparsity.row(), dtype=int)[~np.isfinite(slopes)].tolist())
+            names |= dict.fromkeys(block.rows.names[row] for row in sorted(wrong))
+        return list(names)
+
+    def _at_start(self, problem: OcpProblem, numbers: TermNumbers) -> tuple[np.ndarray, np.ndarray]:
+        """z (n_z,) of the start without inputs, and the parameters of terms with these numbers."""
+        z = np.zeros(self.model.layout.n_z)
+        z[self.model.layout.q], z[self.model.layout.v] = problem.start.q, problem.start.v
+        here = Nodes(times=[0.0], active=[False], q=problem.start.q[None], tightened={})
+        return z, np.concatenate(numbers.parameters(here, 1.0))
 
     @cached_property
     def program(self) -> LexicographicProgram:

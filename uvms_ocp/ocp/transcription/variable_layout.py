@@ -89,9 +89,10 @@ class VariableLayout:
             low[columns[used]], up[columns[used]] = lower[used], upper[used]
         if self.free:
             self._bound_durations(problem, low, up)
-        # The first state is given by rows; bounds on it could only contradict them.
-        first = self.columns(0)[: self.model.layout.h]
-        low[first], up[first] = -np.inf, np.inf
+        if problem.fixed_start:
+            # It is given by rows; bounds on it could only contradict them.
+            first = self.columns(0)[: self.model.layout.h]
+            low[first], up[first] = -np.inf, np.inf
         return low, up
 
     def _bound_durations(self, problem: OcpProblem, low: np.ndarray, up: np.ndarray) -> None:

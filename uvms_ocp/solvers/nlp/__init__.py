@@ -8,5 +8,5 @@ from uvms_ocp.solvers.nlp.program import LexicographicProgram as LexicographicPr
 from uvms_ocp.solvers.nlp.program import NlpLevel as NlpLevel
 from uvms_ocp.solvers.nlp.program import lexicographic_program as lexicographic_program
 from uvms_ocp.solvers.nlp.real_time_sqp import RealTimeSqp as RealTimeSqp
-from uvms_ocp.solvers.nlp.real_time_sqp import SqpOptions as SqpOptions
 from uvms_ocp.solvers.nlp.real_time_sqp import SqpResult as SqpResult
+from uvms_ocp.solvers.nlp.sqp_options import SqpOptions as SqpOptions

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from time import perf_counter
@@ -14,6 +15,7 @@ from uvms_ocp.solvers.nlp.nlp_options import NlpOptions, solver_options
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus, status_of
 from uvms_ocp.solvers.nlp.program import LevelNlp, LexicographicProgram, RowRanges
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds
+from uvms_ocp.solvers.nlp.watch import Best, Moment, Watch
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -68,11 +70,14 @@ class Deadline:
 class LevelSolver:
     """The NLP of one level."""
 
-    def __init__(self, program: LexicographicProgram, index: int, options: NlpOptions, deadline: Deadline) -> None:
+    def __init__(
+        self, program: LexicographicProgram, index: int, options: NlpOptions, deadline: Deadline, watch: Watch
+    ) -> None:
+        self._watch, name = watch, program.ranges.levels[index].name
         self._options, self._deadline, self._n_rows = options, deadline, program.ranges.n_rows
         self._nlp: LevelNlp = program.nlps[index]
         equal = _equalities(program.ranges, options)[self._nlp.rows].tolist()
-        self._stop = _Stop(self._nlp, deadline)
+        self._stop = _Stop(self._nlp, name, deadline, watch)
         self._cold, self._warm = (self._solver(f"level_{index}", equal, warm=warm) for warm in (False, True))
 
     def fits(self, point: NlpPoint) -> bool:
@@ -86,11 +91,15 @@ class LevelSolver:
         if self._deadline.over:
             return Outcome(point=start, status=NlpStatus.TIME_LIMIT, iterations=0, violation=np.inf)
         solver = self._warm if start.warm else self._cold
+        best = self._stop.best = Best(bounds, rows, self._options.feasibility)
         arguments: dict[str, Any] = {"x0": start.x, "p": p, "lbx": bounds.x_lower, "ubx": bounds.x_upper}
         arguments |= {"lbg": bounds.lower[rows], "ubg": bounds.upper[rows]}
         if start.row_multipliers is not None:
             arguments |= {"lam_x0": start.x_multipliers, "lam_g0": start.row_multipliers[rows]}
-        solution = {name: np.array(value).ravel() for name, value in solver.call(arguments).items()}
+        called = solver.call(arguments)
+        if self._watch.ends and best.x is not None:
+            return self._interrupted(best)
+        solution = {name: np.array(value).ravel() for name, value in called.items()}
         stats = solver.stats()
         iterations = int(stats.get("iter_count", 0))
         if not all(np.isfinite(solution[name]).all() for name in ("x", "g")):
@@ -109,6 +118,18 @@ class LevelSolver:
             cost=float(solution["f"][0]),
         )
 
+    def _interrupted(self, best: Best) -> Outcome:
+        """Without multipliers: they are not those of the best iterate."""
+        assert best.x is not None
+        return Outcome(
+            point=NlpPoint(x=best.x),
+            status=NlpStatus.INTERRUPTED,
+            iterations=best.iterations,
+            violation=best.violation,
+            usable=best.violation <= self._options.feasibility,
+            cost=best.cost,
+        )
+
     def _solver(self, name: str, equal: list[bool], *, warm: bool) -> ca.Function:
         plugin = self._options.plugin
         options: dict[str, Any] = {"print_time": False, "error_on_fail": False, "cache": dict(self._nlp.functions)}
@@ -122,11 +143,13 @@ class LevelSolver:
 
 
 class _Stop(ca.Callback):  # type: ignore[misc]  # CasADi has no types
-    """Called by the NLP solver after each iteration: not 0 once the deadline is over."""
+    """Called by the NLP solver after each iteration: not 0 once the deadline is over, or whoever looks on wants no more."""
 
-    def __init__(self, nlp: LevelNlp, deadline: Deadline) -> None:
+    def __init__(self, nlp: LevelNlp, name: str, deadline: Deadline, watch: Watch) -> None:
         ca.Callback.__init__(self)
-        self._deadline = deadline
+        self._name, self._deadline, self._watch = name, deadline, watch
+        self.best: Best | None = None
+        """Of the present call."""
         n, m, n_p = (nlp.nlp[key].numel() for key in ("x", "g", "p"))
         self._sizes: Mapping[str, int] = {"x": n, "f": 1, "g": m, "lam_x": n, "lam_g": m, "lam_p": n_p}
         self.construct("stop", {})
@@ -141,7 +164,12 @@ class _Stop(ca.Callback):  # type: ignore[misc]  # CasADi has no types
         return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)])
 
     def eval(self, arguments: list[ca.DM]) -> list[float]:
-        return [float(self._deadline.over)]
+        if self.best is not None:
+            x, f, g = arguments[0].full().ravel(), float(arguments[1]), arguments[2].full().ravel()
+            violation, residual = self.best.look(x, f, g), math.sqrt(max(2 * f, 0.0))
+            iteration = self.best.iterations - 1
+            self._watch.tell(Moment(level=self._name, iteration=iteration, residual=residual, violation=violation))
+        return [float(self._deadline.over or self._watch.ends)]
 
 
 def _equalities(ranges: RowRanges, options: NlpOptions) -> np.ndarray:

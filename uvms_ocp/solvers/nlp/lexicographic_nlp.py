@@ -12,9 +12,10 @@ levels are solved in order.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 
+import casadi as ca
 import numpy as np
 
 from uvms_ocp.arguments import Bound, checked
@@ -24,6 +25,7 @@ from uvms_ocp.solvers.nlp.nlp_options import NlpOptions as NlpOptions
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.program import LevelRows, LexicographicProgram, Parameters, RowRanges, Variables
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds, row_bounds
+from uvms_ocp.solvers.nlp.watch import Progress, Watch
 
 
 @checked
@@ -65,8 +67,10 @@ class LexicographicNlp:
     def __init__(self, program: LexicographicProgram, options: NlpOptions | None = None) -> None:
         self.program = program
         self.options = options or NlpOptions()
-        self.deadline = Deadline()
-        self.levels = [LevelSolver(program, i, self.options, self.deadline) for i in range(len(program.nlps))]
+        self.deadline, self.watch = Deadline(), Watch()
+        self.levels = [
+            LevelSolver(program, i, self.options, self.deadline, self.watch) for i in range(len(program.nlps))
+        ]
 
     def solve(
         self,
@@ -77,12 +81,14 @@ class LexicographicNlp:
         x_upper: Variables | float = np.inf,
         ranges: RowRanges | None = None,
         time_limit: Bound | None = None,
+        progress: Progress | None = None,
     ) -> LexicographicResult:
         """Solve from a start that is a guess (n,) [unit of x], cold, or an earlier result, warm in primal and dual variables.
 
         p (n_p,) [unit of the parameter]; x_lower and x_upper (n,), or one for all variables [unit of x]; ranges: instead of
-        the program's, of the same kinds; time_limit [s]: at most that of the options, which is the default. Raises
-        `InvalidInput` for a start or parameters that are not finite, and for a result of another program.
+        the program's, of the same kinds; time_limit [s]: at most that of the options, which is the default. progress:
+        told every iteration of IPOPT. Ctrl-C ends the solve at the best point so far. Raises `InvalidInput` for a start or
+        parameters that are not finite, and for a result of another program.
         """
         begin = perf_counter()
         points = self._starts(start)
@@ -95,9 +101,10 @@ class LexicographicNlp:
         run = _Run(self, given.levels, points, parameters, bounds, begin)
         # An anticipation that fails must leave time for the levels in their order.
         self.deadline.set(limit / 2)
-        met = run.anticipated(start)
-        self.deadline.set(limit - (perf_counter() - begin))
-        return met or run.in_order()
+        with self.watch.over(progress):
+            met = run.anticipated(start)
+            self.deadline.set(limit - (perf_counter() - begin))
+            return met or run.in_order()
 
     def _starts(self, start: np.ndarray | LexicographicResult) -> tuple[NlpPoint, ...]:
         if isinstance(start, LexicographicResult):
@@ -144,7 +151,7 @@ class _Run:
         outcome = self._nlp.levels[-1](self._points[-1], self._p, bounds)
         if not (outcome.status.optimal and outcome.usable):
             self._spent = outcome.iterations
-            return None
+            return self._stopped(outcome) if self._nlp.watch.ends else None
         zeros = (0,) * len(above)
         statuses = (NlpStatus.SOLVED,) * len(above)
         points = (outcome.point,) * len(self._levels)
@@ -160,7 +167,7 @@ class _Run:
             iterations.append(outcome.iterations)
             if outcome.usable or best is None:
                 best, points[index] = outcome, outcome.point
-            if not outcome.usable or self._nlp.deadline.over:
+            if not outcome.usable or self._nlp.deadline.over or self._nlp.watch.ends:
                 break
             if index + 1 < len(self._levels):
                 y = self._nlp.rows_at(best.point.x, self._p)[index]
@@ -170,6 +177,17 @@ class _Run:
         iterations += [0] * left
         iterations[0] += self._spent
         return self._result(best or self._nothing(), tuple(statuses), tuple(iterations), tuple(points), False)
+
+    def _stopped(self, outcome: Outcome) -> LexicographicResult:
+        """By hand, before the first level was solved by itself: no level is held where it is."""
+        first = self._nlp.program.nlps[0]
+        g = ca.Function("g", [first.nlp["x"], first.nlp["p"]], [first.nlp["g"]])(outcome.point.x, self._p)
+        violation = self._bounds.violation(outcome.point.x, np.array(g).ravel(), first.rows)
+        left = len(self._levels) - 1
+        statuses = (NlpStatus.INTERRUPTED, *(NlpStatus.SKIPPED,) * left)
+        reached = replace(outcome, violation=violation)
+        points = (NlpPoint(x=outcome.point.x),) * (left + 1)
+        return self._result(reached, statuses, (outcome.iterations, *(0,) * left), points, False)
 
     def _start(self, index: int, best: Outcome | None) -> NlpPoint:
         """A warm start of this level if there is one; otherwise where the level above ended, cold."""

@@ -36,6 +36,7 @@ class NlpStatus(AdvisedStatus):
         "not a number",
         "an expression is not finite at some point; look for divisions by zero, or move the guess",
     )
+    INTERRUPTED = "interrupted", "stopped by hand at the best point so far; go on from there"
     SKIPPED = "skipped", "a level above it failed; see that level"
 
     @property

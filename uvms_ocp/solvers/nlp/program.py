@@ -76,6 +76,12 @@ class LevelRows:
         """Signed distance (m,) of the rows y (m,) [unit of the row] to their range."""
         return np.asarray(distance(y, self.lower, self.upper))
 
+    def kept(self, norm: float, tolerance: float) -> float:
+        """Largest norm [-] of the residual with which a level that has reached `norm` [-] keeps it; tolerance [-]."""
+        if self.relax is None:
+            return norm + tolerance
+        return float(((1 + self.relax) * norm**2 + 2 * tolerance) ** 0.5)
+
     def frozen_bounds(self, y: np.ndarray, cost: float, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of the rows that keep the level where it is, at y (m,) [unit of the row] and `cost` [-].
 

@@ -9,6 +9,7 @@ import numpy as np
 from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record import Record
 from uvms_ocp.viz.scene.animation import Frames, beam_clip, draw_beam, draw_robot, frames_of, joint_clips, joint_node
 from uvms_ocp.viz.scene.page_details import page_details
@@ -30,12 +31,20 @@ def write_scene(record: Record, robot: Robot, path: Path | str, fps: float = 25)
 
 
 @checked
-def show(record: Record, robot: Robot, *, fps: float = 25, height: int = 520) -> ScenePage:
+def show(what: Record | Plan, robot: Robot | None = None, *, fps: float = 25, height: int = 520) -> ScenePage:
     """The same scene as a value that a notebook displays in a frame `height` [px] high.
 
-    fps [Hz]: frames per second. Raises `InvalidInput` where the record is not of this robot or has nothing to draw, and for
-    an fps that is not positive.
+    robot: of a record; a plan knows its own. fps [Hz]: frames per second. Raises `InvalidInput` where the record is not of
+    this robot or has nothing to draw, and for an fps that is not positive.
     """
+    if isinstance(what, Plan):
+        return _page(what.to_record(), what.robot, fps, height)
+    if robot is None:
+        raise InvalidInput(f"a record of {what.meta.robot} does not hold its robot; give it: show(record, robot)")
+    return _page(what, robot, fps, height)
+
+
+def _page(record: Record, robot: Robot, fps: float, height: int) -> ScenePage:
     _check(record, robot, fps)
     frames = frames_of(record, robot, fps)
     centre = _centre(record, frames)

@@ -9,12 +9,14 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from uvms_ocp.arguments import changed, checked, late, trusted
+from uvms_ocp.arguments import changed, checked, late, trusted, unchecked
 from uvms_ocp.arrays import Array
 from uvms_ocp.control.navigation.filter.memory import NUMBER
 from uvms_ocp.control.navigation.health.monitor import HealthMonitor
+from uvms_ocp.control.navigation.health.repeated import repeated_by
 from uvms_ocp.control.navigation.health.support import needed_channels, stand_ins, support_of
 from uvms_ocp.control.navigation.pass_through import PassThrough
+from uvms_ocp.model.health import ChannelHealth
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import SensorSpecs
 from uvms_ocp.model.state import Command, Measurement, Readings
@@ -59,7 +61,12 @@ class GuardedEstimator:
         """specs: those that the estimator expects. monitor: one for them unless given."""
         specs = specs or SensorSpecs()
         self.estimator, self.monitor = estimator, monitor or HealthMonitor(robot, specs)
+        self._take = unchecked(self.monitor.take)
         exact = isinstance(estimator, PassThrough)
+        # One of a class of its own may do more than to repeat.
+        plain = estimator if isinstance(estimator, PassThrough) and type(estimator) is PassThrough else None
+        self._repeated = repeated_by(plain) if plain is not None and self.monitor.repeats else None
+        self._started = False
         self._begun = not exact
         self._gating = estimator if isinstance(estimator, Gating) else None
         gating = self._gating is not None
@@ -74,24 +81,44 @@ class GuardedEstimator:
     @late
     def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
         """The measurement at time t [s]; `command` has been acting since the last call. Raises what the estimator raises."""
-        monitor, support = self.monitor, self._support
+        if self._started and self._repeated is not None:
+            q, v, echo = self._take(readings, self._support, self._repeated, t, command)
+            return self._told(q, v, echo, self.monitor.health)
+        monitor = self.monitor
         vetted = monitor.vet(readings, t, command)
         if not self._begun and not self._begin(vetted):
             return changed(self._nothing, health=monitor.judge(self._nothing, t))
         if self._gating is not None and (monitor.velocity_exposed or monitor.adrift):
             self._gating.doubt_velocity(rests=monitor.adrift)
         measured = self.estimator(vetted, t, command)
-        health, oldest = monitor.conclude(measured, support, self._outcomes, t), support.oldest
+        health = monitor.conclude(measured, self._support, self._outcomes, t)
+        self._started = True
+        return self._told(
+            measured.q, measured.v, measured.altimeter_range, health, measured.spread, measured.altimeter_spread
+        )
+
+    def _told(
+        self,
+        q: Array,
+        v: Array,
+        echo: float,
+        health: tuple[ChannelHealth, ...],
+        spread: Array | None = None,
+        altimeter_spread: float = math.nan,
+    ) -> Measurement:
+        """With the age that the support of the estimate gives it."""
+        support = self._support
+        oldest = support.oldest
         return _measurement(
-            q=measured.q,
-            v=measured.v,
-            altimeter_range=measured.altimeter_range if support.echo else math.nan,
+            q=q,
+            v=v,
+            altimeter_range=echo if support.echo else math.nan,
             age=support.age,
             oldest=_NAMES[oldest] if oldest >= 0 else "",
             joint_age=support.joint_age,
             health=health,
-            spread=measured.spread,
-            altimeter_spread=measured.altimeter_spread,
+            spread=spread,
+            altimeter_spread=altimeter_spread,
         )
 
     def _begin(self, readings: Readings) -> bool:

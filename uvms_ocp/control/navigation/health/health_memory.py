@@ -60,6 +60,8 @@ class ChannelMemory(Layout):
     """The filter sees an older reading."""
     used: float
     """[s] stamp of the reading that the filter sees, -inf before the first."""
+    used_value: Annotated[Vector, Sized("n_width")]
+    """(n_width,) [unit of the channel] its value."""
     taken: float
     """[s] when the last reading was taken that the estimate rests on, nan before the first."""
     used_at: float
@@ -137,6 +139,8 @@ class HealthMemory(Layout):
     """[s] of the tick."""
     dt: float
     """[s]"""
+    n_behind: int
+    """[-] channels that the filter sees an older reading of than the newest."""
     exposed: bool
     """What told the velocity has been found out in this tick."""
     adrift: bool

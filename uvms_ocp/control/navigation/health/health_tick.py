@@ -12,6 +12,7 @@ from uvms_ocp.control.navigation.health.laws.history import remember, slot_at
 from uvms_ocp.control.navigation.health.laws.still_encoders import ask
 from uvms_ocp.control.navigation.health.reading_checks import is_empty, is_stubborn, look_at
 from uvms_ocp.control.navigation.health.reasons import Reason
+from uvms_ocp.control.navigation.health.repeated import Repeated, repeat
 from uvms_ocp.control.navigation.health.support import Support, age_by_support, tell_echo
 from uvms_ocp.functions.kernels.layout import Vector
 
@@ -19,23 +20,19 @@ _TOLD = 4  # numbers of an outcome
 _ADRIFT = 1.0  # [s] for which a velocity may be carried on by itself
 
 
-def vet(m: HealthMemory, t: float, moving: bool) -> int:
-    """Look at the fresh readings at time t [s]; moving: there was a command, and no brakes.
-
-    Returns how many channels the filter sees an older reading of than the newest [-].
-    """
+def vet(m: HealthMemory, t: float, moving: bool) -> None:
+    """Look at the fresh readings at time t [s]; moving: there was a command, and no brakes."""
     _begin(m, t)
     ask(m.encoders, moving, m.dt)
-    behind = 0
+    m.n_behind = 0
     for k in range(m.n):
         c = m.channels[m.order[k]]
         if c.fresh:
             _vet_newest(m, c)
         if c.behind:
-            behind += 1
+            m.n_behind += 1
     m.adrift = _is_adrift(m)
     m.adrift_at = t if m.adrift else m.adrift_at
-    return behind
 
 
 def _begin(m: HealthMemory, t: float) -> None:
@@ -76,6 +73,17 @@ def conclude(m: HealthMemory, s: Support, outcomes: Vector, t: float) -> int:
     """
     if s.gating:
         _hear_all(m, outcomes)
+    return _settle_all(m, s, t)
+
+
+def take(m: HealthMemory, s: Support, r: Repeated, t: float, moving: bool) -> int:
+    """`vet` at time t [s], and `conclude` of the readings that are used, taken for the truth."""
+    vet(m, t, moving)
+    repeat(m, r)
+    return _settle_all(m, s, t)
+
+
+def _settle_all(m: HealthMemory, s: Support, t: float) -> int:
     age_by_support(m, s)
     n = judge(m, t, s.age < math.inf)
     tell_echo(m, s)
@@ -90,6 +98,9 @@ def _vet_newest(m: HealthMemory, c: ChannelMemory) -> None:
         c.seen = c.stamp
         _vet_new(m, c)
     c.misshapen = 0
+    if not c.behind:
+        for i in range(c.size):
+            c.used_value[i] = c.value[i]
 
 
 def _vet_new(m: HealthMemory, c: ChannelMemory) -> None:

@@ -9,12 +9,14 @@ from operator import attrgetter
 import numpy as np
 
 from uvms_ocp.arguments import checked, late, trusted
+from uvms_ocp.arrays import Array
 from uvms_ocp.control.navigation.beam import BeamMount
 from uvms_ocp.control.navigation.filter.memory import NUMBER
 from uvms_ocp.control.navigation.health.channel_state import hear
 from uvms_ocp.control.navigation.health.health_settings import health_memory, sizes_of
-from uvms_ocp.control.navigation.health.health_tick import conclude, judge, vet
+from uvms_ocp.control.navigation.health.health_tick import conclude, judge, take, vet
 from uvms_ocp.control.navigation.health.reasons import Texts
+from uvms_ocp.control.navigation.health.repeated import Repeated
 from uvms_ocp.control.navigation.health.seat import Seat
 from uvms_ocp.control.navigation.health.support import Support
 from uvms_ocp.control.navigation.health.tuning import HealthTuning
@@ -57,9 +59,9 @@ class HealthMonitor:
         present = {name: getattr(specs, name) for name in _present(robot, specs, frame)}
         self.memory = memory = health_memory(robot, present, self.tuning)
         """All that it knows, a `HealthMemory`."""
-        structures = (type(memory), structure_of(Support))
-        self._vet, self._judge, self._conclude, self._hear = bind_kernels(
-            (vet, judge, conclude, hear), structures, compiled=compiled
+        structures = (type(memory), structure_of(Support), structure_of(Repeated))
+        self._vet, self._judge, self._conclude, self._take, self._hear = bind_kernels(
+            (vet, judge, conclude, take, hear), structures, compiled=compiled
         )
         shapes, self._texts = sizes_of(robot), Texts(robot.joint_names)
         self._seats = {name: Seat(memory.channels[NUMBER[name]], shapes[name], self._texts) for name in present}
@@ -68,6 +70,9 @@ class HealthMonitor:
         self._joint_q, self._joint_v = robot.joint_q, robot.joint_v
         self._q, self._v = np.ctypeslib.as_array(memory.now.q), np.ctypeslib.as_array(memory.now.v)
         self._rates = np.ctypeslib.as_array(memory.encoders.rates)[: robot.n_joints]
+        self._range = np.ctypeslib.as_array(memory.channels[NUMBER["altimeter_range"]].used_value)[:1]
+        if self._beam is None:
+            self._range[:] = math.nan
         self._health = tuple(_health(channel=name, trust=Trust.GOOD) for name in present)
         self.alarms: list[tuple[float, str]] = []
         """Time [s] and text of each change of a verdict; the text begins with the channel."""
@@ -108,6 +113,40 @@ class HealthMonitor:
 
         `command` has been acting since the last call.
         """
+        fresh, strange = self._seat(readings)
+        self._vet(self.memory, t, self._is_moved(command))
+        self._use(fresh)
+        if not self.memory.n_behind and not strange:
+            return readings
+        return _readings(**{name: seat.used for name, seat in self._seats.items()})
+
+    @property
+    def repeats(self) -> bool:
+        """Whether `take` can be asked: the altimeter is not carried by the arm."""
+        return self._beam is None or not self._beam.moves
+
+    @late
+    def take(
+        self,
+        readings: Readings,
+        support: ctypes.Structure,
+        repeated: ctypes.Structure,
+        t: float,
+        command: Command | None = None,
+    ) -> tuple[Array, Array, float]:
+        """`vet` and `conclude` at once, at time t [s], for who takes readings for the truth.
+
+        Returns q (n_q,) [m, rad], v (n_v,) [m/s, rad/s] and the range of the altimeter [m], nan without one; `health` has the
+        verdicts. support, repeated: a `Support` and a `Repeated`.
+        """
+        fresh, _ = self._seat(readings)
+        if self._take(self.memory, support, repeated, t, self._is_moved(command)):
+            self._tell(t)
+        self._use(fresh)
+        return self._q.copy(), self._v.copy(), self._range.item()
+
+    def _seat(self, readings: Readings) -> tuple[list[Seat], bool]:
+        """Channels with another reading than before, and whether one is given that is not to be, or none where one was."""
         fresh, strange = [], False
         for reading, seat in zip(_all(readings), self._places, strict=True):
             if seat is None:
@@ -117,16 +156,21 @@ class HealthMonitor:
             elif reading is not seat.seen:
                 seat.take(reading)
                 fresh.append(seat)
-        moving = False
-        if command is not None and not command.brakes:
-            self._rates[:], moving = command.v[self._joint_v], True
-        behind = self._vet(self.memory, t, moving)
+        return fresh, strange
+
+    def _is_moved(self, command: Command | None) -> bool:
+        """Whether joints are, and how fast, for the kernels."""
+        if command is None or command.brakes:
+            return False
+        self._rates[:] = command.v[self._joint_v]
+        return True
+
+    def _use(self, fresh: list[Seat]) -> None:
+        """What the filter sees from now on."""
+        behind = self.memory.n_behind
         for seat in fresh:
             if not behind or not seat.memory.behind:
                 seat.used = seat.seen
-        if not behind and not strange:
-            return readings
-        return _readings(**{name: seat.used for name, seat in self._seats.items()})
 
     @late
     def hear(self, channel: str, t: float, nis: float, dof: int, accepted: bool) -> None:

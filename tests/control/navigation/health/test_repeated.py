@@ -1,0 +1,62 @@
+"""Readings that are taken for the truth go through the monitor in one call: the same comes of it as of two."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from corruptors import DEFECTS, with_defect
+from health_run import FLOOR
+
+from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
+from uvms_ocp.control.navigation.health.monitor import HealthMonitor
+from uvms_ocp.control.navigation.pass_through import PassThrough
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpec
+from uvms_ocp.model.state import Command, Measurement, State
+from uvms_ocp.sim.sensors import SensorSuite
+
+DT = 0.02
+SPECS = replace(IDEAL_SENSORS, joint_positions=SensorSpec(rate=50.0), position=SensorSpec(rate=5.0, delay=0.1))
+
+
+class Another(PassThrough):
+    """One that the guard does not know to repeat, and asks."""
+
+
+def _told(kind: type[PassThrough], channel: str, defect: str) -> tuple[list[Measurement], HealthMonitor]:
+    """What is measured of a robot on its way, with a defect after a while."""
+    robot, corrupt, told = load_robot("girona_maris7"), DEFECTS[defect](channel), []
+    guard, suite = GuardedEstimator(kind(robot, SPECS), robot, SPECS), SensorSuite(robot, FLOOR, SPECS)
+    q, v = robot.configuration(position=(0.0, 0.0, -36.0)), np.full(robot.n_v, 0.01)
+    for k in range(200):
+        readings, t = suite.read(State(q=q, v=v), k * DT), k * DT
+        q = np.concatenate([q[:3] + DT * v[:3], q[3:]])
+        bad = t > 2.0 and getattr(readings, channel) is not None
+        told.append(guard(with_defect(readings, channel, corrupt, t) if bad else readings, t, Command(v=v)))
+    return told, guard.monitor
+
+
+@pytest.mark.parametrize("defect", ["jump", "nan", "frozen", "late"])
+@pytest.mark.parametrize("channel", ["position", "attitude", "joint_positions", "linear_velocity", "altimeter_range"])
+def test_one_call_tells_what_two_do(channel: str, defect: str) -> None:
+    (once, watched), (twice, watched_too) = (_told(kind, channel, defect) for kind in (PassThrough, Another))
+    assert watched.alarms == watched_too.alarms
+    assert bytes(watched.memory) == bytes(watched_too.memory)
+    for a, b in zip(once, twice, strict=True):
+        _require_same(a, b)
+
+
+def _require_same(a: Measurement, b: Measurement) -> None:
+    np.testing.assert_array_equal(a.q, b.q)
+    np.testing.assert_array_equal(a.v, b.v)
+    np.testing.assert_array_equal(a.altimeter_range, b.altimeter_range)
+    told: list[Any] = [(m.age, m.oldest, m.joint_age, m.health, m.spread) for m in (a, b)]
+    assert told[0] == told[1]
+
+
+def test_a_measurement_is_not_changed_by_the_next() -> None:
+    told, _ = _told(PassThrough, "depth", "jump")
+    assert len({m.q[0] for m in told}) > 10

@@ -1,0 +1,88 @@
+"""A mission as an optimal control problem over its whole length, and where the search begins."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uvms_ocp.mission_plan.greedy_way import GreedyWay, greedy_way
+from uvms_ocp.mission_plan.margins import Margins
+from uvms_ocp.mission_plan.stretches import Stretch, stretches_of
+from uvms_ocp.mission_plan.surroundings import clearance_terms, floor_along, floor_terms
+from uvms_ocp.mission_plan.translation import Terms, Weights, levels_of, terms_of
+from uvms_ocp.model.state import State
+from uvms_ocp.ocp.problem import OcpProblem
+from uvms_ocp.ocp.trajectory import Trajectory, through
+from uvms_ocp.scenario import Scenario
+from uvms_ocp.sim.currents import Current, water_at
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class MissionProblem:
+    """A mission, as optimal control has it."""
+
+    problem: OcpProblem
+    stretches: tuple[Stretch, ...]
+    """The phases of the problem."""
+    terms: Terms
+    guess: Trajectory
+    """The greedy way, over the nominal durations."""
+    greedy_duration: float
+    """[s] of that way."""
+
+    current: Current
+    """Of the water."""
+
+    def at(self, weights: Weights, way: Trajectory) -> OcpProblem:
+        """The problem with other weights in its last level, and the water as it is along a way."""
+        levels = levels_of(self.problem.robot, self.terms, weights)
+        return replace(self.problem, levels=levels, current=_currents(self.current, way))
+
+
+def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> MissionProblem:
+    """step [s] of the horizon. Raises `InvalidInput` as `plan_mission` does."""
+    way = greedy_way(scenario)
+    stretches = stretches_of(scenario.mission, way, margins, step=step)
+    terms = terms_of(scenario.robot, scenario.mission, way.phases, stretches, margins)
+    problem = _problem(scenario, way, stretches, terms, margins)
+    return MissionProblem(
+        problem=problem,
+        stretches=tuple(stretches),
+        terms=terms,
+        guess=_guess(problem, way, stretches),
+        greedy_duration=float(way.begins[-1]),
+        current=scenario.environment.current,
+    )
+
+
+def _problem(
+    scenario: Scenario, way: GreedyWay, stretches: Sequence[Stretch], terms: Terms, margins: Margins
+) -> OcpProblem:
+    robot, floor = scenario.robot, floor_along(scenario, way)
+    shapes = (*floor_terms(scenario, stretches, floor, margins), *clearance_terms(scenario, margins))
+    return OcpProblem(
+        robot=robot,
+        start=State(q=np.array(scenario.start), v=np.zeros(robot.n_v)),
+        phases=tuple(stretch.ocp for stretch in stretches),
+        levels=levels_of(robot, terms, Weights()),
+        constraints=(*terms.constraints, *shapes),
+        floor=floor,
+        altimeter_frame=scenario.altimeter_frame or robot.description.altimeter or "altimeter",
+    )
+
+
+def _guess(problem: OcpProblem, way: GreedyWay, stretches: Sequence[Stretch]) -> Trajectory:
+    """The greedy way in the nominal times of the problem."""
+    marks = np.cumsum([0.0, *(stretch.ocp.nominal for stretch in stretches)])
+    greedy = np.array([stretch.greedy[0] for stretch in stretches] + [stretches[-1].greedy[1]])
+    t = problem.nominal_times()
+    rows = np.searchsorted(way.t, np.interp(t, marks, greedy))
+    return through(problem, t, way.q[np.clip(rows, 0, len(way.t) - 1)])
+
+
+def _currents(current: Current, way: Trajectory) -> np.ndarray:
+    """Velocities (n_steps, 3) [m/s] of the water around the vehicle at the middle of each step."""
+    t, p = (way.t[:-1] + way.t[1:]) / 2, (way.q[:-1, :3] + way.q[1:, :3]) / 2
+    return np.array([water_at(current, p[k : k + 1], float(t[k])).velocity[0] for k in range(len(t))])

@@ -1,0 +1,44 @@
+"""What there is around the robot of a problem, as records keep it: goals of poses, obstacles, a floor."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.meta_values import FrameMeta, SurroundingsMeta
+from uvms_ocp.obstacle_data import ObstacleData
+from uvms_ocp.ocp.problem import OcpProblem
+from uvms_ocp.ocp.terms import TaskTerm
+from uvms_ocp.tasks.pose import ToolPose
+from uvms_ocp.tasks.reference import evaluate_pose
+
+
+def surroundings(problem: OcpProblem, t0: float) -> SurroundingsMeta:
+    """As it is at the end of the horizon, for goals and obstacles that move; t0 [s] is the time of the first node."""
+    end = t0 + float(problem.nominal_times()[-1])
+    poses = [term for term in problem.terms if isinstance(term, TaskTerm) and isinstance(term.task, ToolPose)]
+    obstacles = [item for term in problem.terms for item in term.scenery(end)]
+    return SurroundingsMeta(
+        frames=tuple(_goal(term, end) for term in poses),
+        obstacles=tuple(_renamed(obstacles)),
+        floor_z=float(problem.floor) if np.isfinite(problem.floor) else None,
+    )
+
+
+def _goal(term: TaskTerm, t: float) -> FrameMeta:
+    assert isinstance(term.task, ToolPose)
+    pose = evaluate_pose(term.name, term.task.goal, t)[0]
+    return FrameMeta(name=f"goal of {term.name}", pose=tuple(pin.SE3ToXYZQUAT(pose).tolist()))
+
+
+def _renamed(obstacles: list[ObstacleData]) -> list[ObstacleData]:
+    """With names that differ: several terms may number theirs alike."""
+    seen: Counter[str] = Counter()
+    named = []
+    for item in obstacles:
+        seen[item.name] += 1
+        again = f" ({seen[item.name]})" if seen[item.name] > 1 else ""
+        named.append(item.model_copy(update={"name": item.name + again}))
+    return named

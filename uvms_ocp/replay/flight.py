@@ -1,0 +1,99 @@
+"""Plans carried out on a plant: blind, with the forces of the planned motion alone, or with feedback."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from uvms_ocp.arguments import Period, checked
+from uvms_ocp.control.force.computed_torque import OPEN_LOOP
+from uvms_ocp.control.navigation.pass_through import PassThrough
+from uvms_ocp.control.receding.plan_tracking import PlanTracker
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.meta_values import PhaseMeta
+from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.model.sensing import IDEAL_SENSORS
+from uvms_ocp.model.state import State
+from uvms_ocp.model.water.hydrodynamics import Water
+from uvms_ocp.ocp.plan import Plan
+from uvms_ocp.ocp.plans.mismatch import Mismatch, mismatch
+from uvms_ocp.ocp.plans.motion_series import TOOL, tool_series
+from uvms_ocp.record import Record
+from uvms_ocp.run_meta import RunMeta, packages
+from uvms_ocp.sim.dynamic_plant import DynamicPlant
+from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.loop import simulate
+from uvms_ocp.sim.plant import Plant
+from uvms_ocp.sim.seafloor import FlatSeafloor
+from uvms_ocp.sim.sensors import SensorSuite
+
+Where: TypeAlias = Plant | Environment
+"""A plant in any state, or an environment in which the robot starts as the plan does."""
+_DEEP = FlatSeafloor(z=-1e4)  # of plants, whose floor no one tells: the echo of the altimeter is not used
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Flight:
+    """What a plant made of a plan."""
+
+    record: Record
+    """True states, thrust, torque and energy, tick by tick; figures and scenes take it."""
+    mismatch: Mismatch
+    """Of the tool, or of the robot's last frame where it has none."""
+
+
+@checked
+def replay(plan: Plan, where: Where, *, feedback: bool = True, dt: Period = 1 / 200) -> Flight:
+    """Carry out a plan on a plant, or on a `DynamicPlant` in an environment that starts in the plan's first state.
+
+    feedback: of positions and velocities, else the forces of the planned motion alone; by computed torque both. dt [s]:
+    control period.
+    Raises `InvalidInput` for a plan of a wrench: no plant takes one.
+    """
+    robot, trajectory = plan.robot, plan.trajectory
+    if trajectory.of_wrench and robot.n_vehicle:
+        raise InvalidInput("a plan with Actuation.WRENCH has no thrust to send; plan with Actuation.THRUSTERS")
+    dynamics = robot_dynamics(robot)
+    plant = _plant(plan, where, dynamics) if isinstance(where, Environment) else where
+    floor = where.seafloor if isinstance(where, Environment) else _DEEP
+    gains, water = None if feedback else OPEN_LOOP, Water(velocity=np.array(plan.current))
+    recorder = simulate(
+        plant=plant,
+        sensors=SensorSuite(robot, floor, IDEAL_SENSORS).read,
+        estimator=PassThrough(robot),
+        controller=PlanTracker(trajectory, robot, dynamics, dt=dt, gains=gains, water=water),
+        dt=dt,
+        duration=plan.duration + dt,
+    )
+    record = _record(plan, recorder.series(), dt, "with feedback" if feedback else "blind")
+    frame = TOOL if robot.has_frame(TOOL) else robot.frame_names[-1]
+    return Flight(record=record, mismatch=mismatch(trajectory, record["t"], record["q"], robot=robot, frame=frame))
+
+
+def _plant(plan: Plan, environment: Environment, dynamics: Dynamics) -> DynamicPlant:
+    start = plan.trajectory.q[0], plan.trajectory.v[0]
+    plant = DynamicPlant(plan.robot, start[0], dynamics=dynamics, environment=environment)
+    plant.state = State(q=start[0], v=start[1], a=np.zeros(plan.robot.n_v))
+    return plant
+
+
+def _record(plan: Plan, series: dict[str, np.ndarray], dt: float, how: str) -> Record:
+    """One phase, without tasks: no mission is carried out, but a motion."""
+    robot = plan.robot
+    meta = RunMeta(
+        scenario=f"plan carried out {how}",
+        robot=robot.name,
+        joints=robot.joint_names,
+        phases=(PhaseMeta(name="plan"),),
+        surroundings=plan.surroundings,
+        packages=packages(),
+        plant="dynamic" if "thrust" in series else "kinematic",
+        solver="none",
+        floating=bool(robot.n_vehicle),
+        dt=dt,
+        completed=True,
+    )
+    tool = {} if not robot.has_frame(TOOL) else {TOOL: tool_series(robot, series["q"])}
+    return Record(series=series | tool | {"phase": np.zeros(len(series["t"]), dtype=np.int64)}, meta=meta)

@@ -1,0 +1,189 @@
+/* A horizon of stages: its Hessian, the Riccati recursion in square-root form, and solutions with the factor that it leaves.
+
+Sizes and places of stage k are entries k of integer arrays; `stages.py` makes them, and the structure. */
+
+typedef struct {
+  int N;
+  const int *n_x, *n_u, *n_r, *n_c; /* sizes */
+  const int *x, *z, *r, *c;         /* places of vectors */
+  const int *F, *J, *H, *C, *M;     /* places of matrices */
+  const double *dynamics, *offset, *rows, *residual, *hessian, *gradient, *damping, *constraints;
+  const double *fixed; /* of each variable: 1 where it never moves */
+  double *Q, *q;       /* Hessian, padded, and gradient at 0 */
+  double *L, *inverse; /* factor, padded */
+  double *W;           /* room for the largest n_x rows of the largest stage */
+  double *v;           /* room for 4 vectors of the largest stage */
+  WeightedRow *list;   /* room for twice the largest number of rows */
+  double least;        /* curvature that counts as none beside it */
+} Stages;
+
+static int n_z(const Stages *s, int k) { return s->n_x[k] + s->n_u[k]; }
+
+/* Hessian and gradient from residual rows, Hessians and damping; of a costless QP next to nothing. */
+void load_stages(Stages *s, int costless) {
+  double most = 0.0;
+  for (int k = 0; k <= s->N; ++k) {
+    const int n = n_z(s, k), ld = PADDED(n), m = s->n_r[k];
+    const double *J = s->rows + s->J[k], *r = s->residual + s->r[k], *H = s->hessian + s->H[k];
+    double *Q = s->Q + s->M[k], *q = s->q + s->z[k];
+    for (int i = 0; i < ld * ld; ++i) Q[i] = 0.0;
+    if (costless) {
+      for (int i = 0; i < n; ++i) Q[i * ld + i] = most = PHASE_ONE, q[i] = 0.0;
+      continue;
+    }
+    for (int i = 0; i < n; ++i)
+      for (int j = 0; j <= i; ++j) Q[i * ld + j] = H[i * n + j];
+    for (int i = 0; i < n; ++i) Q[i * ld + i] += s->damping[s->z[k] + i], q[i] = s->gradient[s->z[k] + i];
+    add_gram(m, n, J, 0, Q, s->list);
+    for (int i = 0; i < m; ++i)
+      if (r[i] != 0.0) add_multiple(n, r[i], J + (size_t)i * n, q);
+    for (int i = 0; i < n; ++i)
+      if (Q[i * ld + i] > most) most = Q[i * ld + i];
+  }
+  s->least = most > 0.0 ? SMALLEST_CURVATURE * most : 1.0;
+}
+
+/* Factor with `weight` on constraint rows and then on variables; 0, or as `factor_reversed`. */
+int factor_stages(Stages *s, const double *weight, const double *weight_z) {
+  int wrong = 0;
+  for (int k = s->N; k >= 0; --k) {
+    const int n = n_z(s, k), ld = PADDED(n), after = k < s->N ? s->n_x[k + 1] : 0;
+    const double *fixed = s->fixed + s->z[k];
+    double *L = s->L + s->M[k];
+    memcpy(L, s->Q + s->M[k], sizeof(double) * (size_t)(ld * ld));
+    add_gram(s->n_c[k], n, s->constraints + s->C[k], weight + s->c[k], L, s->list);
+    for (int i = 0; i < n; ++i) L[i * ld + i] += weight_z[s->z[k] + i];
+    if (after) {
+      const int next = PADDED(n_z(s, k + 1));
+      const double *G = s->L + s->M[k + 1], *F = s->dynamics + s->F[k];
+      for (int i = 0; i < after; i += 4)
+        for (int j = 0; j < n; j += 4) {
+          double c[4][4] = {{0}};
+          block_rows(i + 4 < after ? i + 4 : after, G + i * next, next, F + j, n, c);
+          for (int p = 0; p < 4; ++p)
+            for (int q = 0; q < 4; ++q) s->W[(i + p) * ld + j + q] = c[p][q];
+        }
+      for (int i = 0; i < n; i += 4)
+        for (int j = 0; j <= i; j += 4) {
+          double c[4][4] = {{0}};
+          block_product(after, s->W + i, ld, s->W + j, ld, c);
+          for (int p = 0; p < 4; ++p)
+            for (int q = 0; q < 4; ++q) L[(i + p) * ld + j + q] += c[p][q];
+        }
+    }
+    for (int i = 0; i < n; ++i)
+      if (fixed[i] != 0.0) {
+        for (int j = 0; j < n; ++j) L[(i > j ? i : j) * ld + (i > j ? j : i)] = 0.0;
+        L[i * ld + i] = 1.0;
+      }
+    const int failed = factor_reversed(n, k ? s->n_x[k] : 0, s->least, L, s->inverse + s->z[k]);
+    if (failed > wrong) wrong = failed;
+    if (wrong == 2) return wrong;
+  }
+  return wrong;
+}
+
+/* h = P v for the state of stage k, P = L' L; w: room for n_x. */
+static void times_P(const Stages *s, int k, const double *v, double *h, double *w) {
+  const int n = s->n_x[k], ld = PADDED(n_z(s, k));
+  const double *L = s->L + s->M[k];
+  for (int i = 0; i < n; ++i) w[i] = dot(i + 1, L + i * ld, v), h[i] = 0.0;
+  for (int i = 0; i < n; ++i) add_multiple(i + 1, w[i], L + i * ld, h);
+}
+
+/* The step dz that minimises 1/2 dz' Q dz + g' dz along dx_+ = F dz + d, and its costates; g (z), d (x, that of stage 0 unused),
+dz (z), costate (x); g and dz, d and costate must differ. */
+void solve_stages(Stages *s, const double *g, const double *d, double *dz, double *costate) {
+  int most = 0;
+  for (int k = 0; k <= s->N; ++k) most = n_z(s, k) > most ? n_z(s, k) : most;
+  double *p = s->v, *w = p + PADDED(most);
+  for (int k = s->N; k >= 0; --k) {
+    const int n = n_z(s, k), ld = PADDED(n), n_x = s->n_x[k], after = k < s->N ? s->n_x[k + 1] : 0;
+    const double *L = s->L + s->M[k], *inverse = s->inverse + s->z[k], *fixed = s->fixed + s->z[k];
+    double *h = dz + s->z[k];
+    for (int i = 0; i < n; ++i) h[i] = g[s->z[k] + i];
+    if (after) {
+      const double *F = s->dynamics + s->F[k];
+      const double *next = dz + s->z[k + 1];
+      times_P(s, k + 1, d + s->x[k + 1], p, w);
+      for (int i = 0; i < after; ++i) add_multiple(n, p[i] + next[i], F + (size_t)i * n, h);
+    }
+    for (int i = 0; i < n; ++i)
+      if (fixed[i] != 0.0) h[i] = 0.0;
+    for (int i = n - 1; i >= (k ? n_x : 0); --i) {
+      h[i] *= inverse[i];
+      add_multiple(i, -h[i], L + i * ld, h);
+    }
+  }
+  for (int k = 0; k <= s->N; ++k) {
+    const int n = n_z(s, k), ld = PADDED(n), n_x = s->n_x[k], after = k < s->N ? s->n_x[k + 1] : 0;
+    const double *L = s->L + s->M[k], *inverse = s->inverse + s->z[k];
+    double *h = dz + s->z[k], *own = costate + s->x[k];
+    if (k) {
+      /* h holds p of the state; what dx is stands in costate. */
+      for (int i = 0; i < n_x; ++i) w[i] = h[i], h[i] = own[i];
+      times_P(s, k, h, own, p);
+      for (int i = 0; i < n_x; ++i) own[i] += w[i];
+    } else
+      for (int i = 0; i < n_x; ++i) own[i] = 0.0;
+    for (int i = k ? n_x : 0; i < n; ++i) h[i] = -(h[i] + dot(i, L + i * ld, h)) * inverse[i];
+    if (after) {
+      const double *F = s->dynamics + s->F[k];
+      for (int i = 0; i < after; ++i) costate[s->x[k + 1] + i] = dot(n, F + (size_t)i * n, h) + d[s->x[k + 1] + i];
+    }
+  }
+}
+
+/* grad = Q z (+ q), then + F' costate_+ - costate + C' y + y_z; defect = F z + b - x_+; value = C z.
+
+linear 0 leaves out q and b: the same of a direction. Returns the largest entry of any of the terms of grad. */
+double evaluate_stages(Stages *s, int linear, const double *z, const double *costate, const double *y, const double *y_z,
+                       double *grad, double *defect, double *value) {
+  double most = 0.0;
+  for (int k = 0; k <= s->N; ++k) {
+    const int n = n_z(s, k), ld = PADDED(n), after = k < s->N ? s->n_x[k + 1] : 0, m = s->n_c[k];
+    const double *Q = s->Q + s->M[k], *C = s->constraints + s->C[k], *v = z + s->z[k];
+    double *restrict own = grad + s->z[k];
+    for (int i = 0; i < n; ++i) own[i] = 0.0;
+    for (int i = 0; i < n; ++i) {
+      own[i] += dot(i + 1, Q + i * ld, v);
+      add_multiple(i, v[i], Q + i * ld, own);
+    }
+    for (int i = 0; linear && i < n; ++i) own[i] += s->q[s->z[k] + i];
+    for (int i = 0; i < n; ++i) most = fabs(own[i]) > most ? fabs(own[i]) : most;
+    for (int i = 0; i < after; ++i) {
+      const double *row = s->dynamics + s->F[k] + (size_t)i * n;
+      const int at = s->x[k + 1] + i;
+      add_multiple(n, costate[at], row, own);
+      defect[at] = dot(n, row, v) + (linear ? s->offset[at - s->x[1]] : 0.0) - z[s->z[k + 1] + i];
+    }
+    if (k)
+      for (int i = 0; i < s->n_x[k]; ++i) own[i] -= costate[s->x[k] + i];
+    for (int i = 0; i < m; ++i) {
+      const double *row = C + (size_t)i * n;
+      value[s->c[k] + i] = dot(n, row, v);
+      if (y[s->c[k] + i] != 0.0) add_multiple(n, y[s->c[k] + i], row, own);
+    }
+    for (int i = 0; i < n; ++i) own[i] += y_z[s->z[k] + i];
+  }
+  for (int i = 0; i < s->n_x[0]; ++i) defect[i] = 0.0;
+  return most;
+}
+
+/* grad += C' y + y_z. */
+void add_transposed(const Stages *s, const double *y, const double *y_z, double *grad) {
+  for (int k = 0; k <= s->N; ++k) {
+    const int n = n_z(s, k);
+    double *own = grad + s->z[k];
+    for (int i = 0; i < s->n_c[k]; ++i)
+      if (y[s->c[k] + i] != 0.0) add_multiple(n, y[s->c[k] + i], s->constraints + s->C[k] + (size_t)i * n, own);
+    for (int i = 0; i < n; ++i) own[i] += y_z[s->z[k] + i];
+  }
+}
+
+/* value = C z. */
+void constraint_values(const Stages *s, const double *z, double *value) {
+  for (int k = 0; k <= s->N; ++k)
+    for (int i = 0, n = n_z(s, k); i < s->n_c[k]; ++i)
+      value[s->c[k] + i] = dot(n, s->constraints + s->C[k] + (size_t)i * n, z + s->z[k]);
+}

@@ -1,0 +1,127 @@
+"""The linear algebra of riccati.c in NumPy, for machines without a C compiler; keep both in step."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from uvms_ocp.arrays import Array
+from uvms_ocp.solvers.stagewise.shape import StageShape, slices
+from uvms_ocp.solvers.stagewise.stage_qp import StageQp
+from uvms_ocp.solvers.stagewise.tolerances import STAGE_TOLERANCES
+
+
+class NumpyStages:
+    """As `CompiledStages`."""
+
+    def __init__(self, shape: StageShape) -> None:
+        self.shape = shape
+        self._x, self._z, self._c = slices(shape.n_x), slices(shape.n_z), slices(shape.n_c)
+        self.fixed, self.q = np.zeros(sum(shape.n_z)), np.zeros(sum(shape.n_z))
+        self._Q: list[Array] = []
+        self._L: list[Array] = []
+        self._inverse: list[Array] = []
+        self._least = 1.0
+
+    def load(self, qp: StageQp, *, costless: bool = False) -> float:
+        """Take the data over and make the Hessian, without the cost of `costless`; the largest curvature [1/unit of z^2]."""
+        self._qp = qp
+        if costless:
+            self._Q, self.q[:] = [STAGE_TOLERANCES.phase_one * np.eye(n) for n in self.shape.n_z], 0.0
+            self._least = STAGE_TOLERANCES.smallest_curvature * STAGE_TOLERANCES.phase_one
+            return STAGE_TOLERANCES.phase_one
+        self._Q = [
+            J.T @ J + np.tril(H) + np.tril(H, -1).T + np.diag(damping)
+            for J, H, damping in zip(qp.J, qp.H, qp.damping, strict=True)
+        ]
+        self.q[:] = np.concatenate([J.T @ r + g for J, r, g in zip(qp.J, qp.r, qp.g, strict=True)])
+        most = max(np.diag(Q).max(initial=0.0) for Q in self._Q)
+        self._least = STAGE_TOLERANCES.smallest_curvature * most if most > 0.0 else 1.0
+        return float(self._least / STAGE_TOLERANCES.smallest_curvature)
+
+    def factor(self, weight: Array, weight_z: Array) -> int:
+        self._L, self._inverse, worst = [], [], 0
+        for k in range(self.shape.N, -1, -1):
+            C, n_x = self._qp.C[k], self.shape.n_x[k]
+            M = self._Q[k] + C.T @ (weight[self._c[k], None] * C) + np.diag(weight_z[self._z[k]])
+            if k < self.shape.N:
+                after = self.shape.n_x[k + 1]
+                W = self._L[0][:after, :after] @ self._qp.dynamics[k]
+                M += W.T @ W
+            fixed = self.fixed[self._z[k]] > 0.0
+            M[fixed], M[:, fixed] = 0.0, 0.0
+            M[fixed, fixed] = 1.0
+            L, inverse, failed = _factor_reversed(M, n_x if k else 0, self._least)
+            self._L.insert(0, L)
+            self._inverse.insert(0, inverse)
+            worst = max(worst, failed)
+            if worst == 2:
+                return worst
+        return worst
+
+    def solve(self, g: Array, d: Array) -> tuple[Array, Array]:
+        h = [np.where(self.fixed[z] > 0.0, 0.0, g[z]) for z in self._z]
+        for k in range(self.shape.N, -1, -1):
+            n_x, L, n = self.shape.n_x[k], self._L[k], self.shape.n_z[k]
+            if k < self.shape.N:
+                p = self._times_P(k + 1, d[self._x[k + 1]]) + h[k + 1][: self.shape.n_x[k + 1]]
+                h[k] = h[k] + p @ self._qp.dynamics[k]
+                h[k][self.fixed[self._z[k]] > 0.0] = 0.0
+            for i in range(n - 1, (n_x if k else 0) - 1, -1):
+                h[k][i] *= self._inverse[k][i]
+                h[k][:i] -= h[k][i] * L[i, :i]
+        return self._forward(h, d)
+
+    def _forward(self, h: list[Array], d: Array) -> tuple[Array, Array]:
+        costate = np.zeros(sum(self.shape.n_x))
+        for k in range(self.shape.N + 1):
+            n_x, L, v = self.shape.n_x[k], self._L[k], h[k]
+            if k:
+                p = v[:n_x].copy()
+                v[:n_x] = self._qp.dynamics[k - 1] @ h[k - 1] + d[self._x[k]]
+                costate[self._x[k]] = p + self._times_P(k, v[:n_x])
+            for i in range(n_x if k else 0, len(v)):
+                v[i] = -(v[i] + L[i, :i] @ v[:i]) * self._inverse[k][i]
+        return np.concatenate(h), costate
+
+    def _times_P(self, k: int, v: Array) -> Array:
+        n = self.shape.n_x[k]
+        L = self._L[k][:n, :n]
+        return np.asarray(L.T @ (L @ v))
+
+    def evaluate(self, z: Array, costate: Array, y: Array, y_z: Array) -> tuple[Array, Array, Array, float]:
+        """Gradient of the Lagrangian, defects, values of rows, and the largest term of the gradient."""
+        grad = self.q + np.concatenate([Q @ z[own] for Q, own in zip(self._Q, self._z, strict=True)])
+        largest, defect = float(np.abs(grad).max(initial=0.0)), np.zeros(len(costate))
+        for k in range(self.shape.N):
+            F, n_x = self._qp.dynamics[k], self.shape.n_x[k + 1]
+            grad[self._z[k]] += costate[self._x[k + 1]] @ F
+            after = self._z[k + 1].start
+            grad[after : after + n_x] -= costate[self._x[k + 1]]
+            defect[self._x[k + 1]] = F @ z[self._z[k]] + self._qp.b[k] - z[after : after + n_x]
+        return self.add_transposed(y, y_z, grad), defect, self.values(z), largest
+
+    def values(self, z: Array) -> Array:
+        return np.concatenate([C @ z[own] for C, own in zip(self._qp.C, self._z, strict=True)])
+
+    def add_transposed(self, y: Array, y_z: Array, grad: Array) -> Array:
+        """(n,) grad + C' y + y_z."""
+        return np.asarray(grad + y_z + np.concatenate([y[own] @ C for C, own in zip(self._qp.C, self._c, strict=True)]))
+
+
+def _factor_reversed(M: Array, needed: int, least: float) -> tuple[Array, Array, int]:
+    """L, 1 / L_kk, and 0, or what was wrong; M = L' L."""
+    L, wrong, n, tolerances = np.tril(M), 0, len(M), STAGE_TOLERANCES
+    given, inverse = np.diag(M).copy(), np.zeros(len(M))
+    for k in range(n - 1, -1, -1):
+        pivot = L[k, k]
+        if not np.isfinite(pivot):
+            return L, inverse, 2
+        if pivot < -tolerances.indefinite * (given[k] + least):
+            wrong = 1
+        if pivot <= tolerances.rounding * given[k] + tolerances.tiny:
+            pivot = tolerances.damped * max(given[k], least) if k >= needed else 0.0
+        inverse[k] = 1.0 / np.sqrt(pivot) if pivot > 0.0 else 0.0
+        L[k, :k] *= inverse[k]
+        L[k, k] = pivot * inverse[k]
+        L[:k, :k] -= np.tril(np.outer(L[k, :k], L[k, :k]))
+    return L, inverse, wrong

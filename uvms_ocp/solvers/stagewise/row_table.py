@@ -1,0 +1,87 @@
+"""Rows of constraints and bounds of variables in one list, with what each of them is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uvms_ocp.arrays import Array, Mask
+from uvms_ocp.solvers.stagewise.stage_qp import StageQp
+
+SIGNS = np.array([[1.0], [-1.0]])
+"""Of what is left to the lower and the upper side."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class RowTable:
+    """M rows: those of constraints, stage after stage, then the variables. Arrays (2, M) hold lower and upper sides."""
+
+    bound: Array
+    """(2, M) [unit of the row] 0 where there is none."""
+    side: Mask
+    """(2, M) inequalities."""
+    elastic: Mask
+    """(2, M) inequalities that may be missed at a cost that is not smooth."""
+    equal: Mask
+    """(M,) equalities that are not elastic."""
+    target: Array
+    """(M,) [unit of the row] their right-hand sides; 0 elsewhere."""
+    l1: Array
+    """(M,) [1/unit of the row] 0 where the row is not elastic."""
+    l2: Array
+    """(M,) [1/unit of the row^2] the same."""
+    compliance: Array
+    """(M,) [unit of the row^2] of rows that are missed in proportion to their multiplier; 0 of the others."""
+    norm: Array
+    """(M,) [unit of the row/unit of z] largest entry of a row, 1 where all are 0."""
+    fixed: Mask
+    """(n,) variables that do not move."""
+    crossed: bool
+    """Whether a hard row has its lower bound above the upper one."""
+
+
+def row_table(qp: StageQp, *, phase_one: bool = False) -> RowTable:
+    """Of a QP; in phase one all hard rows are elastic, at a cost of 1 for the norm of the row, and soft ones are none."""
+    flat = qp.flat
+    lower, upper, l1, l2 = (np.concatenate([flat[name], flat[f"z_{name}"]]) for name in ("lower", "upper", "l1", "l2"))
+    n_rows, norm = len(flat["lower"]), _norms(qp)
+    fixed = _may_be_fixed(qp) & (flat["z_lower"] == flat["z_upper"]) & (flat["z_l1"] == np.inf)
+    counts = np.concatenate([np.ones(n_rows, dtype=bool), ~fixed])
+    hard = l1 == np.inf
+    if phase_one:
+        counts &= hard
+        l1, l2 = 1.0 / norm, np.zeros_like(l2)
+        hard = np.zeros_like(hard)
+    counts &= hard | (l1 > 0.0) | (l2 > 0.0)
+    elastic = counts & ~hard & (l1 > 0.0)
+    equal = counts & (lower == upper) & ~elastic
+    side = np.isfinite([lower, upper]) & counts & ~equal
+    return RowTable(
+        bound=np.where(side, [lower, upper], 0.0),
+        side=side,
+        elastic=side & elastic,
+        equal=equal,
+        target=np.where(equal, lower, 0.0),
+        l1=np.where(elastic, l1, 0.0),
+        l2=np.where(elastic, l2, 0.0),
+        compliance=np.divide(1.0, l2, out=np.zeros_like(l2), where=counts & ~hard & ~elastic),
+        norm=norm,
+        fixed=fixed,
+        crossed=bool((hard & (lower > upper)).any()),
+    )
+
+
+def _norms(qp: StageQp) -> Array:
+    """(M,)"""
+    rows = [np.abs(C).max(axis=1, initial=0.0) for C in qp.C]
+    norm = np.concatenate([*rows, np.ones(sum(qp.shape.n_z))])
+    return np.where(norm > 0.0, norm, 1.0)
+
+
+def _may_be_fixed(qp: StageQp) -> Mask:
+    """(n,) what the dynamics do not determine: the first state and all controls."""
+    own = [np.ones(n, dtype=bool) for n in qp.shape.n_z]
+    for k, n_x in enumerate(qp.shape.n_x[1:], start=1):
+        own[k][:n_x] = False
+    return np.concatenate(own)

@@ -1,0 +1,71 @@
+"""The numbers of a QP of stages, in arrays that are made once and written into."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from uvms_ocp.arrays import Array
+from uvms_ocp.solvers.stagewise.shape import StageShape, slices
+
+_BEYOND = 4  # numbers that compiled code may read after the end
+
+
+class StageQp:
+    """min sum_k 1/2 |J_k z_k + r_k|^2 + 1/2 z_k' H_k z_k + g_k' z_k + 1/2 z_k' diag(damping_k) z_k, z_k = (x_k, u_k), with
+    x_{k+1} = A_k x_k + B_k u_k + b_k, lower_k <= C_k z_k <= upper_k, z_lower_k <= z_k <= z_upper_k.
+
+    Every attribute below is a tuple with a view per stage; write with ``qp.A[k][:] = ...``. The views of one name lie one after
+    the other in ``qp.flat[name]``, row-major; A and B are columns of ``dynamics`` (n_x[k+1], n_z[k]). A cost that is not convex
+    is noticed while solving. Bounds may be infinite, and equal: an equality, or a fixed variable. A state x_0 that is given is
+    one whose bounds are equal (`fix_initial_state`).
+
+    A row of constraints or a bound is soft where its ``l1`` is finite: it may be missed by e >= 0 on either side, which costs
+    ``l1 e + l2 e^2 / 2``. All are hard at first: ``l1`` is infinite.
+    """
+
+    def __init__(self, shape: StageShape) -> None:
+        self.shape = shape
+        n_z, n_x, n_r, n_c = shape.n_z, shape.n_x, shape.n_r, shape.n_c
+        steps = list(zip(n_x[1:], n_z, strict=False))
+        self.flat: dict[str, Array] = {}
+        self.dynamics = self._matrices("dynamics", steps)
+        """(n_x[k+1], n_z[k])"""
+        self.A = tuple(F[:, :n] for F, n in zip(self.dynamics, n_x, strict=False))
+        """(n_x[k+1], n_x[k])"""
+        self.B = tuple(F[:, n:] for F, n in zip(self.dynamics, n_x, strict=False))
+        """(n_x[k+1], n_u[k])"""
+        self.b = self._vectors("b", n_x[1:])
+        """(n_x[k+1],)"""
+        self.J = self._matrices("J", list(zip(n_r, n_z, strict=True)))
+        """(n_r, n_z)"""
+        self.r = self._vectors("r", n_r)
+        """(n_r,)"""
+        self.H = self._matrices("H", list(zip(n_z, n_z, strict=True)))
+        """(n_z, n_z) symmetric; the lower triangle is read."""
+        self.g = self._vectors("g", n_z)
+        """(n_z,)"""
+        self.damping = self._vectors("damping", n_z)
+        """(n_z,)"""
+        self.C = self._matrices("C", list(zip(n_c, n_z, strict=True)))
+        """(n_c, n_z)"""
+        self.lower, self.upper = self._vectors("lower", n_c, -np.inf), self._vectors("upper", n_c, np.inf)
+        """(n_c,)"""
+        self.l1, self.l2 = self._vectors("l1", n_c, np.inf), self._vectors("l2", n_c)
+        """(n_c,)"""
+        self.z_lower, self.z_upper = self._vectors("z_lower", n_z, -np.inf), self._vectors("z_upper", n_z, np.inf)
+        """(n_z,)"""
+        self.z_l1, self.z_l2 = self._vectors("z_l1", n_z, np.inf), self._vectors("z_l2", n_z)
+        """(n_z,)"""
+
+    def fix_initial_state(self, x: Array) -> None:
+        """x (n_x[0],) [unit of x] is where the horizon begins."""
+        self.z_lower[0][: self.shape.n_x[0]] = x
+        self.z_upper[0][: self.shape.n_x[0]] = x
+
+    def _vectors(self, name: str, sizes: tuple[int, ...], value: float = 0.0) -> tuple[Array, ...]:
+        flat = self.flat[name] = np.full(sum(sizes) + _BEYOND, value)[: sum(sizes)]
+        return tuple(flat[own] for own in slices(sizes))
+
+    def _matrices(self, name: str, sizes: list[tuple[int, int]]) -> tuple[Array, ...]:
+        flat = self._vectors(name, tuple(m * n for m, n in sizes))
+        return tuple(part.reshape(size) for part, size in zip(flat, sizes, strict=True))
