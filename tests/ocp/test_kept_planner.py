@@ -93,6 +93,7 @@ OTHERS: dict[str, Any] = {
     "robot": replace(load_robot("planar5"), name="sister"),
     "relax": 0.2,
     "altimeter_frame": "link2",
+    "start_freedom": np.ones(10),
     "duration": 5.0,
 }
 """Other values of fields, where one is not simply made from the present one."""
