@@ -34,7 +34,7 @@ from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 from uvms_ocp.tasks.activation import Bell
 from uvms_ocp.tasks.altitude import LandingAltitude, MinimumAltitude
-from uvms_ocp.tasks.attitude import Alignment, HorizontalAttitude
+from uvms_ocp.tasks.attitude import Alignment, FieldOfView, HorizontalAttitude
 from uvms_ocp.tasks.joints import JointLimits, JointTracking, Manipulability
 from uvms_ocp.tasks.pose import ToolPose, ToolPosition, VehiclePose
 from uvms_ocp.tasks.task import Residual, Task, zero_residual
@@ -57,6 +57,7 @@ TASKS: dict[str, Task] = {
     "LA": LandingAltitude(frame="tool"),
     "HA": HorizontalAttitude(frame="tool"),
     "AT": Alignment(goal=np.array([2.0, 1.0, 0.0]), frame="tool"),
+    "FV": FieldOfView(goal=np.array([2.0, 1.0, 0.0]), frame="tool"),
     "MU": Manipulability(),
     "PC": VehiclePose(goal=GOAL, frame="tool"),
     "T": ToolPose(goal=GOAL),
@@ -81,6 +82,7 @@ OTHERS: dict[str, Any] = {
     "bell": Bell(0.03, 0.09),
     "joints": ("y0", "x0"),
     "axes": (0, 2),
+    "axis": (0.0, 1.0, 0.0),
     "goal": lambda t: (np.full(2, t), np.ones(2)),
     "task": TaskTerm(task=ToolPosition(goal=GOAL, frame="link1")).task,
     "robot_balls": (replace(ROBOT_BALL, radius=0.15),),
@@ -250,7 +252,7 @@ def _below(cls: type) -> list[type]:
     below = [found for own in cls.__subclasses__() for found in (own, *_below(own))]
     # Classes with slots are made twice; the first one is no longer anybody's.
     public = [own for own in below if getattr(sys.modules[own.__module__], own.__name__, None) is own]
-    return [own for own in public if own.__module__.startswith("uvms_ocp.")]
+    return [own for own in public if own.__module__.startswith("uvms_ocp.") and not own.__name__.startswith("_")]
 
 
 OBEYED = {
