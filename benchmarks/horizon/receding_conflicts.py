@@ -14,7 +14,7 @@ from horizon.following import CURRENT, start_of
 from uvms_ocp.model.kinematics import Kinematics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
-from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
+from uvms_ocp.ocp.clearance.ball_clearance import Ball, BallClearance
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import At, Effort, Posture, Smoothness, StageSymbols, TaskTerm, Term
 from uvms_ocp.tasks.attitude import HorizontalAttitude

@@ -643,6 +643,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "Term": ocp.Smoothness,
     "Posture": lambda: ocp.Posture(q=q()),
     "TaskTerm": lambda: ocp.TaskTerm(task=tasks.VehiclePose(goal=pin.SE3.Identity())),
+    "ShapeClearance": lambda: ocp.ShapeClearance(scene=scene(), margins=np.zeros(scene().n_pairs)),
     "BallClearance": lambda: ocp.BallClearance(robot_balls=(ocp.Ball(radius=0.1),), obstacles=(ocp.Ball(radius=0.1),)),
 }
 """Right values by annotation, and the values on which methods are called by the name of their class."""
@@ -754,6 +755,12 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "TaskTerm.residual": lambda: parameters(18),
     "Posture.residual": lambda: parameters(robot().model.nq),
     "BallClearance.residual": lambda: parameters(4),
+    **{f"CoalDistances.{kind}": lambda: {"q": q()[None]} for kind in ("contacts", "distances_at")},
+    "ShapeClearance": lambda: {"scene": scene(), "margins": np.zeros(scene().n_pairs)},
+    **{f"{kind}.references": lambda: {"times": [0.0], "q": q()[None]} for kind in ("Term", "ShapeClearance")},
+    "ShapeClearance.distances": lambda: {"times": [0.0], "q": q()[None]},
+    "ShapeClearance.mismatch": lambda: {"times": [0.0], "written": q()[None], "q": q()[None]},
+    "ShapeClearance.residual": lambda: parameters(POOL["ShapeClearance"]().n_parameters(robot())),
     "ToolGoal.as_tasks": lambda: {"start": q()},
     "check_clearance": lambda: {"trajectory": motion()},
     "clearance_along": lambda: {"trajectory": motion()},

@@ -60,6 +60,7 @@ ALONE = tuple(
         "ocp_missions",
         "ocp_peers",
         "ocp_reach",
+        "ocp_scenes",
         "random_missions",
         "simulation",
         "table2",

@@ -117,7 +117,6 @@ def test_a_goal_that_no_posture_reaches_exits_with_3_and_advice(tmp_path: Path) 
 OCP_OF_TWO = ("ocp", "--steps", "2")
 FAILING = {  # the plan, and the method by which another one was found before
     "infeasible": ((*OCP_OF_TWO, "--to", "2", "0", "0", "--current", "3", "0", "0"), ("curve",)),
-    "obstructed": ((*OCP_OF_TWO, "--to", "0.5", "1", "0", "--sphere", "-1,0,0.25,0.05"), ("curve",)),
     "unreached": (("curve", "--tool", "9", "0", "0", "--axes", "joints"), OCP_OF_TWO),
 }
 
@@ -142,7 +141,7 @@ def test_a_plan_that_fails_leaves_nothing_of_an_earlier_one(name: str, replanned
     assert {path.name for path in folder.iterdir()} == {"report.json", ".uvms_ocp"}
 
 
-@pytest.mark.parametrize("name", ["infeasible", "obstructed"])
+@pytest.mark.parametrize("name", ["infeasible"])
 def test_optimal_control_without_a_usable_plan_says_why_and_claims_no_motion(
     name: str, replanned: dict[str, Run]
 ) -> None:
@@ -156,11 +155,30 @@ def test_optimal_control_without_a_usable_plan_says_why_and_claims_no_motion(
     assert " s long" not in process.stdout
 
 
-def test_an_obstructed_start_names_the_shapes_and_how_far_to_move_them(replanned: dict[str, Run]) -> None:
-    text = " ".join(replanned["obstructed"][0].stdout.split())
-    assert "sphere1 - base_link_" in text
-    assert "the capsules that cover them" in text
-    assert "m farther apart for a clearance of 0.06 m" in text
+def test_a_goal_inside_an_obstacle_is_refused_with_the_shapes_and_their_depth(tmp_path: Path) -> None:
+    goal = ("--to", "3", "0", "0", "--sphere", "3,0,0,0.5")
+    process = plan("ocp", *goal, "--out", "out", cwd=tmp_path)
+    assert process.returncode == 2
+    assert "the goal is in collision: sphere1 - base_link_0 overlap by" in process.stderr
+    assert len(process.stderr.strip().splitlines()) == 1
+
+
+def test_a_goal_below_the_floor_is_refused_too(tmp_path: Path) -> None:
+    process = plan("ocp", "--tool", "1", "0", "-2", "--seabed", "-1.5", "--out", "out", cwd=tmp_path)
+    assert process.returncode == 2
+    assert "the goal is in collision: seafloor - tool overlap by 0.5 m" in process.stderr
+
+
+@pytest.mark.parametrize("method", ["curve", "ocp"])
+def test_the_example_of_the_readme_passes_the_sphere_that_the_start_is_near_to(method: str, tmp_path: Path) -> None:
+    way = ("--tool", "12.2", "37.4", "-39.5", "--position", "11", "37", "-38.5", "--sphere", "11.8,37.2,-38.9,0.1")
+    patient = ("--time-limit", "120") if method == "ocp" else ()
+    process = plan(method, *way, *patient, "--out", "out", "--json", cwd=tmp_path)
+    assert process.returncode == 0, process.stderr
+    report = json.loads(process.stdout)
+    assert report["collision_free"] is True
+    assert report["tool_error"]["position_m"] < 1e-4
+    assert report["min_clearance_m"] > (0.034 if method == "ocp" else 0.0)
 
 
 def test_a_robot_shut_in_exits_with_3_and_shows_the_collision(tmp_path: Path) -> None:

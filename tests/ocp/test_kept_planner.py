@@ -13,16 +13,19 @@ from functools import cache
 from typing import Any
 
 import casadi as ca
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from uvms_ocp.collision import CollisionScene, collision_scene, coordinates
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.obstacles import obstacle
 from uvms_ocp.model.state import State
-from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
-from uvms_ocp.ocp.capsule_clearance import CapsuleClearance, PlacedCapsule
+from uvms_ocp.ocp.clearance.ball_clearance import Ball, BallClearance
+from uvms_ocp.ocp.clearance.shape_clearance import ShapeClearance
 from uvms_ocp.ocp.own_term import residual_term
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
@@ -32,16 +35,21 @@ from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 from uvms_ocp.tasks.activation import Bell
 from uvms_ocp.tasks.altitude import LandingAltitude, MinimumAltitude
-from uvms_ocp.tasks.attitude import Alignment, HorizontalAttitude
+from uvms_ocp.tasks.attitude import Alignment, FieldOfView, HorizontalAttitude
 from uvms_ocp.tasks.joints import JointLimits, JointTracking, Manipulability
 from uvms_ocp.tasks.pose import ToolPose, ToolPosition, VehiclePose
 from uvms_ocp.tasks.task import Residual, Task, zero_residual
 from uvms_ocp.tasks.velocity import NullVelocity
 
 GOAL = pin.SE3(np.eye(3), np.array([1.0, 0.2, 0.0]))
-LINK = PlacedCapsule(joint=5, p0=np.zeros(3), p1=np.array([0.5, 0.0, 0.0]), radius=0.1)
-ROCK = PlacedCapsule(joint=0, p0=np.array([3.0, 2.0, 0.0]), p1=np.array([3.0, 2.5, 0.0]), radius=0.2)
 ROBOT_BALL, STONE = Ball(frame="tool", radius=0.1), Ball(centre=(3.0, 1.0, 0.0), radius=0.2)
+
+
+def among(x: float, radius: float) -> CollisionScene:
+    """The planar robot beside a rock."""
+    rock = obstacle("rock", coal.Sphere(radius), [x, 2.0, 0.0])
+    return collision_scene(coordinates(load_robot("planar5")), [rock])
+
 
 TASKS: dict[str, Task] = {
     "NR": NullVelocity(axes=(0, 1)),
@@ -50,6 +58,7 @@ TASKS: dict[str, Task] = {
     "LA": LandingAltitude(frame="tool"),
     "HA": HorizontalAttitude(frame="tool"),
     "AT": Alignment(goal=np.array([2.0, 1.0, 0.0]), frame="tool"),
+    "FV": FieldOfView(goal=np.array([2.0, 1.0, 0.0]), frame="tool"),
     "MU": Manipulability(),
     "PC": VehiclePose(goal=GOAL, frame="tool"),
     "T": ToolPose(goal=GOAL),
@@ -68,7 +77,7 @@ TERMS: dict[str, Term] = {
     "own": residual_term(
         "own", lambda stage, goal: stage.tick.q[:3] - goal, lower=-1.0, upper=1.0, parameters=np.zeros(3)
     ),
-    "capsules": CapsuleClearance(pairs=((LINK, ROCK),), names=("link and rock",), margin=0.05),
+    "shapes": ShapeClearance(scene=among(3.0, 0.2), margins=np.full(4, 0.05), n_rows=3, n_own_rows=1),
 }
 OTHERS: dict[str, Any] = {
     "frame": "link2",
@@ -77,12 +86,13 @@ OTHERS: dict[str, Any] = {
     "bell": Bell(0.03, 0.09),
     "joints": ("y0", "x0"),
     "axes": (0, 2),
+    "axis": (0.0, 1.0, 0.0),
     "goal": lambda t: (np.full(2, t), np.ones(2)),
     "task": TaskTerm(task=ToolPosition(goal=GOAL, frame="link1")).task,
     "robot_balls": (replace(ROBOT_BALL, radius=0.15),),
     "obstacles": (replace(STONE, centre=(1.0, 2.0, 0.1), radius=0.3),),
-    "pairs": ((LINK, replace(ROCK, p0=np.array([2.0, 2.0, 0.1]), radius=0.3)),),
-    "names": ("link and stone",),
+    "scene": among(2.0, 0.3),
+    "moving": {"rock": lambda t: pin.SE3(np.eye(3), np.array([3.0 - t, 2.0, 0.0]))},
     "terms": (AtRest(), Effort()),
     "constraints": (AtRest(weight=2.0),),
     "start": State(q=np.full(5, 0.1), v=np.full(5, 0.05)),
@@ -235,7 +245,7 @@ def test_a_weight_is_a_factor_on_the_squares(name: str) -> None:
         for one in (problem, heavier)
     )
     assert three == pytest.approx(3.0 * cost, rel=1e-12)
-    assert cost > 0 or name in ("MAC", "HA", "balls", "capsules")  # ranges that these states are in
+    assert cost > 0 or name in ("MAC", "HA", "balls", "shapes")  # ranges that these states are in
 
 
 def test_the_registry_knows_every_term_and_every_task_with_rows_over_a_horizon() -> None:
@@ -248,7 +258,7 @@ def _below(cls: type) -> list[type]:
     below = [found for own in cls.__subclasses__() for found in (own, *_below(own))]
     # Classes with slots are made twice; the first one is no longer anybody's.
     public = [own for own in below if getattr(sys.modules[own.__module__], own.__name__, None) is own]
-    return [own for own in public if own.__module__.startswith("uvms_ocp.")]
+    return [own for own in public if own.__module__.startswith("uvms_ocp.") and not own.__name__.startswith("_")]
 
 
 OBEYED = {
@@ -262,7 +272,9 @@ OBEYED = {
     "posture-q",
     "balls-obstacles",
     "balls-margin",
-    "capsules-pairs",
+    "shapes-scene",
+    "shapes-margins",
+    "shapes-moving",
     "problem-start",
     "problem-current",
     "problem-constraints",

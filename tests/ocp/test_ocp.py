@@ -14,7 +14,7 @@ from reaches import CHEAP, PATIENCE, patient, reach, tool_goal
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
+from uvms_ocp.ocp.clearance.ball_clearance import Ball, BallClearance
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.plans.mismatch import mismatch

@@ -61,18 +61,46 @@ def check_clearance(
     `per_piece` intervals of each piece are checked to begin with; shortest [-] is the share of the duration below which an
     interval is not halved. all_collisions: go on after the first collision, for the true smallest clearance.
     """
-    middle, half = _first_intervals(trajectory, per_piece)
-    acceleration = _acceleration_bounds(trajectory)
+    bound = _acceleration_bounds(trajectory)
+    curve = _Curve(trajectory=trajectory, measure=distances, per_piece=per_piece, acceleration=bound)
+    return check_motion(curve, distances.scene, shortest=shortest, all_collisions=all_collisions)
+
+
+class Motion(Protocol):
+    """A motion of whatever interpolation, whose distances are measured and whose axes move by bounded ways."""
+
+    @property
+    def duration(self) -> float:
+        """[s]"""
+        ...
+
+    def intervals(self) -> tuple[Array, Array]:
+        """Middle and half length (n,) [s] of the intervals that are looked at first; they cover all of it."""
+        ...
+
+    def distances(self, t: Array) -> Array:
+        """(n, n_pairs) [m] at times t (n,) [s]."""
+        ...
+
+    def bounds(self, middle: Array, half: Array) -> Array:
+        """(n, n_axes) [m, rad] by which axes move at most within `half` (n,) [s] of `middle` (n,) [s]."""
+        ...
+
+
+def check_motion(
+    motion: Motion, scene: CollisionScene, *, shortest: float = 1e-5, all_collisions: bool = False
+) -> ClearanceReport:
+    """Check all pairs of a scene along a motion; see `check_clearance` for shortest [-]."""
+    middle, half = motion.intervals()
     worst, n_samples, undecided = Nearest(distance=np.inf, time=0.0, pair=""), 0, False
     while middle.size:
-        d = distances.distances(trajectory.evaluate(middle))
+        d = motion.distances(middle)
         n_samples += middle.size
-        worst = min(worst, distances.scene.nearest(middle, d), key=lambda near: (near.distance, near.time))
+        worst = min(worst, scene.nearest(middle, d), key=lambda near: (near.distance, near.time))
         if worst.distance <= 0.0 and not all_collisions:
             break
-        move = _motion_bound(trajectory, middle, half, acceleration)
-        open_ = ~(d - largest_change(distances.scene.reach, move) > _TOLERANCE).all(axis=1)
-        short = open_ & (half < shortest * trajectory.duration)
+        open_ = ~(d - largest_change(scene.reach, motion.bounds(middle, half)) > _TOLERANCE).all(axis=1)
+        short = open_ & (half < shortest * motion.duration)
         undecided |= bool(short.any())
         middle, half = _halved(middle[open_ & ~short], half[open_ & ~short])
     return ClearanceReport(
@@ -96,11 +124,34 @@ def clearance_along(
     return times, distances.distances(trajectory.evaluate(times))
 
 
-def _first_intervals(trajectory: PiecewisePolynomial, per_piece: int) -> tuple[Array, Array]:
-    offsets = (np.arange(per_piece) + 0.5) / per_piece
-    h = trajectory.durations[:, None]
-    middle = trajectory.breaks[:-1, None] + offsets * h
-    return middle.ravel(), np.broadcast_to(h / (2 * per_piece), middle.shape).ravel()
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Curve:
+    """A trajectory of the scene's coordinates, as a `Motion`."""
+
+    trajectory: PiecewisePolynomial
+    measure: PairDistances
+    per_piece: int
+    acceleration: Array
+    """(n_pieces, n_axes) [m/s2, rad/s2]"""
+
+    @property
+    def duration(self) -> float:
+        return self.trajectory.duration
+
+    def intervals(self) -> tuple[Array, Array]:
+        offsets = (np.arange(self.per_piece) + 0.5) / self.per_piece
+        h = self.trajectory.durations[:, None]
+        middle = self.trajectory.breaks[:-1, None] + offsets * h
+        return middle.ravel(), np.broadcast_to(h / (2 * self.per_piece), middle.shape).ravel()
+
+    def distances(self, t: Array) -> Array:
+        return self.measure.distances(self.trajectory.evaluate(t))
+
+    def bounds(self, middle: Array, half: Array) -> Array:
+        breaks, last = self.trajectory.breaks, self.trajectory.n_pieces - 1
+        piece = np.clip(np.searchsorted(breaks, middle, side="right") - 1, 0, last)
+        speed = np.abs(self.trajectory.evaluate(middle, 1))
+        return speed * half[:, None] + 0.5 * self.acceleration[piece] * half[:, None] ** 2
 
 
 def _acceleration_bounds(trajectory: PiecewisePolynomial) -> Array:
@@ -109,12 +160,6 @@ def _acceleration_bounds(trajectory: PiecewisePolynomial) -> Array:
     n = c.shape[0] - 1
     to_bernstein = np.array([[comb(i, j) / comb(n, j) if j <= i else 0.0 for j in range(n + 1)] for i in range(n + 1)])
     return np.abs(np.tensordot(to_bernstein, c, axes=1)).max(axis=0)
-
-
-def _motion_bound(trajectory: PiecewisePolynomial, middle: Array, half: Array, acceleration: Array) -> Array:
-    piece = np.clip(np.searchsorted(trajectory.breaks, middle, side="right") - 1, 0, trajectory.n_pieces - 1)
-    speed = np.abs(trajectory.evaluate(middle, 1))
-    return speed * half[:, None] + 0.5 * acceleration[piece] * half[:, None] ** 2
 
 
 def _halved(middle: Array, half: Array) -> tuple[Array, Array]:

@@ -14,7 +14,7 @@ from uvms_ocp.mission_plan.greedy_way import GreedyWay
 from uvms_ocp.mission_plan.kept_tasks import active
 from uvms_ocp.mission_plan.margins import Margins
 from uvms_ocp.mission_plan.stretches import Stretch
-from uvms_ocp.ocp.capsule_clearance import capsule_clearance
+from uvms_ocp.ocp.clearance.shape_clearance import ShapeClearance
 from uvms_ocp.ocp.terms import Term
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.tasks.altitude import MinimumAltitude
@@ -54,6 +54,7 @@ def clearance_terms(scenario: Scenario, margins: Margins) -> tuple[Term, ...]:
     if not scenario.environment.obstacles:
         return ()
     asked = [task.threshold for task in scenario.mission.hierarchy.tasks if isinstance(task, Clearance)]
-    scene = collision_scene(coordinates(scenario.robot, reference=scenario.start), scenario.environment.obstacles)
-    found = capsule_clearance(scene, margin=max([margins.position, *asked]))
-    return (found,) if found.pairs else ()
+    planned = coordinates(scenario.robot, reference=scenario.start)
+    scene = collision_scene(planned, scenario.environment.obstacles, self_collision=False)
+    kept = np.full(scene.n_pairs, max([margins.position, *asked]))
+    return (ShapeClearance(scene=scene, margins=kept),) if scene.pairs else ()

@@ -13,6 +13,8 @@ def shape_reach(robot: Robot, shape: pin.GeometryObject) -> np.ndarray:
 
     Infinite for what turns a joint that travels without limit.
     """
+    if shape.parentJoint == 0:
+        return np.zeros(robot.n_v)  # a floor has no end
     shape.geometry.computeLocalAABB()
     centre = shape.placement.act(np.array(shape.geometry.aabb_center))
     return _reach_of_ball(robot, shape.parentJoint, float(np.linalg.norm(centre)) + shape.geometry.aabb_radius)

@@ -1,7 +1,8 @@
 """A problem with ordered levels over a horizon in, a plan with states, forces and a verdict out."""
 
-from uvms_ocp.ocp.ball_clearance import Ball as Ball
-from uvms_ocp.ocp.ball_clearance import BallClearance as BallClearance
+from uvms_ocp.ocp.clearance.ball_clearance import Ball as Ball
+from uvms_ocp.ocp.clearance.ball_clearance import BallClearance as BallClearance
+from uvms_ocp.ocp.clearance.shape_clearance import ShapeClearance as ShapeClearance
 from uvms_ocp.ocp.own_term import residual_term as residual_term
 from uvms_ocp.ocp.plan import OcpStatus as OcpStatus
 from uvms_ocp.ocp.plan import Plan as Plan

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from uvms_ocp.arguments import checked
+from uvms_ocp.collision.conservative_advancement import ClearanceReport
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.meta_values import SurroundingsMeta
 from uvms_ocp.model.files.library import list_robots
@@ -105,10 +106,17 @@ class Plan:
     """[s]"""
     result: LexicographicResult | None = None
     """Start of the next, warm solve."""
+    clearance: ClearanceReport | None = None
+    """Of constraints on true shapes: whether these certainly stay apart between nodes too, and where they are nearest."""
     surroundings: SurroundingsMeta = field(default_factory=SurroundingsMeta)
     """Goals, obstacles and floor of the problem, for records and scenes."""
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """[m/s] of the water in W that was reckoned with."""
+
+    @property
+    def certified_free(self) -> bool:
+        """True if it is proven that nothing touches: by true shapes, along the motion between the nodes too."""
+        return self.clearance is not None and self.clearance.collision_free
 
     @property
     def advice(self) -> str:

@@ -13,6 +13,7 @@ from uvms_ocp.ocp.plans.scenery import surroundings
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.reasons.binding import level_prices
 from uvms_ocp.ocp.reasons.verdict import Court, Verdict
+from uvms_ocp.ocp.refinement import Refinement, Written, worst_clearance
 from uvms_ocp.ocp.trajectory import Trajectory, hold
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicNlp, LexicographicResult, NlpOptions
@@ -62,10 +63,11 @@ class Planner:
         impossible = impossible_start(given)
         if impossible is not None:
             return self._failed(given, OcpStatus.INFEASIBLE, impossible, begin)
-        p = self.transcription.parameters(given, t0=t0)
-        result = self.solve(p, guess if guess is not None else hold(given), problem=given, progress=progress)
-        deadline = begin + self.options.time_limit if diagnose else None
-        return self._plan(given, self._court(given, p, t0, deadline).verdict(result), t0, begin)
+        ends = begin + self.options.time_limit
+        refinement = Refinement(planner=self, given=given, t0=t0, deadline=ends, progress=progress)
+        found = refinement.solved(hold(given) if guess is None else guess)
+        court = self._court(given, found, t0, ends if diagnose else None)
+        return self._plan(given, court.verdict(found.result), t0, begin)
 
     def solve(
         self,
@@ -100,9 +102,9 @@ class Planner:
             return guess.result if guess.result is not None else self.transcription.pack(guess.trajectory)
         return self.transcription.pack(guess)
 
-    def _court(self, given: OcpProblem, p: np.ndarray, t0: float, deadline: float | None) -> Court:
+    def _court(self, given: OcpProblem, found: Written, t0: float, deadline: float | None) -> Court:
         def solve(other: OcpProblem, x: np.ndarray | None, limit: float) -> LexicographicResult:
-            numbers = self.transcription.parameters(other, t0=t0)
+            numbers = self.transcription.parameters(other, t0=t0, near=found.near, tightened=found.tightened)
             guess = hold(other) if x is None else self.transcription.unpack(x, other)
             return self.solve(numbers, guess, problem=other, time_limit=limit)
 
@@ -110,16 +112,18 @@ class Planner:
         return Court(
             transcription=self.transcription,
             problem=given,
-            p=p,
+            p=found.p,
             feasibility=feasibility,
             solve=solve,
             deadline=deadline,
         )
 
     def _plan(self, given: OcpProblem, verdict: Verdict, t0: float, begin: float) -> Plan:
+        trajectory = self.transcription.unpack(verdict.result.x, given)
         return Plan(
             robot=given.robot,
-            trajectory=self.transcription.unpack(verdict.result.x, given),
+            trajectory=trajectory,
+            clearance=worst_clearance(given, trajectory) if verdict.status.usable else None,
             status=verdict.status,
             reason=verdict.reason,
             levels=tuple(self._reports(verdict.result)),

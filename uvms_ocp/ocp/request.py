@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated
@@ -9,24 +10,32 @@ from typing import Annotated
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import AtLeastOne, Magnitude, Positive, Range, Shape, checked
+from uvms_ocp.arguments import AtLeastOne, Bound, Magnitude, Positive, Range, Shape, checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import CollisionScene, Nearest, collision_scene
 from uvms_ocp.collision.coordinates import coordinates
 from uvms_ocp.collision.obstacle_file import build_obstacles
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.obstacles import Obstacle, seafloor
 from uvms_ocp.model.state import State
 from uvms_ocp.obstacle_data import ObstacleData
-from uvms_ocp.ocp.capsule_clearance import CapsuleClearance, capsule_clearance, nearest_capsules
+from uvms_ocp.ocp.clearance.shape_clearance import ShapeClearance
+from uvms_ocp.ocp.curve_guess import curve_guess
+from uvms_ocp.ocp.goal_check import check_goal, goal_distances, start_distances
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.plans.motion_series import sample_times
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Effort, Posture, Smoothness, TaskTerm
-from uvms_ocp.planning.goals import FiniteTriple, Goal, check_way
+from uvms_ocp.ocp.trajectory import Trajectory, hold
+from uvms_ocp.planning.goals import FiniteTriple, Goal, PostureGoal, check_way
+from uvms_ocp.planning.request import PlanRequest
 from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 from uvms_ocp.solvers.nlp.watch import Progress
+
+_OF_LINKS, _OF_OBSTACLES = 0.75, 0.99
+"""Shares of the distances at start and goal that are kept where more is asked; arms are stowed close by design."""
 
 
 @checked
@@ -40,7 +49,10 @@ class OcpRequest:
     goal: Goal
     obstacles: tuple[ObstacleData, ...] = ()
     clearance: Magnitude = 0.06
-    """[m] kept from obstacles by the capsules that cover the links."""
+    """[m] kept from obstacles and between links. What is nearer at start or goal keeps what it has there, of the robot's
+    own links three quarters."""
+    seabed: Bound = -np.inf
+    """[m] height in W of a level floor to keep clear of; none by default."""
     duration: Positive = 8.0
     """[s]"""
     n_steps: AtLeastOne = 40
@@ -85,31 +97,71 @@ class OcpResult:
 
     @property
     def collision_free(self) -> bool:
-        """True if no two shapes touch at any sample."""
-        return self.nearest.distance > 0.0
+        """True if it is proven that no two shapes touch, between samples and nodes too."""
+        return not self.scene.pairs or self.plan.certified_free
 
 
 @checked
 def solve_ocp(request: OcpRequest, *, progress: Progress | None = None) -> OcpResult:
-    """Plan by lexicographic optimal control; progress is told every iteration of the solver.
+    """Plan by lexicographic optimal control, from a guess around the obstacles where there are some.
 
-    Raises `NameNotFound` for an unknown joint, frame or NLP solver, `InvalidInput` for a goal outside limits, a start in
-    collision, two obstacles of one name, obstacles of shapes that capsules do not cover, and numbers out of their range.
+    progress is told every iteration of the solver.
+
+    Raises `NameNotFound` for an unknown joint, frame or NLP solver, `InvalidInput` for a goal outside limits, a start or
+    goal in collision, two obstacles of one name, and numbers out of their range.
     """
     check_way(request.robot, request.start, request.goal)
     planned = coordinates(request.robot, reference=request.start)
-    scene = collision_scene(planned, build_obstacles(request.obstacles))
-    clearance = capsule_clearance(scene, margin=request.clearance)
-    problem = _problem(request, clearance)
-    scene.check_apart(CoalDistances(scene).distances(planned.x(request.start)[None])[0], "the start")
-    plan = Planner(problem, NlpOptions(plugin=request.plugin, time_limit=request.time_limit)).plan(progress=progress)
-    if plan.status is OcpStatus.OBSTRUCTED and clearance.pairs:
-        plan = replace(plan, reason=_too_near(request, clearance) or plan.reason)
-    return OcpResult(request=request, scene=scene, plan=plan)
+    scene = collision_scene(planned, _surroundings(request))
+    problem = _problem(request, scene)
+    scene.check_apart(start_distances(scene, request.start), "the start")
+    check_goal(scene, request.goal, request.start)
+    return OcpResult(request=request, scene=scene, plan=_planned(request, problem, progress))
 
 
-def _problem(request: OcpRequest, clearance: CapsuleClearance) -> OcpProblem:
+def _planned(request: OcpRequest, problem: OcpProblem, progress: Progress | None) -> Plan:
+    """The first plan that is solved and proven free, or else the best, of the guesses and then of shorter steps."""
+    plans = []
+    for finer in (1, 2):
+        given = replace(problem, phases=(replace(problem.phases[0], n_steps=finer * request.n_steps),))
+        planner = Planner(given, NlpOptions(plugin=request.plugin, time_limit=request.time_limit))
+        for guess in _guesses(request, given):
+            plans.append(planner.plan(guess=guess, progress=progress))
+            if _good(plans[-1]):
+                return plans[-1]
+        if not any(plan.status.usable and not _free(plan) for plan in plans):
+            break  # shorter steps mend nothing but what touches between them
+    return max(plans, key=lambda plan: (plan.status.usable and _free(plan), plan.status.usable, _good(plan)))
+
+
+def _good(plan: Plan) -> bool:
+    return plan.status is OcpStatus.SOLVED and _free(plan)
+
+
+def _free(plan: Plan) -> bool:
+    return plan.clearance is None or plan.certified_free
+
+
+def _guesses(request: OcpRequest, problem: OcpProblem) -> Iterator[Trajectory]:
+    """Among obstacles a curve around them; then, and without them, the start."""
+    if request.obstacles:
+        turned = isinstance(request.goal, PostureGoal) and request.goal.rpy is not None
+        names = ("robot", "start", "goal", "obstacles", "clearance")
+        asked = {name: getattr(request, name) for name in names}
+        curve = curve_guess(problem, PlanRequest(**asked, axes="all" if turned else "level"))
+        if curve is not None:
+            yield curve
+    yield hold(problem)
+
+
+def _surroundings(request: OcpRequest) -> list[Obstacle]:
+    obstacles = build_obstacles(request.obstacles)
+    return [*obstacles, seafloor(request.seabed)] if np.isfinite(request.seabed) else obstacles
+
+
+def _problem(request: OcpRequest, scene: CollisionScene) -> OcpProblem:
     robot, tasks = request.robot, request.goal.as_tasks(request.robot, request.start)
+    clearance = ShapeClearance(scene=scene, margins=_margins(request, scene))
     return single_phase(
         robot=robot,
         start=State(q=request.start, v=np.zeros(robot.n_v)),
@@ -117,25 +169,19 @@ def _problem(request: OcpRequest, clearance: CapsuleClearance) -> OcpProblem:
         n_steps=request.n_steps,
         levels=[
             OcpLevel(name="goal", terms=tuple(TaskTerm(task=task) for task in tasks)),
-            # Links seldom meet near the posture of the start, and no constraint keeps them apart.
             OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.09), Posture(q=request.start, weight=4.0))),
         ],
-        constraints=(AtRest(), clearance) if clearance.pairs else (AtRest(),),
+        constraints=(AtRest(), clearance) if scene.pairs else (AtRest(),),
         current=np.asarray(request.current, dtype=float),
         water=bool(robot.hydrodynamics),
     )
 
 
-def _too_near(request: OcpRequest, clearance: CapsuleClearance) -> str | None:
-    """Which shapes are too near at the start and by how much; `None` where none are."""
-    gap, pair = nearest_capsules(clearance, request.robot, request.start)
-    if gap >= clearance.margin:
-        return None
-    state = f"{gap:.3g} m apart" if gap >= 0 else f"{-gap:.3g} m inside each other"
-    return (
-        f"{pair}: the capsules that cover them, wider than the shapes, are {state} at the start; "
-        f"move them {clearance.margin - gap:.3g} m farther apart for a clearance of {clearance.margin:g} m"
-    )
+def _margins(request: OcpRequest, scene: CollisionScene) -> Array:
+    """(n_pairs,) [m] what is asked for, or less where start or goal have less."""
+    ends = start_distances(scene, request.start), goal_distances(scene, request.goal, request.start)
+    own = np.array([pair.first_joint != 0 for pair in scene.pairs], dtype=bool)
+    return np.minimum(request.clearance, np.minimum(*ends) * np.where(own, _OF_LINKS, _OF_OBSTACLES))
 
 
 def _within(robot: Robot, q: Array) -> Array:

@@ -6,6 +6,7 @@ In a level the distance of the rows to their range is minimised; as a constraint
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Annotated, ClassVar
@@ -59,6 +60,8 @@ class Term(ABC):
     minimises_time: ClassVar[bool] = False
     needs_powers: ClassVar[bool] = False
     """Its rows are electrical powers."""
+    follows_guess: ClassVar[bool] = False
+    """Its references depend on the motion that a solve begins with, and are written anew at the motion that was found."""
     at: At = At.END
     weight: float = 1.0
     """[1/unit of the row^2] Factor on the squares of the rows, so that the rows are scaled by its root."""
@@ -85,6 +88,14 @@ class Term(ABC):
     def reference(self, t: float) -> np.ndarray:
         """What the rows depend on and a kept planner may be given anew, at time t [s] (n_parameters,): goals, obstacles."""
         return np.zeros(0)
+
+    def references(self, times: Sequence[float], q: np.ndarray, tightened: np.ndarray | None = None) -> np.ndarray:
+        """`reference` (n, n_parameters) at the nodes of times (n,) [s], written at q (n, n_q) [m, rad].
+
+        tightened (n, ...) [unit of the row]: by how much more the rows of a term that `follows_guess` are to keep, as the term
+        counts them.
+        """
+        return np.array([self.reference(t) for t in times])
 
     def scenery(self, t: float) -> tuple[ObstacleData, ...]:
         """What stands in the way at time t [s], to draw."""

@@ -50,6 +50,7 @@ def ocp(
     duration: Annotated[float, typer.Option(metavar="S", help="Length [s].")] = _OCP["duration"],
     steps: Annotated[int, typer.Option(metavar="N", help="Steps of the horizon.")] = _OCP["n_steps"],
     current: Annotated[Triple, typer.Option(metavar="X Y Z", help="Current in W [m/s].")] = _OCP["current"],
+    seabed: Annotated[float | None, typer.Option(metavar="Z", help="Height of a level floor [m].")] = None,
     time_limit: Annotated[float, typer.Option(metavar="S", help="Time limit of the solver [s].")] = _OCP["time_limit"],
     nlp: Annotated[str, typer.Option(help=f"Solver: {' or '.join(PLUGINS)}.")] = _OCP["plugin"],
     out: Out = None,
@@ -58,10 +59,16 @@ def ocp(
     """Optimal control in water, within thrust and torque.
 
     From rest in the stowed posture to rest at a goal of the tool, of the vehicle or of joints, with little effort, and
-    clear of spheres, capsules, cylinders and boxes.
+    proven free of collision with obstacles, the floor and its own links.
     """
     request = OcpRequest(
-        **motion.asked(), duration=duration, n_steps=steps, current=current, time_limit=time_limit, plugin=nlp
+        **motion.asked(),
+        duration=duration,
+        n_steps=steps,
+        current=current,
+        seabed=_OCP["seabed"] if seabed is None else seabed,
+        time_limit=time_limit,
+        plugin=nlp,
     )
     changed = _changed(_OCP | _MOTION, robot=motion.robot, current=current)
     put_out(lambda tell: _by_ocp(request, tell), out or default_folder(("plan", "ocp"), changed), as_json)

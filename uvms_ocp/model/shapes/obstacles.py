@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from uvms_ocp.arguments import Range, Shape, checked
+from uvms_ocp.arguments import Finite, Range, Shape, checked
 from uvms_ocp.exceptions import InvalidInput
 
 
@@ -47,6 +47,12 @@ def obstacle(
     if p.shape != (3,) or R.shape != (3, 3):
         raise InvalidInput(f"obstacle {name!r} has position {p} and rotation {R.tolist()}; give (3,) and (3, 3)")
     return Obstacle(name=name, shape=shape, X_WO=pin.SE3(R, p))
+
+
+@checked
+def seafloor(height: Finite) -> Obstacle:
+    """The obstacle ``seafloor``: all below a level floor at z = height [m] in W."""
+    return obstacle("seafloor", coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), [0.0, 0.0, height])
 
 
 @checked

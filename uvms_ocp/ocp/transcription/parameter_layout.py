@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -9,8 +10,9 @@ import numpy as np
 
 from uvms_ocp.model.state import State
 from uvms_ocp.ocp.problem import OcpProblem
+from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.transcription.shape import Fitted
-from uvms_ocp.ocp.transcription.term_rows import TermBlock
+from uvms_ocp.ocp.transcription.term_rows import Nodes, TermBlock
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -31,15 +33,29 @@ class ParameterLayout:
     def n(self) -> int:
         return self.terms[-1].stop
 
-    def values(self, given: Fitted, *, t0: float, start: State | None) -> np.ndarray:
-        """Parameters (n,) with the first node at t0 [s]; see `Transcription.parameters`."""
+    def values(
+        self,
+        given: Fitted,
+        *,
+        t0: float,
+        start: State | None,
+        near: np.ndarray | None = None,
+        tightened: Mapping[Term, np.ndarray] | None = None,
+    ) -> np.ndarray:
+        """Parameters (n,) with the first node at t0 [s]; see `Transcription.parameters`.
+
+        near (n_nodes, n_q) [m, rad], tightened (n_nodes, ...) [unit of the row].
+        """
         nominal, state = given.problem.nominal_times(), start or given.problem.start
         times, rate = t0 + nominal, 1.0 / nominal[-1]
+        about = np.tile(state.q, (len(times), 1)) if near is None else near
         parts = [state.q, state.v, given.problem.currents.ravel(), np.diff(nominal)]
         for block, numbers in zip(self.blocks, given.numbers, strict=True):
-            parts += numbers.parameters(
-                times[block.nodes].tolist(), ((block.nodes > 0) | (not given.problem.fixed_start)).tolist(), rate
-            )
+            own = block.nodes
+            extra = {term: more[own] for term, more in (tightened or {}).items()}
+            active = ((own > 0) | (not given.problem.fixed_start)).tolist()
+            nodes = Nodes(times=times[own].tolist(), active=active, q=about[own], tightened=extra)
+            parts += numbers.parameters(nodes, rate)
         return np.concatenate(parts)
 
 

@@ -7,7 +7,7 @@ that there are not stand as 0.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -41,6 +41,20 @@ class Member:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Nodes:
+    """What parameters of terms are for."""
+
+    times: Sequence[float]
+    """(n,) [s]"""
+    active: Sequence[bool]
+    """(n,) [-] False where the state is given."""
+    q: np.ndarray
+    """(n, n_q) [m, rad] configurations about which terms that follow the guess are written."""
+    tightened: Mapping[Term, np.ndarray]
+    """(n, ...) [unit of the row] by how much more these keep; see `Term.references`."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class TermNumbers:
     """What may differ between problems of one shape."""
 
@@ -53,13 +67,14 @@ class TermNumbers:
     upper: np.ndarray
     """(m,) [-] weighted."""
 
-    def parameters(self, times: Sequence[float], active: Sequence[bool], rate: float) -> list[np.ndarray]:
-        """Parameters at nodes at `times` [s], in parts, one node after the other; rate [1/s]: 1 / time."""
+    def parameters(self, nodes: Nodes, rate: float) -> list[np.ndarray]:
+        """Parameters of nodes, in parts, one node after the other; rate [1/s]: 1 / time."""
         bounds = [np.where(np.isfinite(bound), bound, 0.0) for bound in (self.lower, self.upper)]
         fixed = np.concatenate([[rate], self.roots, *bounds])
+        goals = [term.references(nodes.times, nodes.q, nodes.tightened.get(term)) for term in self.terms]
         parts = []
-        for t, on in zip(times, active, strict=True):
-            parts += [np.array([float(on)]), fixed, *(term.reference(t) for term in self.terms)]
+        for k, on in enumerate(nodes.active):
+            parts += [np.array([float(on)]), fixed, *(goal[k] for goal in goals)]
         return parts
 
 

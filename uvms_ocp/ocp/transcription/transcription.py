@@ -7,6 +7,7 @@ ordered step by step, as structure-exploiting solvers want them.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 
 import casadi as ca
@@ -15,6 +16,7 @@ import numpy as np
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.state import State
 from uvms_ocp.ocp.problem import OcpProblem
+from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.ocp.transcription.boundary import boundary
 from uvms_ocp.ocp.transcription.horizon import horizon
@@ -22,7 +24,7 @@ from uvms_ocp.ocp.transcription.parameter_layout import parameter_layout
 from uvms_ocp.ocp.transcription.row_layout import row_layout
 from uvms_ocp.ocp.transcription.shape import Fitted, fitted
 from uvms_ocp.ocp.transcription.stage import StageModel
-from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermNumbers, term_blocks
+from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, Nodes, TermNumbers, term_blocks
 from uvms_ocp.ocp.transcription.variable_layout import VariableLayout
 from uvms_ocp.solvers.intervals import excess
 from uvms_ocp.solvers.nlp.program import LevelNlp, LevelRows, LexicographicProgram, RowRanges
@@ -62,14 +64,22 @@ class Transcription:
         return self._last
 
     def parameters(
-        self, problem: OcpProblem | None = None, *, t0: float = 0.0, start: State | None = None
+        self,
+        problem: OcpProblem | None = None,
+        *,
+        t0: float = 0.0,
+        start: State | None = None,
+        near: np.ndarray | None = None,
+        tightened: Mapping[Term, np.ndarray] | None = None,
     ) -> np.ndarray:
         """Parameters (n_p,).
 
         t0 [s]: time of the first node, for goals that move. start: instead of the problem's, such as a measured one,
-        which may be slightly outside the joint limits.
+        which may be slightly outside the joint limits. near (n_nodes, n_q) [m, rad]: configurations of the nodes where
+        terms that follow the guess are written, the start by default, and tightened (n_nodes, ...) [unit of the row] by
+        how much more each of these keeps.
         """
-        return self._parameters.values(self._fitted(problem), t0=t0, start=start)
+        return self._parameters.values(self._fitted(problem), t0=t0, start=start, near=near, tightened=tightened)
 
     def bounds(self, problem: OcpProblem | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Bounds (n_x,) of the variables: limits of the robot, durations."""
@@ -159,7 +169,8 @@ class Transcription:
         """z (n_z,) of the start without inputs, and the parameters of terms with these numbers."""
         z = np.zeros(self.model.layout.n_z)
         z[self.model.layout.q], z[self.model.layout.v] = problem.start.q, problem.start.v
-        return z, np.concatenate(numbers.parameters([0.0], [False], 1.0))
+        here = Nodes(times=[0.0], active=[False], q=problem.start.q[None], tightened={})
+        return z, np.concatenate(numbers.parameters(here, 1.0))
 
     @cached_property
     def program(self) -> LexicographicProgram:

@@ -1,0 +1,109 @@
+"""The scenes of curves, by optimal control in water."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from recording.timing import once
+
+from curves.scenes import Problem
+from uvms_ocp.arrays import Array
+from uvms_ocp.collision.coal_distances import CoalDistances
+from uvms_ocp.model.kinematics import Kinematics
+from uvms_ocp.model.state import State
+from uvms_ocp.ocp.clearance.certificate import SteppedMotion
+from uvms_ocp.ocp.clearance.shape_clearance import ShapeClearance
+from uvms_ocp.ocp.curve_guess import along_curve
+from uvms_ocp.ocp.plan import Plan
+from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
+from uvms_ocp.ocp.terms import AtRest, Effort, Smoothness, TaskTerm
+from uvms_ocp.planning.soft_collision import CollisionPlan, plan_soft_collision
+from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
+from uvms_ocp.tasks.joints import JointTracking
+from uvms_ocp.tasks.pose import VehiclePose
+from uvms_ocp.trajectories.segment_times import MotionLimits
+
+N_STEPS = 24
+OPTIONS = NlpOptions(convergence=1e-6, time_limit=60.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """Of one scene."""
+
+    seed: int
+    plan: Plan
+    distances: Array
+    """(n, n_pairs) [m] at dense samples."""
+    curve_time: float
+    """[s] of the processor."""
+    plan_time: float
+    """[s] of the processor, proof included."""
+
+    @property
+    def nearest(self) -> float:
+        """[m]"""
+        return float(self.distances.min())
+
+
+def collides(outcome: Outcome) -> bool:
+    """Whether any sample does."""
+    return outcome.nearest <= 0.0
+
+
+class Scenes:
+    """A planner for all scenes of one robot, built from the first."""
+
+    samples = 2000
+    slower = 1.3
+    clearance = 0.01
+
+    def __init__(self, first: Problem) -> None:
+        built = once(lambda: Planner(self._problem(first, 1.0), OPTIONS))
+        self._planner, self.build_time = built.value, built.cpu
+
+    def solved(self, item: Problem) -> Outcome:
+        """By the curve around the obstacles."""
+        curve = once(lambda: _curve(item))
+        given = self._problem(item, self.slower * curve.value.trajectory.duration)
+        plan = once(lambda: self._planned(item, given, curve.value))
+        term, path = given.constraints[1], plan.value.trajectory
+        assert isinstance(term, ShapeClearance)
+        t = np.linspace(0.0, path.t[-1], self.samples)
+        q = SteppedMotion(term=term, trajectory=path).configurations(t)
+        return Outcome(
+            seed=item.seed,
+            plan=plan.value,
+            distances=CoalDistances(item.scene).distances_at(q),
+            curve_time=curve.cpu,
+            plan_time=plan.cpu,
+        )
+
+    def _planned(self, item: Problem, given: OcpProblem, curve: CollisionPlan) -> Plan:
+        guess = along_curve(given, item.scene.coordinates, curve.trajectory)
+        return self._planner.plan(given, guess=guess, diagnose=False)
+
+    def _problem(self, item: Problem, duration: float) -> OcpProblem:
+        robot, q = item.scene.coordinates.robot, item.scene.coordinates.configurations(item.ends)
+        there = Kinematics(robot, q[1]).pose("base_link")
+        posture = JointTracking(joints=robot.joint_names, goal=q[1, robot.n_q - robot.n_joints :])
+        margins = np.minimum(self.clearance, CoalDistances(item.scene).distances(item.ends).min(axis=0))
+        return single_phase(
+            robot=robot,
+            start=State(q=q[0], v=np.zeros(robot.n_v)),
+            duration=duration,
+            n_steps=N_STEPS,
+            levels=[
+                OcpLevel(name="goal", terms=(TaskTerm(task=VehiclePose(goal=there)), TaskTerm(task=posture))),
+                OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.09))),
+            ],
+            constraints=(AtRest(), ShapeClearance(scene=item.scene, margins=margins)),
+        )
+
+
+def _curve(item: Problem) -> CollisionPlan:
+    robot = item.scene.coordinates.robot
+    limits = MotionLimits(velocity=robot.limits.velocity, acceleration=robot.limits.acceleration)
+    return plan_soft_collision(item.scene, item.ends, limits=limits)

@@ -1,0 +1,275 @@
+"""Laws of clearance by true shapes: distances as coal measures them, their derivatives, and proof between the nodes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from uvms_ocp.collision import CollisionScene, collision_scene, coordinates
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.model.kinematics import Kinematics
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.obstacles import Obstacle, obstacle, seafloor
+from uvms_ocp.model.state import State
+from uvms_ocp.ocp.clearance.certificate import SteppedMotion, certificate, shortfall
+from uvms_ocp.ocp.clearance.shape_clearance import ShapeClearance
+from uvms_ocp.ocp.plan import OcpStatus
+from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
+from uvms_ocp.ocp.terms import AtRest, Effort, TaskTerm, Term
+from uvms_ocp.ocp.trajectory import Trajectory
+from uvms_ocp.ocp.transcription.stage import StageModel
+from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
+from uvms_ocp.tasks.joints import JointTracking
+
+TILT = pin.rpy.rpyToMatrix(0.4, 0.2, 0.1)
+CORNERS = np.random.default_rng(3).normal(size=(20, 3)) * 0.2
+
+
+def stone() -> coal.Convex:
+    points = coal.StdVec_Vec3s()
+    points.extend(list(CORNERS))
+    return coal.Convex.convexHull(points, True, "")
+
+
+SHAPES = {
+    "sphere": lambda: coal.Sphere(0.2),
+    "capsule": lambda: coal.Capsule(0.1, 0.5),
+    "cylinder": lambda: coal.Cylinder(0.15, 0.5),
+    "box": lambda: coal.Box(0.3, 0.2, 0.4),
+    "cone": lambda: coal.Cone(0.2, 0.4),
+    "convex mesh": stone,
+}
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot("girona_maris7_full")
+
+
+def clearance(robot: Robot, things: list[Obstacle], margin: float = 0.0) -> ShapeClearance:
+    scene = collision_scene(coordinates(robot), things)
+    return ShapeClearance(scene=scene, margins=np.full(scene.n_pairs, margin))
+
+
+def rows_of(term: ShapeClearance, robot: Robot) -> ca.Function:
+    """Rows as a function of q and the parameters."""
+    start = State(q=robot.configuration(), v=np.zeros(robot.n_v))
+    level = OcpLevel(name="effort", terms=(Effort(),))
+    model = StageModel(single_phase(robot=robot, start=start, duration=1.0, n_steps=1, levels=[level]))
+    p = ca.SX.sym("p", term.n_parameters(robot))
+    return ca.Function("rows", [model.z[model.layout.q], p], [term.residual(model.symbols, p).value])
+
+
+def postures(robot: Robot, n: int, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    lower, upper = robot.limits.position_lower, robot.limits.position_upper
+    joints = [dict(zip(robot.joint_names, rng.uniform(lower, upper), strict=True)) for _ in range(n)]
+    return np.array([
+        robot.configuration(position=rng.uniform(-0.3, 0.3, 3), rpy=rng.uniform(-0.5, 0.5, 3), joints=one)
+        for one in joints
+    ])  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+def test_the_least_row_is_the_least_distance_apart_and_in_penetration(robot: Robot, kind: str) -> None:
+    term = clearance(robot, [obstacle("thing", SHAPES[kind](), [0.9, 0.1, -0.5], TILT)])
+    rows, q = rows_of(term, robot), postures(robot, 40, 5)
+    n_world = term.n_rows
+    parameters, true = term.references([0.0] * len(q), q), term.distances([0.0] * len(q), q)
+    of_thing = term.scene.groups()["thing"]
+    others = np.setdiff1d(np.arange(term.scene.n_pairs), of_thing)
+    values = np.array([np.array(rows(*pair)).ravel() for pair in zip(q, parameters, strict=True)])
+    np.testing.assert_allclose(values[:, :n_world].min(axis=1), true[:, of_thing].min(axis=1), atol=1e-3)
+    np.testing.assert_allclose(values[:, n_world:].min(axis=1), true[:, others].min(axis=1), atol=1e-3)
+    assert true[:, of_thing].min() < 0.0 < true[:, of_thing].max()
+
+
+def test_the_derivative_of_a_distance_is_between_those_of_its_least_rows(robot: Robot) -> None:
+    """Of one row at a corner, of two where an edge lies along the plane."""
+    term, step, seen = clearance(robot, [obstacle("ball", coal.Sphere(0.2), [0.9, 0.1, -0.5])]), 1e-5, 0
+    rows, of_ball = rows_of(term, robot), term.scene.groups()["ball"]
+    J = rows.jacobian()
+    for q in apart(term, postures(robot, 60, 8))[:12]:
+        p, distances = term.references([0.0], q[None])[0], term.distances([0.0], q[None])[0, of_ball]
+        heights = np.array(rows(q, p)).ravel()[: term.n_rows]
+        slopes = J(q, p, 0.0)[0].full()[: term.n_rows][heights < heights.min() + 1e-5]
+        for axis in np.eye(robot.n_v):
+            ends = np.array([pin.integrate(robot.model, q, sign * step * axis) for sign in (-1, 1)])
+            pair = of_ball[int(np.argmin(distances))]
+            slope = np.diff(term.distances([0.0] * 2, ends)[:, pair])[0] / (2 * step)
+            found = slopes @ (ends[1] - ends[0]) / (2 * step)
+            assert found.min() - 1e-3 <= slope <= found.max() + 1e-3
+            seen += abs(slope) > 0.05
+    assert seen > 30
+
+
+def apart(term: ShapeClearance, q: np.ndarray) -> np.ndarray:
+    """Those in which nothing touches: the depth of an overlap is not smooth."""
+    return q[term.distances([0.0] * len(q), q).min(axis=1) > 0.01]
+
+
+def test_rows_far_from_anything_are_wide_of_their_bounds(robot: Robot) -> None:
+    term = replace(clearance(robot, [seafloor(-50.0)]), n_rows=400)
+    q = robot.configuration()
+    values = np.array(rows_of(term, robot)(q, term.references([0.0], q[None])[0])).ravel()
+    assert values[: term.n_rows].max() == pytest.approx(50.0, abs=2.0)
+    assert (values[: term.n_rows] >= 1.0).all()
+
+
+# --- plans ----------------------------------------------------------------------------------------
+
+
+def planar_problem(
+    things: list[Obstacle], *, margin: float = 0.05, n_steps: int = 16
+) -> tuple[OcpProblem, ShapeClearance]:
+    """The planar robot moves sideways past what stands there."""
+    planar = load_robot("planar5")
+    term = clearance(planar, things, margin)
+    goal = TaskTerm(task=JointTracking(joints=("x0", "y0"), goal=np.array([4.0, 0.0])))
+    problem = single_phase(
+        robot=planar,
+        start=State(q=planar.configuration(), v=np.zeros(5)),
+        duration=12.0,
+        n_steps=n_steps,
+        levels=[OcpLevel(name="goal", terms=(goal,)), OcpLevel(name="effort", terms=(Effort(),))],
+        constraints=(AtRest(), term),
+        water=False,
+    )
+    return problem, term
+
+
+WAYS = {
+    "ball": [obstacle("ball", coal.Sphere(0.3), [2.3, 1.4, 0.0])],
+    "box": [obstacle("box", coal.Box(0.4, 0.5, 1.0), [2.3, 1.3, 0.0], pin.rpy.rpyToMatrix(0.0, 0.0, 0.4))],
+    "convex mesh": [obstacle("stone", stone(), [2.3, 1.2, 0.0])],
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_plan_keeps_its_margin_between_nodes_too_and_says_what_coal_says(way: str) -> None:
+    problem, term = planar_problem(WAYS[way])
+    free = Planner(replace(problem, constraints=(AtRest(),)), NlpOptions(time_limit=600.0)).plan()
+    plan = Planner(problem, NlpOptions(time_limit=600.0)).plan()
+    assert (free.status, plan.status) == (OcpStatus.SOLVED, OcpStatus.SOLVED)
+    assert least(term, free.trajectory) < 0.04
+    assert plan.certified_free
+    assert plan.clearance is not None
+    assert least(term, plan.trajectory) > 0.05 - 5e-4
+    assert plan.clearance.nearest.distance == pytest.approx(least(term, plan.trajectory), abs=5e-3)
+    assert shortfall(term, plan.trajectory, 0.0).max() < 1e-3
+
+
+def least(term: ShapeClearance, path: Trajectory) -> float:
+    t = np.linspace(0.0, path.t[-1], 2000)
+    return float(term.distances(t.tolist(), SteppedMotion(term=term, trajectory=path).configurations(t)).min())
+
+
+def test_a_motion_through_a_thin_wall_between_two_nodes_is_not_certified() -> None:
+    problem, term = planar_problem([obstacle("sheet", coal.Box(0.001, 6.0, 6.0), [2.6, 0.0, 0.0])])
+    free = Planner(replace(problem, constraints=(AtRest(),))).plan().trajectory
+    hop = np.array([[0.0, 0, 0, 0, 0], [9.0, 0, 0, 0, 0]])
+    inputs = {"a": np.zeros((1, 5)), "thrust": free.thrust[:1], "torque": free.torque[:1]}
+    path = replace(free, t=np.array([0.0, 1.0]), q=hop, v=np.repeat(hop[1:], 2, axis=0), **inputs)
+    assert term.distances([0.0, 1.0], hop).min() > 0.1
+    report = certificate(term, path)
+    assert not report.collision_free
+    assert report.nearest.distance <= 0.0 or report.undecided
+
+
+def test_bounds_of_a_turning_vehicle_hold_for_every_point_of_it(robot: Robot) -> None:
+    rng = np.random.default_rng(2)
+    term = clearance(robot, [obstacle("ball", coal.Sphere(0.2), [0.9, 0.1, -0.5])])
+    q = robot.configuration(rpy=(0.2, -0.3, 0.5))
+    v, a = rng.normal(size=(2, robot.n_v)), rng.normal(size=(1, robot.n_v))
+    path = Trajectory(
+        t=np.array([0.0, 0.8]), q=np.array([q, q]), v=v, a=a, thrust=np.zeros((1, 8)), torque=np.zeros((1, 7))
+    )
+    motion = SteppedMotion(term=term, trajectory=path)
+    middle, half = np.linspace(0.1, 0.7, 13), np.full(13, 0.1)
+    bound = motion.bounds(middle, half) @ term.scene.reach.T
+    there = motion.distances(middle)
+    for share in (-1.0, -0.5, 0.5, 1.0):
+        moved = np.abs(motion.distances(middle + share * half) - there)
+        assert (moved <= bound + 1e-7).all()
+        assert moved.max() > 0.02 * bound.max()
+
+
+def test_links_of_one_robot_stay_apart() -> None:
+    planar = load_robot("planar5")
+    term = clearance(planar, [], 0.3)
+    fold = TaskTerm(task=JointTracking(joints=("theta1", "theta2"), goal=np.array([0.6, 2.5])))
+    problem = single_phase(
+        robot=planar,
+        start=State(q=planar.configuration(), v=np.zeros(5)),
+        duration=10.0,
+        n_steps=10,
+        levels=[OcpLevel(name="fold", terms=(fold,)), OcpLevel(name="effort", terms=(Effort(),))],
+        constraints=(AtRest(), term),
+        water=False,
+    )
+    free, kept = (
+        Planner(one, NlpOptions(time_limit=600.0)).plan(diagnose=False)
+        for one in (replace(problem, constraints=(AtRest(),)), problem)
+    )
+    assert least(term, free.trajectory) < 0.2
+    assert least(term, kept.trajectory) > 0.3 - 1e-3
+    assert kept.certified_free
+
+
+def test_a_soft_level_gives_way_to_what_is_above_and_yields_to_nothing_below() -> None:
+    problem, term = planar_problem(WAYS["ball"], margin=0.3)
+    without, soft = (
+        OcpLevel(name="effort", terms=(Effort(),)),
+        OcpLevel(name="clearance", terms=(replace(term, weight=10.0),)),
+    )
+    above = replace(problem, levels=(problem.levels[0], soft, without), constraints=(AtRest(),))
+    plain = replace(problem, constraints=(AtRest(),))
+    wide, narrow = (Planner(one, NlpOptions(time_limit=600.0)).plan(diagnose=False) for one in (above, plain))
+    assert wide.levels[0].residual < 1e-3
+    assert least(term, wide.trajectory) > least(term, narrow.trajectory) + 0.05
+
+
+def test_an_obstacle_that_moves_is_where_it_is_at_the_time_of_the_node() -> None:
+    problem, term = planar_problem([obstacle("ball", coal.Sphere(0.3), [2.0, 9.0, 0.0])])
+    still = Planner(problem, NlpOptions(time_limit=600.0)).plan()
+    meeting = Kinematics(problem.robot, still.trajectory.q[8]).pose("tool").translation + np.array([0.0, 0.25, 0.0])
+    coming = replace(
+        term, moving={"ball": lambda t: pin.SE3(np.eye(3), meeting + max(0.0, 3.0 - 0.5 * t) * np.eye(3)[1])}
+    )
+    plan = Planner(replace(problem, constraints=(AtRest(), coming)), NlpOptions(time_limit=600.0)).plan()
+    assert plan.status is OcpStatus.SOLVED
+    assert least(coming, still.trajectory) < 0.0
+    assert least(coming, plan.trajectory) > 0.05 - 1e-3
+    assert not plan.certified_free
+
+
+def test_a_start_in_penetration_is_named_by_its_depth() -> None:
+    problem, _ = planar_problem([obstacle("ball", coal.Sphere(0.3), [0.0, 0.0, 0.0])])
+    plan = Planner(problem).plan()
+    assert plan.status is OcpStatus.OBSTRUCTED
+    assert plan.reason.startswith("clearance is broken by ")
+    assert not plan.certified_free
+
+
+def test_mistakes_are_refused_in_one_line(robot: Robot) -> None:
+    scene: CollisionScene = collision_scene(coordinates(robot), [seafloor(-5.0)])
+    with pytest.raises(InvalidInput, match=r"margins .* give one finite number"):
+        ShapeClearance(scene=scene, margins=np.zeros(3))
+    level = collision_scene(coordinates(robot, axes=("x", "y")), [seafloor(-5.0)])
+    with pytest.raises(InvalidInput, match="give one that plans all axes"):
+        ShapeClearance(scene=level, margins=np.zeros(level.n_pairs))
+    with pytest.raises(NameNotFound, match="moving obstacle"):
+        ShapeClearance(scene=scene, margins=np.zeros(scene.n_pairs), moving={"whale": lambda t: pin.SE3.Identity()})
+
+
+def test_the_term_counts_what_it_is_asked() -> None:
+    _, term = planar_problem(WAYS["ball"])
+    assert isinstance(term, Term)
+    assert term.reference(0.0).shape == (term.n_parameters(load_robot("planar5")),)
