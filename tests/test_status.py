@@ -10,9 +10,10 @@ from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.planning.soft_collision import PlanStatus
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
+from uvms_ocp.solvers.stagewise import StageQpStatus
 from uvms_ocp.status import AdvisedStatus
 
-MEMBERS = [status for kind in (Status, NlpStatus, OcpStatus, PlanStatus) for status in kind]
+MEMBERS = [status for kind in (Status, NlpStatus, OcpStatus, PlanStatus, StageQpStatus) for status in kind]
 
 
 def test_every_status_is_in_the_list() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import process_time
 from typing import Any, TypeAlias
 
@@ -28,6 +28,7 @@ from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
 from uvms_ocp.tasks.attitude import HorizontalAttitude
 from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.joints import JointLimits, JointTracking
@@ -41,6 +42,10 @@ GUSTS, DOUBLE = 0.05, 0.1
 JOINTS = (0.0, -0.6, 0.0, -1.2, 0.0, -0.6, 0.0)
 DT, PERIOD = 1 / 200, 1 / 20
 """[s] of control and of planning."""
+POSTURE = 0.3
+"""[rad] by which joints may leave their posture at no cost."""
+STRICT = SqpOptions(tolerance=1e-2)
+"""Of strict levels: the tool gives effort a millimetre."""
 Controller: TypeAlias = Callable[[Measurement, float], Command]
 
 
@@ -127,6 +132,20 @@ def problem(robot: Robot, goal: PoseReference, experiment: Experiment) -> OcpPro
     )
 
 
+def strict(robot: Robot, goal: PoseReference, experiment: Experiment) -> OcpProblem:
+    """Tool, then tilt and a range of postures, then effort, in strict order."""
+    rest = JointTracking(joints=robot.joint_names, goal=np.array(JOINTS))
+    posture = TaskTerm(task=rest, at=At.PATH, tolerance=POSTURE)
+    tilt = TaskTerm(task=HorizontalAttitude(), at=At.PATH, weight=100.0)
+    tool, costs = problem(robot, goal, experiment).levels[0].terms[:2], (Effort(), Smoothness(weight=0.09))
+    levels = (
+        OcpLevel(name="tool", terms=tool),
+        OcpLevel(name="tilt and posture", terms=(tilt, posture)),
+        OcpLevel(name="effort", terms=costs),
+    )
+    return replace(problem(robot, goal, experiment), levels=levels)
+
+
 def hierarchy(robot: Robot, dynamics: Dynamics, goal: PoseReference, gain: float) -> DynamicController:
     """Joint limits, tilt, tool with a gain [1/s], posture; above the dynamic control layer with its observer."""
     tasks = [
@@ -148,6 +167,9 @@ def controllers(
     # Processor time leaves out what other programs take meanwhile, the clock on the wall does not.
     yield "NMPC", Nmpc(problem(robot, goal, experiment), dt=DT, period=PERIOD, clock=process_time)
     yield "NMPC, clock on the wall", Nmpc(problem(robot, goal, experiment), dt=DT, period=PERIOD)
+    levels = strict(robot, goal, experiment)
+    yield "NMPC, strict levels", Nmpc(levels, dt=DT, period=PERIOD, clock=process_time, options=STRICT)
+    yield "NMPC, strict levels, clock on the wall", Nmpc(levels, dt=DT, period=PERIOD, options=STRICT)
     for gain in experiment.gains:
         yield f"hierarchy, tool gain {gain:g} /s", hierarchy(robot, dynamics, goal, gain)
 

@@ -38,7 +38,7 @@ from uvms_ocp.record import Record
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.scenarios import RunOptions, case1
 from uvms_ocp.sim.faults import Fault
-from uvms_ocp.solvers import nlp
+from uvms_ocp.solvers import nlp, stagewise
 from uvms_ocp.tasks.task import TickSymbols
 from uvms_ocp.viz.scene.viewer import ScenePage
 
@@ -344,6 +344,15 @@ def sqp() -> nlp.RealTimeSqp:
     return nlp.RealTimeSqp(Transcription(problem()).program)
 
 
+@cache
+def stage_shape() -> stagewise.StageShape:
+    return stagewise.StageShape(n_x=(2, 2), n_u=(1,), n_r=(0, 1), n_c=(1, 0))
+
+
+def stage_solver() -> stagewise.StageQpSolver:
+    return stagewise.StageQpSolver(stage_shape(), stagewise.StageQpOptions(compiled=False))
+
+
 def nmpc_x() -> int:
     return int(Transcription(problem()).n_x)
 
@@ -542,6 +551,13 @@ POOL: dict[str, Callable[[], Any]] = {
     "Study": lambda: _study(),
     "StudyResult": lambda: _study().run(),
     "RealTimeSqp": sqp,
+    "StageShape": stage_shape,
+    "StageQp": lambda: stagewise.StageQp(stage_shape()),
+    "StageQpSolver": stage_solver,
+    "StageQpSolution": lambda: stage_solver().solve(stagewise.StageQp(stage_shape())),
+    "KktResidual": lambda: stagewise.KktResidual(stationarity=0.0, primal=0.0, complementarity=0.0),
+    "tuple[Array, ...]": lambda: (np.zeros(2),),
+    "StageQpStatus": lambda: next(iter(stagewise.StageQpStatus)),
     "Icat": solvers.Icat,
     "Daqp": solvers.Daqp,
     "LexicographicQp": solvers.LexicographicQp,
@@ -562,6 +578,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "Markers": dict,
     "Sequence[Pose]": poses,
     "FiniteTriple": lambda: (12.3, 37.0, -38.5),
+    "tuple[int, ...]": lambda: (1, 1),
     "tuple[float, float]": lambda: (0.0, 0.0),
     "tuple[float, float, float]": lambda: (0.0, 0.0, 0.0),
     "float | tuple[float, float]": lambda: 1.0,
@@ -607,6 +624,9 @@ CONDITIONS = ("Above", "Below", "Transition")
 ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     **dict.fromkeys(("Estimator.outcome", "Estimator.refuse", "Estimator.used"), lambda: {"channel": "position"}),
     **{f"{kind}.{use}": lambda: {"quantities": quantities()} for kind in CONDITIONS for use in ("holds", "describe")},
+    "StageShape": lambda: {"n_u": (1,)},
+    "KktResidual": lambda: {"stationarity": 0.0, "primal": 0.0, "complementarity": 0.0},
+    "StageQp.fix_initial_state": lambda: {"x": np.zeros(2)},
     "Mission.pending": lambda: {"quantities": quantities()},
     "Mission.step": lambda: {"quantities": quantities()},
     "Alignment": lambda: {"goal": np.ones(3)},

@@ -56,7 +56,7 @@ ALONE = tuple(
         "faults",
         "gates",
         "hierarchy",
-        "nmpc",
+        "nmpc_levels",
         "ocp_peers",
         "ocp_reach",
         "ocp_whole_mission",
@@ -74,6 +74,7 @@ BENCHMARKS = (
         script="navigation",
         files=("navigation", "navigation_delays", "navigation_mission", "navigation_time"),
     ),
+    Benchmark(script="nmpc", files=("nmpc", "nmpc_ticks")),
     Benchmark(script="ocp_priorities", files=("ocp_priorities", "ocp_toys")),
     Benchmark(script="hinsdale_replay", files=("hinsdale_replay",), variable="UVMS_OCP_POOL_RECORDINGS"),
     *(

@@ -37,6 +37,29 @@ def random_qp(seed: int, *, equalities: bool = False, inequalities: bool = True)
     return qp
 
 
+def reach_qp(seed: int, *, goal: bool, N: int = 30, n: int = 6) -> StageQp:
+    """A double integrator of n axes that goes for a tool's goal of three rows, a constraint at the end or a cost all along."""
+    rng, dt, n_x = np.random.default_rng(seed), 0.05, 2 * n
+    rows = {"n_r": (3 + n_x + n,) * N + (3 + n_x,), "n_c": (n,) * N + (3 if goal else 0,)}
+    qp = StageQp(StageShape(n_x=(n_x,) * (N + 1), n_u=(n,) * N, **rows))
+    tool, M = rng.standard_normal((3, n)), np.eye(n) + 0.1 * rng.standard_normal((n, n))
+    for k in range(N + 1):
+        weight = 10.0 if k == N else 0.7
+        qp.J[k][:3, :n], qp.r[k][:3] = weight * tool, -0.5 * weight
+        qp.J[k][3 : 3 + n_x, :n_x] = 0.01 * np.eye(n_x)
+        qp.z_lower[k][n:n_x], qp.z_upper[k][n:n_x] = -0.15, 0.15
+        if k < N:
+            qp.A[k][:] = np.kron([[1.0, dt], [0.0, 1.0]], np.eye(n))
+            qp.B[k][:] = np.kron([[dt**2 / 2], [dt]], np.eye(n))
+            qp.J[k][3 + n_x :, n_x:], qp.C[k][:, n_x:] = 0.1 * M, M
+            qp.lower[k][:], qp.upper[k][:] = -0.3, 0.3
+    if goal:
+        qp.C[N][:, :n], qp.lower[N][:], qp.upper[N][:] = tool, 0.1, 0.1
+    qp.flat["damping"][:] = 1e-6
+    qp.fix_initial_state(np.zeros(n_x))
+    return qp
+
+
 def random_trajectory(rng: np.random.Generator, qp: StageQp) -> list[np.ndarray]:
     n_x = qp.shape.n_x
     fixed = np.isfinite(qp.z_lower[0][: n_x[0]])
@@ -74,6 +97,30 @@ def conic_optimum(qp: StageQp, plugin: str, **options: object) -> np.ndarray:
     solver = ca.conic("oracle", plugin, shape, {"error_on_fail": True, **options})
     bounds = {"lbx": qp.flat["z_lower"], "ubx": qp.flat["z_upper"]}
     return np.array(solver(h=H, g=g, a=A, lba=lower, uba=upper, **bounds)["x"]).ravel()
+
+
+def softened(qp: StageQp, l1: float, l2: float) -> np.ndarray:
+    """The optimum where all rows but dynamics may be missed by slacks, which are variables here."""
+    H, g, A, lower, upper = dense(qp)
+    begin, rows = 0, []
+    for k, n in enumerate(qp.shape.n_c):
+        rows += range(begin, begin + n)
+        begin += n + (qp.shape.n_x[k + 1] if k < qp.shape.N else 0)
+    m, n = len(rows), len(g)
+    slack = np.zeros((len(A), 2 * m))
+    slack[rows] = np.hstack([np.eye(m), -np.eye(m)])
+    H = np.block([[H, np.zeros((n, 2 * m))], [np.zeros((2 * m, n)), (l2 + 1e-9) * np.eye(2 * m)]])
+    shape = {"h": ca.DM(H).sparsity(), "a": ca.DM(np.hstack([A, slack])).sparsity()}
+    found = ca.conic("oracle", "daqp", shape, {"error_on_fail": True})(
+        h=H,
+        g=np.concatenate([g, np.full(2 * m, l1)]),
+        a=np.hstack([A, slack]),
+        lba=lower,
+        uba=upper,
+        lbx=np.concatenate([qp.flat["z_lower"], np.zeros(2 * m)]),
+        ubx=np.concatenate([qp.flat["z_upper"], np.full(2 * m, np.inf)]),
+    )
+    return np.array(found["x"]).ravel()[:n]
 
 
 def flat(parts: tuple[np.ndarray, ...]) -> np.ndarray:

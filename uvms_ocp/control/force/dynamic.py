@@ -189,7 +189,12 @@ def _observer_law(robot: Robot, gains: VelocityGains, dt: float) -> ObserverLaw 
     )
 
 
-def observer_of(robot: Robot, dynamics: Dynamics, gains: VelocityGains, dt: float) -> DisturbanceObserver | None:
-    """The observer that `gains` ask for, at control period dt [s]; None where its bandwidth is 0."""
+def observer_of(
+    robot: Robot, dynamics: Dynamics, gains: VelocityGains, dt: float, current: np.ndarray | None = None
+) -> DisturbanceObserver | None:
+    """The observer that `gains` ask for, at control period dt [s]; None where its bandwidth is 0.
+
+    current (3,) [m/s] in W: as far as it is known.
+    """
     law = _observer_law(robot, gains, dt)
-    return None if law is None else DisturbanceObserver(law, dynamics.symbolic, robot.n_q)
+    return None if law is None else DisturbanceObserver(law, dynamics.symbolic, robot.n_q, current)

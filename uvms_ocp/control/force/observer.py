@@ -57,11 +57,21 @@ class ObserverLaw:
         if not (np.isfinite(w).all() and (w > 0).all() and (w * dt < 1).all()):
             raise InvalidInput(f"observer bandwidth {w} rad/s; give values between 0 and 1 / dt = {1 / dt:g}")
 
-    def after(self, before: Observed, body: Body, q: ca.SX, v: ca.SX, tau: ca.SX, share: ca.SX) -> Observed:
+    def after(
+        self,
+        before: Observed,
+        body: Body,
+        q: ca.SX,
+        v: ca.SX,
+        tau: ca.SX,
+        share: ca.SX,
+        current: ca.DM | None = None,
+    ) -> Observed:
         """After a tick with measured q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
 
         tau (n_v,) [N, N m] has acted since the last one. share (n_v,) [-]: of the bandwidth, as much as v bears now.
-        Drag is that of the measured velocity: what it damps is no disturbance, and must not be compensated.
+        Drag is that of the measured velocity in a current (3,) [m/s] in W, by default none: what it damps is no
+        disturbance, and must not be compensated.
         """
         w = self.bandwidth * share
         v_hat = ca.if_else(before.follows, before.v_hat, v)
@@ -69,7 +79,8 @@ class ObserverLaw:
         push = ca.mtimes(body.mass_matrix(q), w**2 * innovation)
         estimate = limited(before.estimate + self.dt * push, self.limit)
         still = ca.SX(3, len(body.links))
-        acceleration = body.forward_dynamics(q, v, tau + estimate, still, still)
+        water = still if current is None else ca.repmat(ca.SX(current), 1, len(body.links))
+        acceleration = body.forward_dynamics(q, v, tau + estimate, water, still)
         v_hat = v_hat + self.dt * (acceleration + 2 * w * innovation)
         return Observed(estimate=estimate, lead=push / w, v_hat=v_hat, follows=ca.SX(1.0))
 
@@ -83,13 +94,13 @@ def limited(y: ca.SX, limit: np.ndarray) -> ca.SX:
 class DisturbanceObserver:
     """An observer that is called at every tick. Holds what it knows: build one per run."""
 
-    def __init__(self, law: ObserverLaw, body: Body, n_q: int) -> None:
-        """n_q: entries of q."""
+    def __init__(self, law: ObserverLaw, body: Body, n_q: int, current: np.ndarray | None = None) -> None:
+        """n_q: entries of q. current (3,) [m/s] in W: as far as it is known, and no disturbance."""
         n = len(law.bandwidth)
         q, (v, tau, d, v_hat) = ca.SX.sym("q", n_q), (ca.SX.sym(name, n) for name in ("v", "tau", "d", "v_hat"))
         follows = ca.SX.sym("follows")
         before = Observed(estimate=d, lead=ca.SX(n, 1), v_hat=v_hat, follows=follows)
-        after = law.after(before, body, q, v, tau, ca.SX.ones(n))
+        after = law.after(before, body, q, v, tau, ca.SX.ones(n), None if current is None else ca.DM(current))
         inputs, outputs = [q, v, tau, d, v_hat, follows], [after.estimate, after.v_hat]
         self._function = BufferedFunction(ca.Function("observer", inputs, ca.cse(outputs)))
         self.estimate, self._v_hat, self._follows = np.zeros(n), np.zeros(n), np.zeros(1)

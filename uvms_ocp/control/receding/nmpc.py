@@ -4,28 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from time import perf_counter, process_time
+from time import perf_counter
 
 import numpy as np
-import pinocchio as pin
 
 from uvms_ocp.arguments import checked, late, trusted
 from uvms_ocp.control.force.computed_torque import ComputedTorque, TrackingGains
 from uvms_ocp.control.force.dynamic import VelocityGains, observer_of
 from uvms_ocp.control.navigation.last_known import LastSound
+from uvms_ocp.control.receding.replanning import HOLD, Planned, Request
+from uvms_ocp.control.receding.workers import Beside, InLine, Job, WorkerStatus, started
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.state import Command, Measurement, State
+from uvms_ocp.model.water.hydrodynamics import Water
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
-from uvms_ocp.ocp.trajectory import Trajectory, hold, shifted
-from uvms_ocp.ocp.transcription.transcription import Transcription
-from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
-from uvms_ocp.solvers.nlp.real_time_sqp import RealTimeSqp, SqpResult
+from uvms_ocp.ocp.trajectory import hold
 from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
 
 _state = trusted(State)
-_FIRST_SOLVES = 10
-"""[-] for the first plan, whose guess is to stay where the robot is."""
+_ROUNDING = 1e-9
+"""[s] in sums of ticks."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -46,16 +45,6 @@ class NmpcStatistics:
         return self.missed / max(len(self.solve_times), 1)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Planned:
-    """A plan, and when it begins."""
-
-    trajectory: Trajectory
-    """With times from its first node."""
-    begin: float
-    """[s] of its first node."""
-
-
 @checked
 class Nmpc:
     """A callable ``(Measurement, t) -> Command``.
@@ -67,8 +56,10 @@ class Nmpc:
     mends what one step left. Between plans the newest is tracked at the control rate, against disturbances that an
     observer measures.
 
-    The solve runs within the call that begins a period, so that simulations are reproducible. A robot whose control
-    rate cannot wait for it has to run it beside.
+    By default the solve runs within the call that begins a period, so that simulations are reproducible. With
+    ``worker=Beside()`` it runs in a process of its own: no call waits for it, and the robot stays where it is until there
+    is a first plan. If that process fails the last plan goes on, and its end is held; see `worker_status`. Close the
+    controller, or use it as a context manager, to end the process.
     """
 
     def __init__(
@@ -81,30 +72,33 @@ class Nmpc:
         gains: TrackingGains | None = None,
         observer: VelocityGains | None = None,
         clock: Callable[[], float] = perf_counter,
+        worker: InLine | Beside | None = None,
     ) -> None:
         """problem: fixed durations; the measured state replaces its start, its Hessian is that of Gauss and Newton.
 
-        dt, period [s]: of control and planning. clock [s]: by which deadlines are judged. Raises `InvalidInput` unless
-        0 < dt <= period, and for a problem with free durations.
+        dt, period [s]: of control and planning. clock [s]: by which deadlines in line are judged. worker: where solves run,
+        by default `InLine`. Raises `InvalidInput` unless 0 < dt <= period, for a problem with free durations, and for one
+        that cannot be sent to a worker beside; `UvmsError` where that does not start.
         """
         if not (np.isfinite([dt, period]).all() and 0 < dt <= period):
             raise InvalidInput(f"dt = {dt} s, period = {period} s; give 0 < dt <= period")
         if problem.free_time:
             raise InvalidInput("receding-horizon control needs fixed durations; give every phase one number")
+        self._robot, self.period = problem.robot, period
         self._problem = replace(problem, hessian=HessianKind.GAUSS_NEWTON)
-        self.period, self._clock = period, clock
-        self._transcription = Transcription(self._problem)
-        self._bounds = self._transcription.bounds()
-        self._sqp = RealTimeSqp(self._transcription.program, options)
+        self._worker = started(
+            worker or InLine(), Job(problem=self._problem, period=period, options=options, clock=clock)
+        )
         robot, dynamics = problem.robot, robot_dynamics(problem.robot)
-        self._observer = observer_of(robot, dynamics, observer or VelocityGains(), dt)
+        self._observer = observer_of(robot, dynamics, observer or VelocityGains(), dt, problem.current)
         self._sound = LastSound(robot)
-        self._law = ComputedTorque(robot, dynamics, dt=dt, gains=gains)
-        self._now: _Planned | None = None
-        self._coming: _Planned | None = None
-        self._newest: _Planned | None = None
-        """Fit for use or not."""
+        self._law = ComputedTorque(robot, dynamics, dt=dt, gains=gains, water=Water(velocity=problem.current))
+        self._now: Planned | None = None
+        self._coming: Planned | None = None
+        self._asked: float | None = None
+        """[s] when the solve began that is not answered yet."""
         self._next = -np.inf
+        """[s] when the coming plan takes over and the next solve begins."""
         self._times: list[tuple[float, float]] = []
         self._missed = self._rejected = 0
 
@@ -117,63 +111,66 @@ class Nmpc:
             rejected=self._rejected,
         )
 
+    @property
+    def worker_status(self) -> WorkerStatus:
+        """Whether plans are still being made."""
+        return self._worker.status
+
+    def close(self) -> None:
+        """Make no more plans: the last one goes on, and its end is held."""
+        self._worker.close()
+
+    def __enter__(self) -> Nmpc:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
     @late
     def __call__(self, measurement: Measurement, t: float) -> Command:
         """The command for the tick at time t [s]."""
         measurement = self._sound(measurement, t)
         state = _state(q=measurement.q, v=measurement.v)
-        acted, now = self._now is not None, self._now or self._first(state, t)
-        if t >= self._next - 1e-9:
-            now = self._coming or now
-            self._coming = self._replanned(now, state, t)
-            # A late plan keeps its time stamps, so that it is still of use; planning is slower meanwhile.
-            self._next = t + self.period * max(1, int(np.ceil(self._times[-1][0] / self.period)))
-        self._now = now
-        disturbance = np.zeros(self._problem.robot.n_v)
+        acted = self._now is not None
+        now = self._followed(state, t)
+        disturbance = np.zeros(self._robot.n_v)
         if self._observer is not None and acted:
             disturbance = self._observer.update(state.q, state.v, self._law.force)
-        q, v, a = now.trajectory.state_at(self._problem.robot.model, t - now.begin)
+        q, v, a = now.trajectory.state_at(self._robot.model, t - now.begin)
+        if t - now.begin > now.trajectory.t[-1]:
+            v = np.zeros_like(v)
         return self._law.command(state, q=q, v=v, a=a, disturbance=disturbance)
 
-    def _first(self, state: State, t: float) -> _Planned:
-        """As good as a few solves make it: there is no plan to start from, and the robot waits for it."""
-        best = last = hold(self._problem, state)
-        for _ in range(_FIRST_SOLVES):
-            result = self._solved(last, state, t, np.inf)
-            last = self._transcription.unpack(result.x)
-            best = last if result.status is NlpStatus.SOLVED else best
-        return _Planned(trajectory=best, begin=t)
+    def _followed(self, state: State, t: float) -> Planned:
+        """The plan for this tick; at the beginning of a period the next one is asked for."""
+        if self._now is None:
+            self._now = Planned(number=HOLD, trajectory=hold(self._problem, state), begin=t)
+            self._ask(Request(state=state, t=t, in_use=HOLD, begin=t + self._worker.lead))
+        self._collect(t)
+        if t >= self._next - _ROUNDING and self._asked is None:
+            self._now, self._coming = self._coming or self._now, None
+            self._ask(Request(state=state, t=t, in_use=self._now.number, begin=self._now.begin))
+            self._collect(t)
+        return self._now
 
-    def _solved(self, guess: Trajectory, start: State, t0: float, time_limit: float) -> SqpResult:
-        return self._sqp.solve(
-            self._transcription.pack(guess),
-            p=self._transcription.parameters(t0=t0, start=start),
-            x_lower=self._bounds[0],
-            x_upper=self._bounds[1],
-            time_limit=time_limit,
-            clock=self._clock,
-        )
+    def _ask(self, request: Request) -> None:
+        self._asked = request.t
+        self._worker.ask(request)
 
-    def _replanned(self, now: _Planned, state: State, t: float) -> _Planned | None:
-        """The plan for the next period, if it is fit for use."""
-        wall, processor = self._clock(), process_time()
-        begin = t + self.period
-        start = self._expected(now, state, t)
-        last = self._newest or now
-        guess = shifted(self._problem, last.trajectory, begin - last.begin, start)
-        result = self._solved(guess, start, begin, self.period)
-        self._times.append((self._clock() - wall, process_time() - processor))
-        unfit = result.status is not NlpStatus.SOLVED
-        self._missed += self._times[-1][0] > self.period
-        self._rejected += unfit
-        found = _Planned(trajectory=self._transcription.unpack(result.x), begin=begin)
-        # From a point of no use whatever, the present plan is the better guess.
-        self._newest = found if np.isfinite(result.violation) else now
-        return None if unfit else found
-
-    def _expected(self, now: _Planned, state: State, t: float) -> State:
-        """The state in which the next period will begin: the measured one, moved as planned."""
-        model, age = self._problem.robot.model, t - now.begin
-        q, v, _ = now.trajectory.state_at(model, age)
-        q_next, v_next, _ = now.trajectory.state_at(model, age + self.period)
-        return _state(q=pin.integrate(model, state.q, pin.difference(model, q, q_next)), v=state.v + v_next - v)
+    def _collect(self, t: float) -> None:
+        """Take the answer to the last solve, if there is one."""
+        answer = self._worker.answer() if self._asked is not None else None
+        if answer is None or self._asked is None:
+            return
+        asked, self._asked = self._asked, None
+        if answer.first and answer.planned is not None:
+            self._next = max(answer.planned.begin, t)
+            self._coming = replace(answer.planned, begin=self._next)
+            return
+        self._times.append((answer.solve_time, answer.processor_time))
+        self._missed += answer.solve_time > self.period
+        self._rejected += answer.planned is None
+        # A late plan keeps its time stamps, so that it is still of use; planning is slower meanwhile. That of a solve in
+        # line is as late as if it had been made beside.
+        late = 0.0 if t > asked else self.period * max(0.0, np.ceil(answer.solve_time / self.period) - 1)
+        self._coming, self._next = answer.planned, max(asked + self.period + late, t)

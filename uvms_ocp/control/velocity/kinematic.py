@@ -24,8 +24,8 @@ from uvms_ocp.control.navigation.last_known import LastEcho, LastSound
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.control.velocity.climb import climb_goal
 from uvms_ocp.control.velocity.distress import Distress, Strain, Why
-from uvms_ocp.control.velocity.guide import Guide
 from uvms_ocp.control.velocity.guards import Guarding, guards_of, models_of, rule_sizes
+from uvms_ocp.control.velocity.guide import Guide
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.parameters import (
     Measuring,

@@ -47,8 +47,10 @@ def acceptance(
     """For the step of the level after those that have `reached` [-] their residuals, from a point with merit `here`.
 
     Constraints may be broken by `accuracy` [-], or as much as they are here; residuals may rise by `tolerance` [-], those of
-    the levels above by no more than that from where their own turn left them, however many levels follow.
+    the levels above by no more than that from where their own turn left them, however many levels follow. The first level
+    pays whatever a guess lacks that breaks constraints.
     """
     above = [level.kept(norm, tolerance) for level, norm in zip(levels, reached, strict=False)]
-    own = here.residuals[len(reached)] + tolerance
+    mending = not above and here.violation > accuracy
+    own = np.inf if mending else here.residuals[len(reached)] + tolerance
     return Acceptance(violation=max(accuracy, here.violation), residuals=np.array([*above, own]))

@@ -62,7 +62,10 @@ class LevelQp:
     def step(
         self, x: np.ndarray, p: np.ndarray, bounds: RowBounds, damping: float
     ) -> tuple[np.ndarray, NlpStatus | None]:
-        """Step (n,) from x (n,) [unit of x], and why there is none; damping [1/unit of x^2]: weight of its square."""
+        """Step (n,) from x (n,) [unit of x], and why there is none.
+
+        p (n_p,) [unit of the parameter]. damping [1/unit of x^2]: weight of the square of the step.
+        """
         gradient, H, g, A = self._linearize.call([x, p, damping])
         linear = _Linear(gradient=np.array(gradient).ravel(), H=H, g=np.array(g).ravel(), A=A)
         if not linear.finite:

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from uvms_ocp.solvers.nlp.acceptance import SHARES, Acceptance, Merit, acceptance
-from uvms_ocp.solvers.nlp.level_qp import LevelQp
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
-from uvms_ocp.solvers.nlp.program import LexicographicProgram
+from uvms_ocp.solvers.nlp.program import LevelRows
 from uvms_ocp.solvers.nlp.proximal import ProximalWeights
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds
 from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
 
 
-class Deadline:
+class TimeBudget:
     """Whether there is time for another QP, judged by those that were solved."""
 
     def __init__(self, limit: float, clock: Callable[[], float]) -> None:
@@ -43,7 +43,7 @@ class Point:
     """Where the levels so far have led."""
 
     x: np.ndarray
-    """(n,) [unit of x]"""
+    """(n,) [unit of x] as the model of the levels has them."""
     rows: tuple[np.ndarray, ...]
     """(m,) [unit of the row] of every level."""
     merit: Merit
@@ -55,62 +55,85 @@ class Point:
         return replace(self, reached=(*self.reached, float(self.merit.residuals[len(self.reached)])))
 
 
-class LevelTurns:
-    """Of one program; its QPs are built once, and the weights of its levels are carried from step to step."""
+class LevelModel(Protocol):
+    """What linearises the levels of a program and solves their QPs."""
 
-    def __init__(self, program: LexicographicProgram, options: SqpOptions) -> None:
-        """Raises `InvalidInput` for a program without derivative functions."""
-        self._program, self._options = program, options
-        self._qps = [LevelQp(nlp, i, options) for i, nlp in enumerate(program.nlps)]
-        self._weights = ProximalWeights(len(self._qps), options.proximal)
+    slack: float
+    """[-] by which the norm of frozen rows may rise in a QP; 0 where it bears dependent equalities."""
+
+    def begin(self, x: np.ndarray, p: np.ndarray, bounds: RowBounds) -> Point:
+        """The point of variables x (n_x,) [unit of x]; p (n_p,) [unit of the parameter] holds from now on."""
+        ...
+
+    def step(self, level: int, point: Point, bounds: RowBounds, damping: float) -> NlpStatus | None:
+        """Find the step of a level from a point, and why there is none; damping [1/unit of x^2]: weight of its square."""
+        ...
+
+    def moved(self, share: float) -> Point:
+        """After a share [-] of the last step."""
+        ...
+
+    def variables(self, point: Point) -> np.ndarray:
+        """Variables (n_x,) [unit of x] of a point."""
+        ...
+
+
+class LevelTurns:
+    """Of one program; the weights of its levels are carried from step to step."""
+
+    def __init__(self, model: LevelModel, options: SqpOptions, n_levels: int) -> None:
+        self._model, self._options = model, options
+        self._weights = ProximalWeights(n_levels, options.proximal)
 
     def step(
-        self, x: np.ndarray, p: np.ndarray, bounds: RowBounds, deadline: Deadline
+        self, guess: Point, levels: tuple[LevelRows, ...], bounds: RowBounds, budget: TimeBudget
     ) -> tuple[Point, NlpStatus | None]:
-        """Where a step from x (n,) [unit of x] leads, and why there is none; p (n_p,) [unit of the parameter]."""
-        first, failure = self._qps[0].step(x, p, bounds, self._options.damping)
-        deadline.count()
-        point = self._point(x + first, p, bounds).after_turn()
+        """Where a step from a guess leads, and why there is none."""
+        guess = replace(guess, reached=())
+        failure = self._model.step(0, guess, bounds, self._options.damping)
+        budget.count()
         if failure is not None:
-            return point, failure
-        for i in range(1, len(self._qps)):
-            if deadline.over:
+            return guess, failure
+        point = self._first_searched(guess, levels).after_turn()
+        for i in range(1, len(levels)):
+            if budget.over:
                 break
-            bounds = bounds.with_rows(*self._frozen(i - 1, point))
-            point = self._turn(point, p, bounds).after_turn()
-            deadline.count()
+            bounds = bounds.with_rows(*self._frozen(levels[i - 1], point))
+            point = self._turn(point, levels, bounds).after_turn()
+            budget.count()
         return point, None
 
-    def _turn(self, point: Point, p: np.ndarray, bounds: RowBounds) -> Point:
+    def _first_searched(self, guess: Point, levels: tuple[LevelRows, ...]) -> Point:
+        """Where the rule allows it, or else, because a guess must be left, where the constraints are broken least."""
+        rule, tried = self._rule(guess, levels), []
+        for share in SHARES:
+            tried.append(self._model.moved(share))
+            if rule.allows(tried[-1].merit):
+                return tried[-1]
+        return min(tried, key=lambda point: point.merit.violation)
+
+    def _turn(self, point: Point, levels: tuple[LevelRows, ...], bounds: RowBounds) -> Point:
         """Where the next level moves the point."""
         i = len(point.reached)
-        step, failure = self._qps[i].step(point.x, p, bounds, self._options.damping + self._weights[i])
-        share, found = (0.0, point) if failure is not None else self._searched(point, step, p, bounds)
+        failure = self._model.step(i, point, bounds, self._options.damping + self._weights[i])
+        share, found = (0.0, point) if failure is not None else self._searched(point, levels)
         self._weights.adapt(i, share)
         return found
 
-    def _searched(self, point: Point, step: np.ndarray, p: np.ndarray, bounds: RowBounds) -> tuple[float, Point]:
+    def _searched(self, point: Point, levels: tuple[LevelRows, ...]) -> tuple[float, Point]:
         """The largest share of the step that the rule allows, and where it leads."""
-        rule = self._rule(point)
+        rule = self._rule(point, levels)
         for share in SHARES:
-            found = self._point(point.x + share * step, p, bounds)
+            found = self._model.moved(share)
             if rule.allows(found.merit):
                 return share, replace(found, reached=point.reached)
         return 0.0, point
 
-    def _rule(self, point: Point) -> Acceptance:
-        options, levels = self._options, self._program.ranges.levels
+    def _rule(self, point: Point, levels: tuple[LevelRows, ...]) -> Acceptance:
+        options = self._options
         return acceptance(levels, point.reached, point.merit, accuracy=options.accuracy, tolerance=options.tolerance)
 
-    def _frozen(self, i: int, point: Point) -> tuple[slice, tuple[np.ndarray, np.ndarray]]:
-        """Rows that keep level i where its turn has left it, and their bounds."""
-        level, cost = self._program.ranges.levels[i], point.reached[i] ** 2 / 2
-        return level.frozen, level.frozen_bounds(point.rows[i], cost, self._options.tolerance)
-
-    def _point(self, x: np.ndarray, p: np.ndarray, bounds: RowBounds) -> Point:
-        first, levels = self._program.nlps[0], self._program.ranges.levels
-        rows = tuple(np.array(y).ravel() for y in self._program.values.call([x, p]))
-        residuals = [float(np.linalg.norm(level.distance(y))) for level, y in zip(levels, rows, strict=True)]
-        violation = bounds.violation(x, np.array(first.functions["nlp_g"](x, p)).ravel(), first.rows)
-        merit = Merit(violation=violation if np.isfinite(violation) else np.inf, residuals=np.array(residuals))
-        return Point(x=x, rows=rows, merit=merit)
+    def _frozen(self, level: LevelRows, point: Point) -> tuple[slice, tuple[np.ndarray, np.ndarray]]:
+        """Rows that keep the level that had the last turn where that has left it, and their bounds."""
+        i = len(point.reached) - 1
+        return level.frozen, level.frozen_bounds(point.rows[i], point.reached[i] ** 2 / 2, self._model.slack)

@@ -19,10 +19,11 @@ from time import perf_counter
 import numpy as np
 
 from uvms_ocp.arguments import Bound, checked, late
-from uvms_ocp.solvers.nlp.level_turns import Deadline, LevelTurns
+from uvms_ocp.solvers.nlp.level_turns import LevelModel, LevelTurns, TimeBudget
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.program import LexicographicProgram, Parameters, Variables
 from uvms_ocp.solvers.nlp.row_bounds import row_bounds
+from uvms_ocp.solvers.nlp.sparse_levels import SparseLevels
 from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
 
 
@@ -55,7 +56,8 @@ class RealTimeSqp:
 
     def __init__(self, program: LexicographicProgram, options: SqpOptions | None = None) -> None:
         self.program, self.options = program, options or SqpOptions()
-        self._turns = LevelTurns(program, self.options)
+        self._model: LevelModel = SparseLevels(program, self.options)
+        self._turns = LevelTurns(self._model, self.options, len(program.ranges.levels))
 
     @late
     def solve(
@@ -72,25 +74,29 @@ class RealTimeSqp:
 
         p (n_p,) [unit of the parameter]; x_lower and x_upper (n,), or one for all variables [unit of x].
         """
-        deadline = Deadline(time_limit, clock)
-        bounds = row_bounds(self.program.ranges, x_lower, x_upper, len(x))
-        best, violation, reached = x, np.inf, tuple[float, ...]()
-        status, steps = NlpStatus.ITERATION_LIMIT, 0
+        budget, ranges = TimeBudget(time_limit, clock), self.program.ranges
+        bounds = row_bounds(ranges, x_lower, x_upper, len(x))
+        best, violation, reached = None, np.inf, tuple[float, ...]()
+        status, steps, point = NlpStatus.ITERATION_LIMIT, 0, self._model.begin(x, p, bounds)
         while steps < self.options.max_steps:
-            found, failure = self._turns.step(x, p, bounds, deadline)
+            point, failure = self._turns.step(point, ranges.levels, bounds, budget)
             steps += 1
             if failure is not None:
                 status = failure
                 break
-            x = found.x
-            if found.merit.violation < violation:
-                best, violation, reached = x, found.merit.violation, found.reached
+            if point.merit.violation < violation:
+                best, violation, reached = point, point.merit.violation, point.reached
             if violation <= self.options.accuracy:
                 status = NlpStatus.SOLVED
                 break
-            if deadline.over:
+            if budget.over:
                 status = NlpStatus.TIME_LIMIT
                 break
         return SqpResult(
-            x=best, status=status, violation=violation, steps=steps, solve_time=deadline.elapsed, reached=reached
+            x=x if best is None else self._model.variables(best),
+            status=status,
+            violation=violation,
+            steps=steps,
+            solve_time=budget.elapsed,
+            reached=reached,
         )

@@ -1,7 +1,8 @@
-"""Primal-dual interior point with predictor and corrector [Mehrotra1992], around a factor of the stages.
+"""The algorithm of interior_point.c in NumPy, for machines without a C compiler: one iteration; keep both in step.
 
-A hard row has a little compliance in every step, which the next one takes back (proximal method of multipliers): so equalities
-may depend on each other, and each of them only adds a weight to rows that exist anyway.
+Primal-dual interior point with predictor and corrector [Mehrotra1992], around a factor of the stages. A hard row has a little
+compliance in every step, which the next one takes back (proximal method of multipliers): so equalities may depend on each
+other, and each of them only adds a weight to rows that exist anyway.
 """
 
 from __future__ import annotations
@@ -10,157 +11,194 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uvms_ocp.arrays import Array
-from uvms_ocp.solvers.stagewise.options import StageQpOptions
-from uvms_ocp.solvers.stagewise.point import Point, Residuals, largest_of, resting
+from uvms_ocp.arrays import Array, Mask
+from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
+from uvms_ocp.solvers.stagewise.point import Point, resting
 from uvms_ocp.solvers.stagewise.riccati import NumpyStages
 from uvms_ocp.solvers.stagewise.row_table import SIGNS, RowTable
-from uvms_ocp.solvers.stagewise.solution import KktResidual, StageQpStatus
-from uvms_ocp.solvers.stagewise.stages import CompiledStages
-from uvms_ocp.solvers.stagewise.tolerances import STAGE_TOLERANCES
+from uvms_ocp.solvers.stagewise.solution import KktResidual, kkt_residual
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Residuals:
+    """By how much the conditions fail at a point; units are theirs."""
+
+    grad: Array
+    """(n,) [1/unit of z] of the Lagrangian, 0 for fixed variables."""
+    held: Array
+    """(n,) [1/unit of z] the same of fixed variables, 0 for others."""
+    defect: Array
+    """(n_x,) [unit of x] of the dynamics."""
+    value: Array
+    """(M,) [unit of the row] of rows."""
+    row: Array
+    """(2, M) [unit of the row] of what is left to the bounds."""
+    equal: Array
+    """(M,) [unit of the row] of equalities."""
+    dual: Array
+    """(2, M) [1/unit of the row] of elastic rows."""
+    kkt: KktResidual
+    """All of it."""
+    gradient: float
+    """[1/unit of z] largest term of the gradient."""
+    variable: float
+    """[unit of z] largest variable, and 1."""
+    linear: float
+    """[-] of all conditions but complementarity, relative to the two."""
+
+    @property
+    def worst(self) -> float:
+        """[-] of all of them."""
+        complementarity = STAGE_TOLERANCES.sharper * self.kkt.complementarity / (self.gradient * self.variable)
+        return _larger(self.kkt.stationarity / self.gradient, self.kkt.primal / self.variable, complementarity)
 
 
 class InteriorPoint:
-    """One QP whose data are loaded."""
+    """One QP whose data are loaded; curvature [1/unit of z^2]: its largest."""
 
-    def __init__(
-        self, stages: CompiledStages | NumpyStages, table: RowTable, curvature: float, options: StageQpOptions
-    ):
-        self.stages, self.table, self.options = stages, table, options
-        self.curvature = curvature
-        self.free = ~table.fixed
-        self.n_rows = len(table.norm) - len(table.fixed)
-        self.elasticity = STAGE_TOLERANCES.elasticity * table.norm**2 / curvature
-        self.iterations = 0
+    def __init__(self, stages: NumpyStages, table: RowTable, curvature: float, options: StageQpOptions) -> None:
+        self.stages, self.table, self.options, self.curvature = stages, table, options, curvature
+        self.iterations, self.corrections, self.stride = 0, 0, 0.0
+        self._free, self._m = ~table.fixed, len(table.norm) - len(table.fixed)
+        self._elasticity = STAGE_TOLERANCES.elasticity * table.norm**2 / curvature
+        self._weight = np.zeros_like(table.bound)
+        self._soft = np.zeros_like(table.bound)
+
+    def rest(self, z: Array) -> Point:
+        """At z (n,) [unit of z], with nothing else."""
+        return resting(z, sum(self.stages.shape.n_x), len(self.table.norm))
+
+    def beyond(self, value: Array) -> Array:
+        """(2, M) [unit of the row] from the bounds to the value (M,) [unit of the row] inwards, 0 where there is no side."""
+        return np.where(self.table.side, SIGNS * (value - self.table.bound), 0.0)
 
     def residuals(self, p: Point) -> Residuals:
-        t, m = self.table, self.n_rows
-        y = p.y + p.multiplier[1] - p.multiplier[0]
+        """At a point."""
+        t, m, y = self.table, self._m, p.row_multipliers()
         grad, defect, value, largest = self.stages.evaluate(p.z, p.costate, y[:m], y[m:])
-        grad, held = np.where(self.free, grad, 0.0), np.where(self.free, 0.0, grad)
         value = np.concatenate([value, p.z])
-        row = np.where(t.side, SIGNS * (value - t.bound) + p.e + t.compliance * p.multiplier - p.s, 0.0)
+        row = np.where(t.side, self.beyond(value) + p.e + t.compliance * p.multiplier - p.s, 0.0)
         equal = np.where(t.equal, value - t.target - t.compliance * p.y, 0.0)
         dual = np.where(t.elastic, t.l1 + t.l2 * p.e - p.multiplier - p.f, 0.0)
-        scale = max(largest, largest_of(y * t.norm), _LEAST * self.curvature), 1.0 + largest_of(p.z)
-        kkt = KktResidual(
-            stationarity=max(largest_of(grad), largest_of(dual * t.norm)),
-            primal=max(
-                largest_of(defect), largest_of(row / t.norm), largest_of(equal / t.norm), self.violation(t, value)
-            ),
-            complementarity=max(largest_of(p.s * p.multiplier), largest_of(p.e * p.f)),
-        )
+        free = np.where(self._free, grad, 0.0)
+        linear = _larger(_largest(row / t.norm), _largest(equal / t.norm), _largest(defect))
+        stationarity = _larger(_largest(free), _largest(dual * t.norm))
+        gradient = _larger(largest, _largest(y * t.norm), STAGE_TOLERANCES.least_size * self.curvature)
+        variable = 1.0 + _largest(p.z)
         return Residuals(
-            grad=grad, defect=defect, value=value, row=row, equal=equal, dual=dual, kkt=kkt, scale=scale, held=held
+            grad=free,
+            held=grad - free,
+            defect=defect,
+            value=value,
+            row=row,
+            equal=equal,
+            dual=dual,
+            kkt=kkt_residual(
+                stationarity=stationarity,
+                primal=_larger(linear, t.violation(value)),
+                complementarity=_larger(_largest(p.s * p.multiplier), _largest(p.e * p.f)),
+            ),
+            gradient=gradient,
+            variable=variable,
+            linear=_larger(stationarity / gradient, linear / variable),
         )
 
-    @staticmethod
-    def violation(t: RowTable, value: Array) -> float:
-        """Largest, of hard rows relative to their norm; value (M,)."""
-        hard = t.compliance == 0.0
-        missed = np.where(t.side & ~t.elastic & hard, -SIGNS * (value - t.bound), 0.0).max(initial=0.0, axis=0)
-        return largest_of((missed + np.where(t.equal & hard, np.abs(value - t.target), 0.0)) / t.norm)
+    def factor(self, p: Point | None) -> int:
+        """With the weights of the sides at a point, or without sides; as `NumpyStages.factor`."""
+        t, self._weight, self._soft = self.table, np.zeros_like(self._weight), np.zeros_like(self._soft)
+        self.iterations += 1
+        if p is not None:
+            self._soft = _ratio(p.e, p.f + p.e * t.l2, p.f > 0.0)
+            give = STAGE_TOLERANCES.side_elasticity * self._elasticity + t.compliance + self._soft
+            self._weight = _ratio(p.multiplier, p.multiplier * give + p.s, p.multiplier > 0.0)
+        total = self._weight.sum(axis=0) + np.where(t.equal, 1.0 / (self._elasticity + t.compliance), 0.0)
+        return self.stages.factor(total[: self._m], total[self._m :])
 
-    def equalities_alone(self, z: Array) -> tuple[Point, Residuals]:
-        """The optimum without inequalities, from z: one factor, and corrections."""
-        p = resting(z, sum(self.stages.shape.n_x), len(self.table.norm))
-        self._factor(np.zeros_like(self.table.bound))
-        for _ in range(_CORRECTIONS):
-            r = self.residuals(p)
-            gradient, variable = r.scale
-            equal = (np.abs(r.equal) / self.table.norm).max(initial=0.0)
-            if (
-                max(largest_of(r.grad) / gradient, max(largest_of(r.defect), equal) / variable)
-                <= self.options.tolerance / 10
-            ):
-                break
-            p = p.moved(self._direction(p, r, _Targets.none(p), np.zeros_like(p.s)), 1.0)
-        return p, r
-
-    def step(self, p: Point, r: Residuals) -> tuple[Point, float]:
-        """One iteration, and the share of the step that was taken."""
-        t = self.table
-        weight = self._weights(p)
-        self._factor(weight)
-        mu, count = self.mu(p), max(1, int(t.side.sum() + t.elastic.sum()))
-        affine = self._direction(p, r, _Targets(-p.s * p.multiplier, -p.e * p.f), weight)
-        share = self._share(p, affine, 1.0)
-        after = p.moved(affine, share)
-        centre = mu * (float((after.s * after.multiplier).sum() + (after.e * after.f).sum()) / count / mu) ** 3
-        targets = _Targets(
-            np.where(t.side, centre - affine.s * affine.multiplier - p.s * p.multiplier, 0.0),
-            np.where(t.elastic, centre - affine.e * affine.f - p.e * p.f, 0.0),
+    def direction(self, p: Point, r: Residuals, side: Array | float = 0.0, elastic: Array | float = 0.0) -> Point:
+        """Of Newton's method, towards products that differ by ``side`` and ``elastic`` (2, M) [-] from those at p."""
+        t, m, stiff = self.table, self._m, 1.0 / (self._elasticity + self.table.compliance)
+        held, soft = p.multiplier > 0.0, self._soft
+        left = _ratio(elastic - p.e * r.dual, p.f + p.e * t.l2, p.f > 0.0)
+        gap = r.row + left - _ratio(side, p.multiplier, held)
+        pull = (SIGNS * self._weight * gap).sum(axis=0) + np.where(t.equal, r.equal * stiff, 0.0)
+        dz, costate = self.stages.solve(self.stages.add_transposed(pull[:m], pull[m:], r.grad), r.defect)
+        value = np.concatenate([self.stages.values(dz), dz])
+        multiplier = -self._weight * (SIGNS * value + gap)
+        e = soft * multiplier + left
+        return Point(
+            z=dz,
+            costate=costate,
+            y=np.where(t.equal, (value + r.equal) * stiff, 0.0),
+            s=_ratio(side - p.s * multiplier, p.multiplier, held),
+            multiplier=multiplier,
+            e=e,
+            f=_ratio(elastic - p.f * e, p.e, p.e > 0.0),
         )
-        step = self._direction(p, r, targets, weight)
-        share = self._share(p, step, STAGE_TOLERANCES.to_boundary)
+
+    def advance(self, p: Point, r: Residuals) -> tuple[Point, float]:
+        """One iteration, and the share [-] of the step that was taken, or minus what is wrong with the factor.
+
+        Weights of later iterations hide whether the cost is convex.
+        """
+        wrong = self.factor(p)
+        if wrong == 2 or (wrong and self.iterations == 1):
+            return p, -wrong
+        mu = max(self._mu(p), 1e-300)
+        least = STAGE_TOLERANCES.floor * self.options.tolerance * r.gradient * r.variable
+        affine = self.direction(p, r, *self._aim(p, None, 0.0, 0.0))
+        share = _share(p, affine, 1.0)
+        centre = max(least, mu * (self._mu(p.moved(affine, share)) / mu) ** 3)
+        step = self.direction(p, r, *self._aim(p, affine, centre, share))
+        if _share(p, step, 1.0) < STAGE_TOLERANCES.short_step:
+            step = self.direction(p, r, *self._aim(p, None, mu, 0.0))
+        step = self._corrected(p, step)
+        self.stride, share = _largest(step.z), _share(p, step, STAGE_TOLERANCES.to_boundary)
         return p.moved(step, share), share
 
-    def mu(self, p: Point) -> float:
+    def _corrected(self, p: Point, step: Point) -> Point:
+        """A step from p whose linear equations hold better, where it needs that."""
+        if self.corrections == 0:
+            return step
+        left = self.residuals(p.moved(step, 1.0))
+        for _ in range(self.corrections):
+            better = step.moved(self.direction(p, left), 1.0)
+            before, left = left.linear, self.residuals(p.moved(better, 1.0))
+            if not left.linear <= 0.5 * before:
+                break
+            step = better
+        return step
+
+    def _mu(self, p: Point) -> float:
         """Mean complementarity."""
-        count = self.table.side.sum() + self.table.elastic.sum()
-        return float((p.s * p.multiplier).sum() + (p.e * p.f).sum()) / max(1, int(count))
+        count = int(self.table.side.sum() + self.table.elastic.sum())
+        return float((p.s * p.multiplier).sum() + (p.e * p.f).sum()) / max(1, count)
 
-    def _share(self, p: Point, step: Point, most: float) -> float:
-        """Of a step after which nothing is negative."""
-        share = 1.0
-        for value, change in ((p.s, step.s), (p.multiplier, step.multiplier), (p.e, step.e), (p.f, step.f)):
-            falls = change < 0.0
-            share = min(share, most * float((-value[falls] / change[falls]).min(initial=1.0 / most)))
-        return share
-
-    def _soft(self, p: Point) -> Array:
-        """(2, M) by how much e follows the multiplier."""
-        return np.divide(p.e, p.f + p.e * self.table.l2, out=np.zeros_like(p.e), where=p.f > 0.0)
-
-    def _weights(self, p: Point) -> Array:
-        """(2, M) of the sides."""
-        t = self.table
-        give = self.elasticity + t.compliance + self._soft(p)
-        return np.divide(p.multiplier, p.multiplier * give + p.s, out=np.zeros_like(p.s), where=p.multiplier > 0.0)
-
-    def _factor(self, weight: Array) -> None:
-        self.iterations += 1
-        t = self.table
-        total = weight.sum(axis=0) + np.where(t.equal, 1.0 / (self.elasticity + t.compliance), 0.0)
-        failed = self.stages.factor(total[: self.n_rows], np.ascontiguousarray(total[self.n_rows :]))
-        if failed:
-            raise CannotFactor(StageQpStatus.NOT_CONVEX if failed == 1 else StageQpStatus.NOT_A_NUMBER)
-
-    def _direction(self, p: Point, r: Residuals, targets: _Targets, weight: Array) -> Point:
-        """Of Newton's method, towards products that differ by `targets` from those at p."""
-        t, m = self.table, self.n_rows
-        give, stiff = self._soft(p), 1.0 / (self.elasticity + t.compliance)
-        left = np.divide(targets.elastic - p.e * r.dual, p.f + p.e * t.l2, out=np.zeros_like(p.e), where=p.f > 0.0)
-        gap = r.row + left - np.divide(targets.side, p.multiplier, out=np.zeros_like(p.s), where=p.multiplier > 0.0)
-        pull = (SIGNS * weight * gap).sum(axis=0) + np.where(t.equal, r.equal * stiff, 0.0)
-        grad = self.stages.add_transposed(pull[:m], np.ascontiguousarray(pull[m:]), r.grad)
-        dz, costate = self.stages.solve(grad, r.defect)
-        value = np.concatenate([self.stages.values(dz), dz])
-        multiplier = -weight * (SIGNS * value + gap)
-        s = np.divide(targets.side - p.s * multiplier, p.multiplier, out=np.zeros_like(p.s), where=p.multiplier > 0.0)
-        e = give * multiplier + left
-        f = np.divide(targets.elastic - p.f * e, p.e, out=np.zeros_like(p.e), where=p.e > 0.0)
-        y = np.where(t.equal, (value + r.equal) * stiff, 0.0)
-        return Point(z=dz, costate=costate, y=y, s=s, multiplier=multiplier, e=e, f=f)
+    def _aim(self, p: Point, affine: Point | None, centre: float, trust: float) -> tuple[Array, Array]:
+        """By how much products change on the way to `centre`; trust: in what `affine` says of the second order."""
+        side, elastic = centre - p.s * p.multiplier, centre - p.e * p.f
+        if affine is not None:
+            side, elastic = side - trust * affine.s * affine.multiplier, elastic - trust * affine.e * affine.f
+        return np.where(self.table.side, side, 0.0), np.where(self.table.elastic, elastic, 0.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Targets:
-    """By how much products of a multiplier and what is left shall change."""
-
-    side: Array
-    elastic: Array
-
-    @staticmethod
-    def none(p: Point) -> _Targets:
-        return _Targets(np.zeros_like(p.s), np.zeros_like(p.s))
+def _share(p: Point, step: Point, most: float) -> float:
+    """Of a step after which nothing is negative."""
+    share = 1.0
+    for value, change in ((p.s, step.s), (p.multiplier, step.multiplier), (p.e, step.e), (p.f, step.f)):
+        falls = change < 0.0
+        share = min(share, float((most * value[falls] / -change[falls]).min(initial=1.0)))
+    return share
 
 
-class CannotFactor(Exception):  # inside this room only
-    def __init__(self, status: StageQpStatus) -> None:
-        super().__init__(status.advice)
-        self.status = status
+def _ratio(a: Array | float, b: Array, where: Mask) -> Array:
+    """0 elsewhere."""
+    return np.divide(a, b, out=np.zeros_like(b), where=where)
 
 
-_CORRECTIONS = 10
-_LEAST = 1e-3  # size of variables below which stationarity counts no more
+def _larger(*numbers: float) -> float:
+    """NaN wins, so that it is noticed."""
+    return float(np.max(numbers))
+
+
+def _largest(a: Array) -> float:
+    return float(np.abs(a).max(initial=0.0))

@@ -1,120 +1,156 @@
-"""From a start to the optimum, or to where an interior point cannot go on."""
+"""The algorithm of iteration.c in NumPy: from a start to the optimum, or to where it cannot go on; keep both in step."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from uvms_ocp.arrays import Array
-from uvms_ocp.solvers.stagewise.interior_point import CannotFactor, InteriorPoint
-from uvms_ocp.solvers.stagewise.point import Point, Residuals, resting
+from uvms_ocp.solvers.stagewise.interior_point import InteriorPoint, Residuals
+from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
+from uvms_ocp.solvers.stagewise.point import End, Point, Start
+from uvms_ocp.solvers.stagewise.riccati import NumpyStages
 from uvms_ocp.solvers.stagewise.row_table import SIGNS, RowTable
-from uvms_ocp.solvers.stagewise.solution import StageQpSolution, StageQpStatus
+from uvms_ocp.solvers.stagewise.solution import StageQpStatus
+from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape
 
-_STUCK = 1e-7  # share of a step that leads nowhere
-_HOPELESS = 1e8  # by which multipliers grow where there is no point
-_ENDLESS = 1e12  # variables beyond which a cost falls without end
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class End:
-    """Of one run."""
-
-    status: StageQpStatus
-    point: Point
-    residuals: Residuals
-    iterations: int
+_WRONG = {1: StageQpStatus.NOT_CONVEX, 2: StageQpStatus.NOT_A_NUMBER}
+_WRONG_LATER = {-1.0: StageQpStatus.NOT_CONVEX, -2.0: StageQpStatus.ITERATION_LIMIT}
 
 
-def iterated(method: InteriorPoint, z: Array, warm: Point | None) -> End:
-    """From z, where fixed variables have their values, or from a point nearby."""
-    point = warm or resting(z, sum(method.stages.shape.n_x), len(method.table.norm))
-    best = point, method.residuals(point)
-    try:
-        if warm is None:
-            best = _within(method, *method.equalities_alone(z))
-            if _is_enough(method, best[1]):
-                return _end(method, StageQpStatus.SOLVED, best)
-            point = cold(method, *best)
-        return _descended(method, point)
-    except CannotFactor as failure:
-        return _end(method, failure.status, best)
+class NumpyCore:
+    """The solver of one shape."""
+
+    def __init__(self, shape: StageShape) -> None:
+        self._stages = NumpyStages(shape)
+
+    @np.errstate(over="ignore", invalid="ignore", divide="ignore")
+    def run(
+        self, qp: StageQp, table: RowTable, point: Point, options: StageQpOptions, *, start: Start, costless: bool
+    ) -> End:
+        """From a point, without the cost if ``costless``."""
+        self._stages.fixed[:] = table.fixed
+        curvature = self._stages.load(qp, costless=costless)
+        method = InteriorPoint(self._stages, table, 1.0 if costless else curvature, options)
+        if start is Start.EQUALITIES:
+            return _from_equalities(method, point)
+        begin = _warm(method, point) if start is Start.WARM else _cold(method, point)
+        return _descended(method, begin)
 
 
-def _within(method: InteriorPoint, p: Point, r: Residuals) -> tuple[Point, Residuals]:
-    """With what is left to the bounds, as far as none is missed."""
+def _from_equalities(method: InteriorPoint, point: Point) -> End:
+    p, wrong = _equalities_alone(method, point)
+    r = method.residuals(p)
+    if wrong:
+        return _end(method, _WRONG[wrong], p, r)
+    tolerance = method.options.tolerance
+    exact = r.kkt.stationarity <= tolerance * r.gradient and r.kkt.primal <= tolerance * r.variable
+    if exact and not _missed(method, r) > 0.0:
+        return _end(method, StageQpStatus.SOLVED, p, r)
+    return _descended(method, _cold(method, point))
+
+
+def _equalities_alone(method: InteriorPoint, point: Point) -> tuple[Point, int]:
+    """The optimum without inequalities: one factor, and corrections; what is wrong with the factor."""
+    p, t = method.rest(point.z), method.table
+    wrong = method.factor(None)
+    if wrong:
+        return p, wrong
+    for k in range(STAGE_TOLERANCES.most_corrections + 1):
+        r = method.residuals(p)
+        equal = np.max(np.abs(np.concatenate([r.equal / t.norm, r.defect])))
+        left = np.max([np.abs(r.grad).max() / r.gradient, equal / r.variable])
+        if k == STAGE_TOLERANCES.most_corrections or not left > 0.1 * method.options.tolerance:
+            break
+        r = replace(r, row=np.zeros_like(r.row), dual=np.zeros_like(r.dual))
+        p = p.moved(method.direction(p, r), 1.0)
+    return replace(p, s=np.maximum(method.beyond(r.value), 0.0), f=np.where(t.elastic, t.l1, 0.0)), 0
+
+
+def _missed(method: InteriorPoint, r: Residuals) -> float:
+    """Largest violation of a side relative to the norm of its row; -1 where there is none."""
     t = method.table
-    p = replace(
-        p, s=np.where(t.side, np.maximum(SIGNS * (r.value - t.bound), 0.0), 0.0), f=np.where(t.elastic, t.l1, 0.0)
-    )
-    return p, method.residuals(p)
+    return float(np.where(t.side, SIGNS * (t.bound - r.value) / t.norm, -1.0).max(initial=-1.0))
 
 
-def _end(method: InteriorPoint, status: StageQpStatus, at: tuple[Point, Residuals]) -> End:
-    return End(status=status, point=at[0], residuals=at[1], iterations=method.iterations)
+def _cold(method: InteriorPoint, point: Point) -> Point:
+    """A start inside, from z alone."""
+    t, p = method.table, method.rest(point.z)
+    r = method.residuals(p)
+    missed = max(_missed(method, r), STAGE_TOLERANCES.least_missed)
+    mu = STAGE_TOLERANCES.cold_mu * missed * max(method.curvature * missed, r.kkt.stationarity)
+    s = np.where(t.side, np.maximum(method.beyond(r.value), missed * t.norm), 0.0)
+    multiplier = np.divide(mu, s, out=np.zeros_like(s), where=t.side)
+    multiplier = np.where(t.elastic, np.minimum(multiplier, 0.5 * t.l1), multiplier)
+    e, f = np.where(t.elastic, missed * t.norm, 0.0), np.where(t.elastic, t.l1 - multiplier, 0.0)
+    return replace(p, s=s, multiplier=multiplier, e=e, f=f)
 
 
-def _descended(method: InteriorPoint, point: Point) -> End:
-    best, share, stuck = None, 1.0, 0
-    first = method.residuals(point).scale[0]
-    while True:
-        r = method.residuals(point)
-        if best is None or r.worst() < best[1].worst():
-            best = point, r
-        if r.worst() <= method.options.tolerance:
-            return _end(method, StageQpStatus.SOLVED, best)
-        if np.abs(point.z).max() > _ENDLESS:
-            return _end(method, StageQpStatus.UNBOUNDED, best)
-        stuck = stuck + 1 if share < _STUCK else 0
-        hopeless = stuck > 2 or r.scale[0] > _HOPELESS * first or not np.isfinite(r.worst())
-        if hopeless or method.iterations >= method.options.max_iterations:
-            return _end(method, StageQpStatus.ITERATION_LIMIT, best)
-        point, share = method.step(point, r)
-
-
-def _is_enough(method: InteriorPoint, r: Residuals) -> bool:
-    """Whether no inequality is missed where none is looked at."""
-    gradient, variable = r.scale
-    exact = max(r.kkt.stationarity / gradient, r.kkt.primal / variable) <= method.options.tolerance
-    return exact and _missed(method.table, r) <= 0.0
-
-
-def _missed(t: RowTable, r: Residuals) -> float:
-    """Largest, relative to the norm of the row; < 0 where none is."""
-    return float(np.where(t.side, -SIGNS * (r.value - t.bound) / t.norm, -np.inf).max(initial=-np.inf))
-
-
-def cold(method: InteriorPoint, p: Point, r: Residuals) -> Point:
-    """A start inside, from the optimum without inequalities."""
-    t, v = method.table, max(_missed(method.table, r), 1e-3)
-    s = np.where(t.side, np.maximum(SIGNS * (r.value - t.bound), v * t.norm), 0.0)
-    return inside(method, replace(p, s=s), 0.1 * method.curvature * v * v, v)
-
-
-def inside(method: InteriorPoint, p: Point, mu: float, missed: float) -> Point:
-    t = method.table
-    e = np.where(t.elastic, missed * t.norm, 0.0)
-    multiplier = np.divide(mu, p.s, out=np.zeros_like(p.s), where=t.side)
-    multiplier = np.where(t.elastic, np.minimum(multiplier, t.l1 / 2), multiplier)
-    return replace(p, multiplier=multiplier, e=e, f=np.where(t.elastic, t.l1 - multiplier, 0.0))
-
-
-def warm_point(method: InteriorPoint, warm: StageQpSolution, z: Array, mu: float) -> Point:
-    """A start near a solution."""
-    t = method.table
-    flat = np.where(t.fixed, z, np.concatenate(warm.z))
-    y = np.concatenate([*warm.y, *warm.y_z])
-    value = np.concatenate([method.stages.values(flat), flat])
-    multiplier = np.where(t.side, np.maximum(-SIGNS * y, 0.0), 0.0)
-    room = np.sqrt(mu / method.curvature) * t.norm
-    s = np.where(t.side, np.maximum(SIGNS * (value - t.bound), room), 0.0)
-    multiplier = np.maximum(multiplier, np.divide(mu, s, out=np.zeros_like(s), where=t.side))
+def _warm(method: InteriorPoint, p: Point) -> Point:
+    """A start near the optimum."""
+    t, y, mu = method.table, p.y, method.options.warm_mu * method.curvature
+    beyond = method.beyond(method.residuals(p).value)
+    s = np.where(t.side, np.maximum(beyond, np.sqrt(method.options.warm_mu) * t.norm), 0.0)
+    multiplier = np.maximum(-SIGNS * y, np.divide(mu, s, out=np.zeros_like(s), where=t.side))
+    multiplier = np.where(t.side, multiplier, 0.0)
     multiplier = np.where(t.elastic, np.minimum(multiplier, 0.999 * t.l1), multiplier)
     f = np.where(t.elastic, t.l1 - multiplier, 0.0)
-    e = np.maximum(
-        np.where(t.elastic, -SIGNS * (value - t.bound), 0.0), np.divide(mu, f, out=np.zeros_like(s), where=t.elastic)
-    )
-    return Point(
-        z=flat, costate=np.concatenate(warm.costate), y=np.where(t.equal, y, 0.0), s=s, multiplier=multiplier, e=e, f=f
-    )
+    e = np.where(t.elastic, np.maximum(-beyond, np.divide(mu, f, out=np.zeros_like(s), where=t.elastic)), 0.0)
+    return replace(p, y=np.where(t.equal, y, 0.0), s=s, multiplier=multiplier, e=e, f=f)
+
+
+def _descended(method: InteriorPoint, p: Point) -> End:
+    """From a start inside to the optimum, or to where it cannot go on, which leaves the best point."""
+    r, share = method.residuals(p), 1.0
+    progress = _Progress(p, r)
+    while True:
+        status = progress.look(method, p, r, share)
+        if status is not None:
+            return _end(method, status, *progress.best)
+        p, share = method.advance(p, r)
+        if share < 0.0:
+            return _end(method, _WRONG_LATER[share], *progress.best)
+        before, r = r, method.residuals(p)
+        method.corrections = min(3, method.corrections + _is_inexact(method, before, r, share))
+
+
+def _is_inexact(method: InteriorPoint, before: Residuals, r: Residuals, share: float) -> bool:
+    """Whether a step has left more than it should have."""
+    left, least = 2.0 * (1.0 - share), 0.1 * method.options.tolerance
+    gradient = r.kkt.stationarity > left * before.kkt.stationarity + least * r.gradient
+    return gradient or r.kkt.primal > left * before.kkt.primal + least * r.variable
+
+
+class _Progress:
+    """Of a descent that begins at p."""
+
+    def __init__(self, p: Point, r: Residuals) -> None:
+        self.best = p, r
+        self._first, self._lowest = r.gradient, np.inf
+        self._vain, self._high, self._stuck = -1, 0, 0
+
+    def look(self, method: InteriorPoint, p: Point, r: Residuals, share: float) -> StageQpStatus | None:
+        """Why to end at p, where the last step was taken by a share [-]; None for going on."""
+        self._vain, self._high = self._vain + 1, self._high + 1
+        if r.worst < self.best[1].worst:
+            self.best, self._vain = (p, r), 0
+        if r.kkt.primal < 0.9 * self._lowest:
+            self._lowest, self._high = r.kkt.primal, 0
+        self._stuck = self._stuck + 1 if share < STAGE_TOLERANCES.stuck else 0
+        if r.worst <= method.options.tolerance:
+            return StageQpStatus.SOLVED
+        # Where a direction has no curvature, steps are endless long before the point is.
+        if max(r.variable, method.stride if self._stuck > 2 else 0.0) > STAGE_TOLERANCES.endless:
+            return StageQpStatus.UNBOUNDED
+        return StageQpStatus.ITERATION_LIMIT if self._is_over(method, r) else None
+
+    def _is_over(self, method: InteriorPoint, r: Residuals) -> bool:
+        most, tolerance = STAGE_TOLERANCES.most_vain, method.options.tolerance
+        high = self._high > STAGE_TOLERANCES.most_high and self._lowest > tolerance * r.variable
+        usable = self.best[1].worst <= STAGE_TOLERANCES.inexact_tolerances * tolerance
+        hopeless = self._stuck > 2 or r.gradient > STAGE_TOLERANCES.hopeless * self._first or not r.worst < np.inf
+        return high or (usable and self._vain > most) or hopeless or method.iterations >= method.options.max_iterations
+
+
+def _end(method: InteriorPoint, status: StageQpStatus, p: Point, r: Residuals) -> End:
+    return End(status=status, point=p, held=r.held, kkt=r.kkt, worst=r.worst, iterations=method.iterations)

@@ -1,67 +1,91 @@
-"""Where an interior point is, and by how much the optimality conditions fail there."""
+"""Where an interior point is, and how it ends."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from enum import IntEnum
 
 import numpy as np
 
 from uvms_ocp.arrays import Array
-from uvms_ocp.solvers.stagewise.solution import KktResidual
+from uvms_ocp.solvers.stagewise.solution import KktResidual, StageQpStatus, kkt_residual
 
-_SHARPER = 1e3  # a bound that only just binds is missed by the root of what is left of complementarity
+
+class Start(IntEnum):
+    """What a run makes of the point that it is given."""
+
+    EQUALITIES = 0
+    """Its z is where the optimum without inequalities is sought, from which the run starts."""
+    WARM = 1
+    """z, costates and multipliers, those of all rows in y, are near the optimum."""
+    COLD = 2
+    """The run starts from z."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Point:
-    """Where an iteration is, or a direction."""
+    """A point, or a direction. Rows M are those of constraints, then the variables; sides (2, M) the lower and the upper ones."""
 
     z: Array
-    """(n,) variables."""
+    """(n,) [unit of z] variables."""
     costate: Array
-    """(n_x,)"""
+    """(n_x,) [1/unit of x]"""
     y: Array
-    """(M,) multipliers of equalities."""
+    """(M,) [1/unit of the row] multipliers of equalities."""
     s: Array
-    """(2, M) what is left to each bound."""
+    """(2, M) [unit of the row] what is left to each bound."""
     multiplier: Array
-    """(2, M) >= 0."""
+    """(2, M) [1/unit of the row] >= 0."""
     e: Array
-    """(2, M) by how much elastic rows are missed."""
+    """(2, M) [unit of the row] by how much elastic rows are missed."""
     f: Array
-    """(2, M) multipliers of e >= 0."""
+    """(2, M) [1/unit of the row] multipliers of e >= 0."""
 
     def moved(self, step: Point, share: float) -> Point:
-        return Point(**{name: getattr(self, name) + share * getattr(step, name) for name in self.__dataclass_fields__})
+        """By a share [-] of a step."""
+        return Point(**{own.name: getattr(self, own.name) + share * getattr(step, own.name) for own in fields(self)})
+
+    def row_multipliers(self) -> Array:
+        """(M,) [1/unit of the row] positive at an upper bound."""
+        return np.asarray(self.y + self.multiplier[1] - self.multiplier[0])
+
+    def flat(self) -> Array:
+        """All of it in one array."""
+        return np.concatenate([getattr(self, own.name).ravel() for own in fields(self)])
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Residuals:
-    """By how much the conditions fail at a point."""
-
-    grad: Array
-    defect: Array
-    value: Array
-    row: Array
-    equal: Array
-    dual: Array
-    kkt: KktResidual
-    scale: tuple[float, float]
-    """Of gradients and of variables."""
-    held: Array
-    """(n,) gradient along fixed variables, which their bounds take."""
-
-    def worst(self) -> float:
-        """Relative to the scales."""
-        gradient, variable = self.scale
-        complementarity = _SHARPER * self.kkt.complementarity / (gradient * variable)
-        return max(self.kkt.stationarity / gradient, self.kkt.primal / variable, complementarity)
+def point_of(flat: Array, n: int, n_x: int) -> Point:
+    """The point in one array, with n variables [-] and n_x states [-]; flat (n + n_x + 9 M,) [any]."""
+    z, costate, rest = np.split(flat, [n, n + n_x])
+    y, s, multiplier, e, f = np.split(rest.reshape(9, -1), [1, 3, 5, 7])
+    return Point(z=z, costate=costate, y=y[0], s=s, multiplier=multiplier, e=e, f=f)
 
 
 def resting(z: Array, n_x: int, m: int) -> Point:
-    nothing = np.zeros((2, m))
-    return Point(z=z, costate=np.zeros(n_x), y=np.zeros(m), s=nothing, multiplier=nothing, e=nothing, f=nothing)
+    """At z (n,) [unit of z], with nothing else; n_x [-] states, m [-] rows."""
+    return point_of(np.concatenate([z, np.zeros(n_x + 9 * m)]), len(z), n_x)
 
 
-def largest_of(a: Array) -> float:
-    return float(np.abs(a).max(initial=0.0))
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class End:
+    """Of one run."""
+
+    status: StageQpStatus
+    """SOLVED, NOT_CONVEX, NOT_A_NUMBER, UNBOUNDED or ITERATION_LIMIT."""
+    point: Point
+    """The best."""
+    held: Array
+    """(n,) [1/unit of z] gradient along fixed variables, which their bounds take."""
+    kkt: KktResidual
+    """There."""
+    worst: float
+    """[-] the same, relative to the terms of each condition."""
+    iterations: int
+    """[-] factors."""
+
+
+def nothing(point: Point) -> End:
+    """Of a run that was not made, at a point."""
+    endless = kkt_residual(stationarity=np.inf, primal=np.inf, complementarity=np.inf)
+    held = np.zeros_like(point.z)
+    return End(status=StageQpStatus.NOT_A_NUMBER, point=point, held=held, kkt=endless, worst=np.inf, iterations=0)

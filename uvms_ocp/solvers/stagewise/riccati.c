@@ -14,13 +14,13 @@ typedef struct {
   double *W;           /* room for the largest n_x rows of the largest stage */
   double *v;           /* room for 4 vectors of the largest stage */
   WeightedRow *list;   /* room for twice the largest number of rows */
-  double least;        /* curvature that counts as none beside it */
+  double most, least;  /* the largest curvature, and one that counts as none beside it */
 } Stages;
 
 static int n_z(const Stages *s, int k) { return s->n_x[k] + s->n_u[k]; }
 
 /* Hessian and gradient from residual rows, Hessians and damping; of a costless QP next to nothing. */
-void load_stages(Stages *s, int costless) {
+static void load_stages(Stages *s, int costless) {
   double most = 0.0;
   for (int k = 0; k <= s->N; ++k) {
     const int n = n_z(s, k), ld = PADDED(n), m = s->n_r[k];
@@ -40,11 +40,12 @@ void load_stages(Stages *s, int costless) {
     for (int i = 0; i < n; ++i)
       if (Q[i * ld + i] > most) most = Q[i * ld + i];
   }
-  s->least = most > 0.0 ? SMALLEST_CURVATURE * most : 1.0;
+  s->most = most > 0.0 ? most : 1.0;
+  s->least = SMALLEST_CURVATURE * s->most;
 }
 
 /* Factor with `weight` on constraint rows and then on variables; 0, or as `factor_reversed`. */
-int factor_stages(Stages *s, const double *weight, const double *weight_z) {
+static int factor_stages(Stages *s, const double *weight, const double *weight_z) {
   int wrong = 0;
   for (int k = s->N; k >= 0; --k) {
     const int n = n_z(s, k), ld = PADDED(n), after = k < s->N ? s->n_x[k + 1] : 0;
@@ -93,7 +94,7 @@ static void times_P(const Stages *s, int k, const double *v, double *h, double *
 
 /* The step dz that minimises 1/2 dz' Q dz + g' dz along dx_+ = F dz + d, and its costates; g (z), d (x, that of stage 0 unused),
 dz (z), costate (x); g and dz, d and costate must differ. */
-void solve_stages(Stages *s, const double *g, const double *d, double *dz, double *costate) {
+static void solve_stages(Stages *s, const double *g, const double *d, double *dz, double *costate) {
   int most = 0;
   for (int k = 0; k <= s->N; ++k) most = n_z(s, k) > most ? n_z(s, k) : most;
   double *p = s->v, *w = p + PADDED(most);
@@ -134,11 +135,9 @@ void solve_stages(Stages *s, const double *g, const double *d, double *dz, doubl
   }
 }
 
-/* grad = Q z (+ q), then + F' costate_+ - costate + C' y + y_z; defect = F z + b - x_+; value = C z.
-
-linear 0 leaves out q and b: the same of a direction. Returns the largest entry of any of the terms of grad. */
-double evaluate_stages(Stages *s, int linear, const double *z, const double *costate, const double *y, const double *y_z,
-                       double *grad, double *defect, double *value) {
+/* grad = Q z + q + F' costate_+ - costate + C' y + y_z; defect = F z + b - x_+; value = C z. Returns the largest entry of Q z + q. */
+static double evaluate_stages(const Stages *s, const double *z, const double *costate, const double *y, const double *y_z,
+                              double *grad, double *defect, double *value) {
   double most = 0.0;
   for (int k = 0; k <= s->N; ++k) {
     const int n = n_z(s, k), ld = PADDED(n), after = k < s->N ? s->n_x[k + 1] : 0, m = s->n_c[k];
@@ -149,13 +148,13 @@ double evaluate_stages(Stages *s, int linear, const double *z, const double *cos
       own[i] += dot(i + 1, Q + i * ld, v);
       add_multiple(i, v[i], Q + i * ld, own);
     }
-    for (int i = 0; linear && i < n; ++i) own[i] += s->q[s->z[k] + i];
+    for (int i = 0; i < n; ++i) own[i] += s->q[s->z[k] + i];
     for (int i = 0; i < n; ++i) most = fabs(own[i]) > most ? fabs(own[i]) : most;
     for (int i = 0; i < after; ++i) {
       const double *row = s->dynamics + s->F[k] + (size_t)i * n;
       const int at = s->x[k + 1] + i;
       add_multiple(n, costate[at], row, own);
-      defect[at] = dot(n, row, v) + (linear ? s->offset[at - s->x[1]] : 0.0) - z[s->z[k + 1] + i];
+      defect[at] = dot(n, row, v) + s->offset[at - s->x[1]] - z[s->z[k + 1] + i];
     }
     if (k)
       for (int i = 0; i < s->n_x[k]; ++i) own[i] -= costate[s->x[k] + i];
@@ -171,7 +170,7 @@ double evaluate_stages(Stages *s, int linear, const double *z, const double *cos
 }
 
 /* grad += C' y + y_z. */
-void add_transposed(const Stages *s, const double *y, const double *y_z, double *grad) {
+static void add_transposed(const Stages *s, const double *y, const double *y_z, double *grad) {
   for (int k = 0; k <= s->N; ++k) {
     const int n = n_z(s, k);
     double *own = grad + s->z[k];
@@ -182,7 +181,7 @@ void add_transposed(const Stages *s, const double *y, const double *y_z, double 
 }
 
 /* value = C z. */
-void constraint_values(const Stages *s, const double *z, double *value) {
+static void constraint_values(const Stages *s, const double *z, double *value) {
   for (int k = 0; k <= s->N; ++k)
     for (int i = 0, n = n_z(s, k); i < s->n_c[k]; ++i)
       value[s->c[k] + i] = dot(n, s->constraints + s->C[k] + (size_t)i * n, z + s->z[k]);

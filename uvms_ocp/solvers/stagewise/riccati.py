@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from uvms_ocp.arrays import Array
-from uvms_ocp.solvers.stagewise.shape import StageShape, slices
-from uvms_ocp.solvers.stagewise.stage_qp import StageQp
-from uvms_ocp.solvers.stagewise.tolerances import STAGE_TOLERANCES
+from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES
+from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape, slices
 
 
 class NumpyStages:
-    """As `CompiledStages`."""
+    """The stages of one QP."""
 
     def __init__(self, shape: StageShape) -> None:
         self.shape = shape
@@ -21,6 +20,7 @@ class NumpyStages:
         self._L: list[Array] = []
         self._inverse: list[Array] = []
         self._least = 1.0
+        self._qp: StageQp
 
     def load(self, qp: StageQp, *, costless: bool = False) -> float:
         """Take the data over and make the Hessian, without the cost of `costless`; the largest curvature [1/unit of z^2]."""
@@ -35,10 +35,15 @@ class NumpyStages:
         ]
         self.q[:] = np.concatenate([J.T @ r + g for J, r, g in zip(qp.J, qp.r, qp.g, strict=True)])
         most = max(np.diag(Q).max(initial=0.0) for Q in self._Q)
-        self._least = STAGE_TOLERANCES.smallest_curvature * most if most > 0.0 else 1.0
-        return float(self._least / STAGE_TOLERANCES.smallest_curvature)
+        most = most if most > 0.0 else 1.0
+        self._least = STAGE_TOLERANCES.smallest_curvature * most
+        return float(most)
 
     def factor(self, weight: Array, weight_z: Array) -> int:
+        """With a weight (n_c,) [1/unit of the row^2] on rows, and weight_z (n,) [1/unit of z^2] on variables.
+
+        0, or 1 where the cost is not convex, 2 where it is not a number.
+        """
         self._L, self._inverse, worst = [], [], 0
         for k in range(self.shape.N, -1, -1):
             C, n_x = self._qp.C[k], self.shape.n_x[k]
@@ -59,6 +64,10 @@ class NumpyStages:
         return worst
 
     def solve(self, g: Array, d: Array) -> tuple[Array, Array]:
+        """The step that minimises ``1/2 dz' Q dz + g' dz`` along ``dx_+ = F dz + d``, and its costates.
+
+        g (n,) [1/unit of z]; d (n_x,) [unit of x], of which that of the first stage is not read.
+        """
         h = [np.where(self.fixed[z] > 0.0, 0.0, g[z]) for z in self._z]
         for k in range(self.shape.N, -1, -1):
             n_x, L, n = self.shape.n_x[k], self._L[k], self.shape.n_z[k]
@@ -89,7 +98,10 @@ class NumpyStages:
         return np.asarray(L.T @ (L @ v))
 
     def evaluate(self, z: Array, costate: Array, y: Array, y_z: Array) -> tuple[Array, Array, Array, float]:
-        """Gradient of the Lagrangian, defects, values of rows, and the largest term of the gradient."""
+        """Gradient of the Lagrangian, defects, values of rows, and the largest entry of the cost's gradient.
+
+        z (n,) [unit of z]; costate (n_x,) [1/unit of x]; y (n_c,) [1/unit of the row]; y_z (n,) [1/unit of z].
+        """
         grad = self.q + np.concatenate([Q @ z[own] for Q, own in zip(self._Q, self._z, strict=True)])
         largest, defect = float(np.abs(grad).max(initial=0.0)), np.zeros(len(costate))
         for k in range(self.shape.N):
@@ -101,10 +113,11 @@ class NumpyStages:
         return self.add_transposed(y, y_z, grad), defect, self.values(z), largest
 
     def values(self, z: Array) -> Array:
+        """(n_c,) of rows at z (n,) [unit of z]."""
         return np.concatenate([C @ z[own] for C, own in zip(self._qp.C, self._z, strict=True)])
 
     def add_transposed(self, y: Array, y_z: Array, grad: Array) -> Array:
-        """(n,) grad + C' y + y_z."""
+        """(n,) grad + C' y + y_z; y (n_c,) [1/unit of the row], y_z (n,) [1/unit of z], grad (n,) [1/unit of z]."""
         return np.asarray(grad + y_z + np.concatenate([y[own] @ C for C, own in zip(self._qp.C, self._c, strict=True)]))
 
 

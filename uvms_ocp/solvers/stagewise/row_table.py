@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from uvms_ocp.arrays import Array, Mask
-from uvms_ocp.solvers.stagewise.stage_qp import StageQp
+from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape
 
 SIGNS = np.array([[1.0], [-1.0]])
 """Of what is left to the lower and the upper side."""
@@ -37,8 +38,13 @@ class RowTable:
     """(M,) [unit of the row/unit of z] largest entry of a row, 1 where all are 0."""
     fixed: Mask
     """(n,) variables that do not move."""
-    crossed: bool
-    """Whether a hard row has its lower bound above the upper one."""
+
+    def violation(self, value: Array) -> float:
+        """Largest [unit of z] of hard rows at the value (M,) [unit of the row] of all, relative to their norm."""
+        hard = self.compliance == 0.0
+        sides = np.where(self.side & ~self.elastic & hard, SIGNS * (self.bound - value), 0.0).max(axis=0, initial=0.0)
+        equal = np.where(self.equal & hard, np.abs(value - self.target), 0.0)
+        return float(np.max((sides + equal) / self.norm, initial=0.0))
 
 
 def row_table(qp: StageQp, *, phase_one: bool = False) -> RowTable:
@@ -46,7 +52,7 @@ def row_table(qp: StageQp, *, phase_one: bool = False) -> RowTable:
     flat = qp.flat
     lower, upper, l1, l2 = (np.concatenate([flat[name], flat[f"z_{name}"]]) for name in ("lower", "upper", "l1", "l2"))
     n_rows, norm = len(flat["lower"]), _norms(qp)
-    fixed = _may_be_fixed(qp) & (flat["z_lower"] == flat["z_upper"]) & (flat["z_l1"] == np.inf)
+    fixed = _may_be_fixed(qp.shape) & (flat["z_lower"] == flat["z_upper"]) & (flat["z_l1"] == np.inf)
     counts = np.concatenate([np.ones(n_rows, dtype=bool), ~fixed])
     hard = l1 == np.inf
     if phase_one:
@@ -68,7 +74,6 @@ def row_table(qp: StageQp, *, phase_one: bool = False) -> RowTable:
         compliance=np.divide(1.0, l2, out=np.zeros_like(l2), where=counts & ~hard & ~elastic),
         norm=norm,
         fixed=fixed,
-        crossed=bool((hard & (lower > upper)).any()),
     )
 
 
@@ -79,9 +84,10 @@ def _norms(qp: StageQp) -> Array:
     return np.where(norm > 0.0, norm, 1.0)
 
 
-def _may_be_fixed(qp: StageQp) -> Mask:
+@lru_cache(maxsize=64)
+def _may_be_fixed(shape: StageShape) -> Mask:
     """(n,) what the dynamics do not determine: the first state and all controls."""
-    own = [np.ones(n, dtype=bool) for n in qp.shape.n_z]
-    for k, n_x in enumerate(qp.shape.n_x[1:], start=1):
+    own = [np.ones(n, dtype=bool) for n in shape.n_z]
+    for k, n_x in enumerate(shape.n_x[1:], start=1):
         own[k][:n_x] = False
     return np.concatenate(own)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from uvms_ocp.arguments import Bound, checked, trusted
 from uvms_ocp.arrays import Array
 from uvms_ocp.status import AdvisedStatus
 
@@ -17,7 +18,10 @@ class StageQpStatus(AdvisedStatus):
     UNBOUNDED = "unbounded", "the cost falls without end; add damping, or bounds"
     NOT_CONVEX = "not convex", "a Hessian is indefinite; use Gauss-Newton, or add damping"
     ITERATION_LIMIT = "iteration limit", "raise max_iterations, or scale the rows"
-    NOT_A_NUMBER = "not a number", "an entry of the QP is not finite; look at where it comes from"
+    NOT_A_NUMBER = (
+        "not a number",
+        "an entry of the QP is not finite, a bound endless on the wrong side, or slack rewarded; look where it comes from",
+    )
 
     @property
     def usable(self) -> bool:
@@ -25,18 +29,20 @@ class StageQpStatus(AdvisedStatus):
         return self in (StageQpStatus.SOLVED, StageQpStatus.INEXACT)
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class KktResidual:
     """By how much the optimality conditions fail, in units of the QP."""
 
-    stationarity: float
+    stationarity: Bound
     """[1/unit of z] largest entry of the gradient of the Lagrangian."""
-    primal: float
+    primal: Bound
     """[unit of the row] largest violation of dynamics, hard rows and hard bounds."""
-    complementarity: float
+    complementarity: Bound
     """[-] largest product of a multiplier and what is left to its bound."""
 
 
+@checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class StageQpSolution:
     """Point and multipliers; tuples have an entry per stage, views of arrays of their own.
@@ -67,3 +73,9 @@ class StageQpSolution:
     """Of the point."""
     cost: float
     """[-] without what soft rows cost."""
+
+
+kkt_residual = trusted(KktResidual)
+"""Without a look at its arguments."""
+stage_qp_solution = trusted(StageQpSolution)
+"""The same."""

@@ -1,0 +1,97 @@
+"""Runs of receding conflicts on the dynamic plant, with strict levels and with weights."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from time import process_time
+from typing import Any
+
+import numpy as np
+from recording.report import Row
+
+from horizon.following import CURRENT, DT, GUSTS, PERIOD, deadlines, tool_position
+from horizon.receding_conflicts import CONFLICTS, SETTLING, RecedingConflict
+from uvms_ocp.control.receding.nmpc import Nmpc
+from uvms_ocp.model.dynamics import robot_dynamics
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.state import Measurement
+from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
+from uvms_ocp.sim.dynamic_plant import DynamicPlant
+from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.seafloor import FlatSeafloor
+
+LEVELS = "levels"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ConflictRuns:
+    """How much is run."""
+
+    seeds: tuple[int, ...] = tuple(range(1, 11))
+    weights: tuple[float, ...] = (10.0, 100.0)
+    """[-] of a level's terms against those of the next, in one level."""
+    only: tuple[str, ...] = ()
+    """Names of conflicts; all by default."""
+    seconds: float = np.inf
+    """[s] at most, of each run."""
+
+
+def conflict_rows(runs: ConflictRuns) -> Iterator[Row]:
+    """One row per conflict, seed and way to rank its goals."""
+    robot = load_robot("girona_maris7_full")
+    for make in CONFLICTS:
+        conflict = make(robot)
+        if runs.only and conflict.name not in runs.only:
+            continue
+        problems = {LEVELS: conflict.problem} | {f"weights, {w:g}": conflict.as_sum(w) for w in runs.weights}
+        for seed in runs.seeds:
+            for name, problem in problems.items():
+                nmpc = Nmpc(problem, dt=DT, period=PERIOD, clock=process_time)
+                found = conflict_run(conflict, nmpc, seed, min(runs.seconds, conflict.seconds))
+                yield {"conflict": conflict.name, "priorities": name, "seed": seed, **found, **deadlines(nmpc)}
+
+
+def conflict_run(conflict: RecedingConflict, nmpc: Nmpc, seed: int, seconds: float) -> dict[str, Any]:
+    """Errors [mm] of tool and vehicle, smallest distance [mm] from what closes in, energy [J]."""
+    robot, q = conflict.problem.robot, conflict.problem.start.q
+    water = GustyCurrent(base=UniformCurrent(CURRENT), sigma=GUSTS, seed=seed)
+    environment = Environment(seafloor=FlatSeafloor(z=-40), current=water)
+    plant = DynamicPlant(robot, q, dynamics=robot_dynamics(robot), environment=environment)
+    tool, vehicle, gaps = [], [], []
+    for i in range(round(seconds / DT)):
+        plant.step(nmpc(Measurement(q=plant.state.q, v=plant.state.v, altimeter_range=30.0), i * DT), DT)
+        now, t = plant.state.q, (i + 1) * DT
+        tool.append(1e3 * float(np.linalg.norm(tool_position(robot, now) - conflict.goal(t)[0].translation)))
+        vehicle.append(1e3 * float(np.linalg.norm(now[:3] - q[:3])))
+        gaps.append(1e3 * conflict.obstacle.gap(robot, now, t) if conflict.obstacle else np.inf)
+    settled = tool[round((conflict.returned + SETTLING) / DT) :]
+    spent = plant.telemetry()
+    return {
+        "largest tool error [mm]": max(tool),
+        "largest tool error afterwards [mm]": max(settled, default=np.nan),
+        "largest way of the vehicle [mm]": max(vehicle),
+        "smallest gap [mm]": min(gaps),
+        "energy [J]": float(np.sum(spent["thruster_energy"])) + float(spent["joint_energy"]),
+    }
+
+
+def worst(table: Sequence[Row]) -> list[Row]:
+    """One row for each conflict and way to rank: the worst of all seeds, sums of counts, means of energy and times."""
+    kept: dict[tuple[str, str], list[Row]] = {}
+    for row in table:
+        kept.setdefault((row["conflict"], row["priorities"]), []).append(row)
+    return [{"conflict": one, "priorities": two, **_combined(group)} for (one, two), group in kept.items()]
+
+
+def _combined(group: Sequence[Row]) -> dict[str, Any]:
+    names = [name for name in group[0] if name not in ("conflict", "priorities", "seed")]
+    return {name: _of(name, [row[name] for row in group]) for name in names}
+
+
+def _of(name: str, values: Sequence[Any]) -> Any:
+    if name in ("solves", "late", "unfit"):
+        return sum(values)
+    if name.startswith("smallest"):
+        return min(values)
+    return max(values) if name.startswith("largest") or "p99" in name else float(np.mean(values))

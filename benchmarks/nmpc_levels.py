@@ -1,0 +1,81 @@
+"""Strict levels beside weights in receding horizon: ``python benchmarks/nmpc_levels.py [--seeds N]``.
+
+Goals that exclude each other for a while, on the dynamic plant in a gusty current. Writes nmpc_levels.csv, one row per run,
+and the worst of all seeds to nmpc_levels.md.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from horizon.conflict_runs import LEVELS, ConflictRuns, conflict_rows, worst
+from horizon.receding_conflicts import MARGIN, SETTLING, SPEED, WAY
+from recording.processes import hide_compiler
+from recording.report import Report, Row, Table, begin, parser_of
+
+TOOL, HELD, BACK = 25.0, 5.0, 10.0
+"""[mm] most of the tool below tilt, of the vehicle above the tool, and of the tool afterwards."""
+PROSE = """
+{seeds} seeds; the worst of them, but energy and median times are means, counts sums, and times processor time. *tilt above
+tool*: the goal goes {way:g} m out and back at {speed:g} m/s, and the vehicle goes along without tilting; wanted: the tool within
+{tool:g} mm. *vehicle above tool*: the same, out of the reach of the arm, while the vehicle stays; wanted: the vehicle within
+{held:g} mm, the tool within {back:g} mm from {settling:g} s after the goal's return. The same with an arm that is stretched at
+first towards a goal out of reach. *clearance above tool*: a ball comes to where the tool is to be and leaves again; planned
+gap {margin:g} mm, and the tool as before. `unfit` are plans that broke constraints, so that the last one went on.
+
+Weights rank the same terms in one level, those of a level so many times as heavy as those of the next.
+
+Strict levels keep what is wanted in {kept} of {all} runs, with {unfit} of {solves} plans unfit.
+"""
+
+
+def kept(row: Row) -> bool:
+    """Whether a run keeps what is wanted."""
+    if row["conflict"].startswith("tilt"):
+        return bool(row["largest tool error [mm]"] <= TOOL)
+    held = not row["conflict"].startswith("vehicle") or row["largest way of the vehicle [mm]"] <= HELD
+    return bool(held and row["largest tool error afterwards [mm]"] <= BACK and row["smallest gap [mm]"] > 0)
+
+
+def prose(runs: ConflictRuns, table: Sequence[Row]) -> str:
+    """With the figures of all runs."""
+    own = [row for row in table if row["priorities"] == LEVELS]
+    return PROSE.format(
+        seeds=len(runs.seeds),
+        way=WAY,
+        speed=SPEED,
+        tool=TOOL,
+        held=HELD,
+        back=BACK,
+        settling=SETTLING,
+        margin=1e3 * MARGIN,
+        kept=sum(kept(row) for row in own),
+        all=len(own),
+        unfit=sum(row["unfit"] for row in own),
+        solves=sum(row["solves"] for row in own),
+    )
+
+
+def main() -> None:
+    """Run all conflicts in all ways."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--seeds", type=int, default=10, metavar="N", help="of gusts, for each conflict")
+    given, run = begin(parser)
+    runs = ConflictRuns(seeds=tuple(range(1, given.seeds + 1)))
+    if run.quick:
+        hide_compiler()
+        runs = ConflictRuns(seeds=(1,), weights=(10.0,), only=("tilt above tool",), seconds=0.1)
+    table = []
+    for row in conflict_rows(runs):
+        table.append(row)
+        sys.stderr.write(f"{row['conflict']}, {row['priorities']}, seed {row['seed']}\n")
+    title = "Strict levels and weights in receding horizon"
+    tables = [Table(rows=worst(table))]
+    run.write(
+        Report(name="nmpc_levels", title=title, prose=prose(runs, table), tables=tables, data={"nmpc_levels": table})
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,74 @@
+"""Strict levels in receding horizon: none of them loses what it had for the sake of one below."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.state import State
+from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpProblem, single_phase
+from uvms_ocp.ocp.terms import At, Effort, Posture, TaskTerm
+from uvms_ocp.ocp.trajectory import hold
+from uvms_ocp.ocp.transcription.transcription import Transcription
+from uvms_ocp.solvers.nlp.real_time_sqp import RealTimeSqp, SqpResult
+from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
+from uvms_ocp.tasks.pose import ToolPosition
+
+N_STEPS = 200
+OPTIONS = SqpOptions(max_steps=1, plugin="piqp")
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    return load_robot("planar5")
+
+
+def goal(t: float) -> tuple[pin.SE3, np.ndarray]:
+    """Somewhere else every second, in and out of reach."""
+    place = np.random.default_rng(int(t)).uniform([-1.5, -1.5, 0.0], [1.5, 1.5, 0.0])
+    return pin.SE3(np.eye(3), place), np.zeros(6)
+
+
+def problem(robot: Robot) -> OcpProblem:
+    """Tool above posture above effort, which all want something else."""
+    tool = TaskTerm(task=ToolPosition(goal=goal), at=At.PATH, weight=100.0)
+    levels = [
+        OcpLevel(name="tool", terms=(tool,)),
+        OcpLevel(name="posture", terms=(Posture(q=robot.configuration(joints=[0.5] * robot.n_joints)),)),
+        OcpLevel(name="effort", terms=(Effort(),)),
+    ]
+    start = State(q=robot.configuration(joints=[0.2] * robot.n_joints), v=np.zeros(robot.n_v))
+    return single_phase(
+        robot=robot, start=start, duration=1.5, n_steps=8, levels=levels, water=False, hessian=HessianKind.GAUSS_NEWTON
+    )
+
+
+def residuals(sqp: RealTimeSqp, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+    levels, rows = sqp.program.ranges.levels, sqp.program.values.call([x, p])
+    return np.array(
+        [np.linalg.norm(level.distance(np.array(y).ravel())) for level, y in zip(levels, rows, strict=True)]
+    )
+
+
+def test_no_level_above_rises_by_more_than_the_tolerance_in_random_steps(robot: Robot) -> None:
+    own = problem(robot)
+    transcription = Transcription(own)
+    sqp, rng, gained = RealTimeSqp(transcription.program, OPTIONS), np.random.default_rng(1), 0
+    lower, upper = transcription.bounds()
+    for i in range(N_STEPS):
+        start = State(
+            q=robot.configuration(joints=rng.uniform(-1.0, 1.0, robot.n_joints)),
+            v=rng.uniform(-0.3, 0.3, robot.n_v),
+        )
+        p = transcription.parameters(t0=float(i), start=start)
+        x = transcription.pack(hold(own, start))
+        guess = x + 0.1 * rng.standard_normal(len(x))
+        result: SqpResult = sqp.solve(guess, p=p, x_lower=lower, x_upper=upper)
+        found = residuals(sqp, result.x, p)
+        assert len(result.reached) == 3
+        assert (found <= np.array(result.reached) + OPTIONS.tolerance + 1e-9).all()
+        gained += found[2] < residuals(sqp, guess, p)[2]
+    assert gained > N_STEPS // 2

@@ -1,0 +1,209 @@
+"""The solver in C: its memory, made once for a shape, and the data of a QP, which it reads where they are."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping
+from dataclasses import asdict
+from functools import lru_cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.arrays import Array
+from uvms_ocp.functions.compile import compile_library, loaded_library
+from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
+from uvms_ocp.solvers.stagewise.point import End, Point, Start, point_of
+from uvms_ocp.solvers.stagewise.row_table import RowTable
+from uvms_ocp.solvers.stagewise.solution import StageQpStatus, kkt_residual
+from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape, places
+
+_INCLUDES = "#include <math.h>\n#include <stddef.h>\n#include <string.h>\n"
+_SOURCES = ("blocks.c", "riccati.c", "interior_point.c", "iteration.c")
+# At -O3 the blocks leave the registers again.
+_FLAGS = ("-O2", "-ftree-vectorize", "-std=c99")
+_STATUSES = tuple(StageQpStatus)
+_SIZES = ("n_x", "n_u", "n_r", "n_c")
+_PLACES = ("x", "z", "r", "c", "F", "J", "H", "C", "M")
+_DATA = {
+    "dynamics": "dynamics",
+    "offset": "b",
+    "rows": "J",
+    "residual": "r",
+    "hessian": "H",
+    "gradient": "g",
+    "damping": "damping",
+    "constraints": "C",
+}
+_STAGE_WORK = ("fixed", "Q", "q", "L", "inverse", "W", "v", "list")
+_TABLE = ("bound", "side", "elastic", "equal", "target", "l1", "l2", "compliance", "norm")
+_WORK = ("elasticity", "point", "best", "step", "affine", "trial")
+_DIRECTION = ("weight", "soft", "left", "gap", "pull", "rhs", "t_side", "t_elastic")
+_RESIDUALS = ("grad", "held", "defect", "value", "row", "equal", "dual")
+
+
+def _pointers(*names: str) -> tuple[tuple[str, Any], ...]:
+    return tuple((name, ctypes.c_void_p) for name in names)
+
+
+def _numbers(*names: str) -> tuple[tuple[str, Any], ...]:
+    return tuple((name, ctypes.c_double) for name in names)
+
+
+def _integers(*names: str) -> tuple[tuple[str, Any], ...]:
+    return tuple((name, ctypes.c_int) for name in names)
+
+
+class _Stages(ctypes.Structure):
+    """As `Stages` in riccati.c."""
+
+    _fields_ = (
+        *_integers("N"),
+        *_pointers(*_SIZES, *_PLACES, *_DATA, *_STAGE_WORK),
+        *_numbers("most", "least"),
+    )
+
+
+class _Residuals(ctypes.Structure):
+    """As `Residuals` in interior_point.c."""
+
+    _fields_ = (
+        *_pointers(*_RESIDUALS),
+        *_numbers("stationarity", "primal", "complementarity", "gradient", "variable", "linear", "worst"),
+    )
+
+
+class _Problem(ctypes.Structure):
+    """As `Problem` in interior_point.c."""
+
+    _fields_ = (
+        ("stages", _Stages),
+        *_integers("M", "m", "n", "n_x"),
+        *_pointers(*_TABLE, *_WORK, *_DIRECTION),
+        ("now", _Residuals),
+        ("other", _Residuals),
+        *_numbers("curvature", "tolerance", "warm_mu"),
+        *_integers("max_iterations", "iterations", "corrections", "status", "start"),
+    )
+
+
+class CompiledCore:
+    """The solver of one shape."""
+
+    def __init__(self, library: ctypes.CDLL, shape: StageShape) -> None:
+        self._library, self._n, self._n_x = library, sum(shape.n_z), sum(shape.n_x)
+        n, m = self._n, sum(shape.n_c)
+        self._problem = _Problem(M=m + n, m=m, n=n, n_x=self._n_x)
+        self._problem.stages.N = shape.N
+        # What ctypes only knows the address of.
+        self._indices, self._stage_work = _indices(shape), _stage_work(shape)
+        self._work = _work(n, m, self._n_x)
+        self._now, self._other = (_residuals(n, m, self._n_x) for _ in range(2))
+        _point(self._problem.stages, {**self._indices, **self._stage_work})
+        _point(self._problem, self._work)
+        _point(self._problem.now, self._now)
+        _point(self._problem.other, self._other)
+
+    def run(
+        self, qp: StageQp, table: RowTable, point: Point, options: StageQpOptions, *, start: Start, costless: bool
+    ) -> End:
+        """As `NumpyCore.run`."""
+        problem = self._problem
+        given = {name: np.ascontiguousarray(getattr(table, name), dtype=float) for name in _TABLE}
+        _point(problem.stages, {name: qp.flat[own] for name, own in _DATA.items()})
+        _point(problem, given)
+        self._stage_work["fixed"][:] = table.fixed
+        self._work["point"][:] = point.flat()
+        problem.tolerance, problem.max_iterations = options.tolerance, options.max_iterations
+        problem.start, problem.warm_mu = int(start), options.warm_mu
+        self._library.solve_qp(ctypes.byref(problem), int(costless))
+        return self._end()
+
+    def _end(self) -> End:
+        problem, now = self._problem, self._problem.now
+        return End(
+            status=_STATUSES[problem.status],
+            point=point_of(self._work["point"].copy(), self._n, self._n_x),
+            held=self._now["held"].copy(),
+            kkt=kkt_residual(stationarity=now.stationarity, primal=now.primal, complementarity=now.complementarity),
+            worst=now.worst,
+            iterations=problem.iterations,
+        )
+
+
+def _point(structure: ctypes.Structure, arrays: Mapping[str, Any]) -> None:
+    for name, array in arrays.items():
+        setattr(structure, name, array.ctypes.data)
+
+
+def compiled_core(shape: StageShape) -> CompiledCore | None:
+    """None without a compiler."""
+    library = _library()
+    return None if library is None else CompiledCore(library, shape)
+
+
+@lru_cache(maxsize=1)
+def _library() -> ctypes.CDLL | None:
+    path = compile_library(core_source(), _FLAGS, "QPs of stages")
+    return None if path is None else loaded_library(path)
+
+
+def core_source() -> str:
+    """C99 source of the solver, for all shapes: `solve_qp` of iteration.c; needs libm only and allocates nothing."""
+    folder = files("uvms_ocp.solvers.stagewise")
+    texts = (folder.joinpath(name).read_text(encoding="utf-8") for name in _SOURCES)
+    macros = "".join(f"#define {name.upper()} {value}\n" for name, value in asdict(STAGE_TOLERANCES).items())
+    codes = ", ".join(f"{status.name} = {code}" for code, status in enumerate(_STATUSES))
+    starts = ", ".join(f"START_{start.name} = {start.value}" for start in Start)
+    return "\n".join([_INCLUDES, macros, f"enum {{ {codes} }};\nenum {{ {starts} }};", *texts])
+
+
+def _indices(shape: StageShape) -> dict[str, Any]:
+    n_x, n_z, n_r, n_c = shape.n_x, shape.n_z, shape.n_r, shape.n_c
+    sizes = {
+        "x": n_x,
+        "z": n_z,
+        "r": n_r,
+        "c": n_c,
+        "F": [m * n for m, n in zip(n_x[1:], n_z, strict=False)],
+        "J": [m * n for m, n in zip(n_r, n_z, strict=True)],
+        "H": [n * n for n in n_z],
+        "C": [m * n for m, n in zip(n_c, n_z, strict=True)],
+        "M": [padded(n) ** 2 for n in n_z],
+    }
+    given = {name: np.array((*getattr(shape, name), 0), dtype=np.int32) for name in _SIZES}
+    return {**given, **{name: np.array(places(size), dtype=np.int32) for name, size in sizes.items()}}
+
+
+def padded(n: int) -> int:
+    """Columns [-] that C gives a matrix of n [-]."""
+    return (n + 3) // 4 * 4
+
+
+def _stage_work(shape: StageShape) -> dict[str, Array]:
+    n, most, factor = sum(shape.n_z), padded(max(shape.n_z)), sum(padded(n) ** 2 for n in shape.n_z)
+    sizes = {
+        "fixed": n,
+        "Q": factor,
+        "q": n,
+        "L": factor,
+        "inverse": n,
+        "W": padded(max(shape.n_x)) * most,
+        "v": 2 * most,
+        "list": 4 * max(*shape.n_r, *shape.n_c),
+    }
+    return {name: np.zeros(size + 4) for name, size in sizes.items()} | {"fixed": np.zeros(n)}
+
+
+def _work(n: int, m: int, n_x: int) -> dict[str, Array]:
+    M = m + n
+    sizes = {"elasticity": M, "pull": M, "rhs": n}
+    sizes |= dict.fromkeys(("weight", "soft", "left", "gap", "t_side", "t_elastic"), 2 * M)
+    return {name: np.zeros(sizes.get(name, n + n_x + 9 * M)) for name in (*_WORK, *_DIRECTION)}
+
+
+def _residuals(n: int, m: int, n_x: int) -> dict[str, Array]:
+    M = m + n
+    sizes = {"grad": n, "held": n, "defect": n_x, "value": M, "row": 2 * M, "equal": M, "dual": 2 * M}
+    return {name: np.zeros(size) for name, size in sizes.items()}

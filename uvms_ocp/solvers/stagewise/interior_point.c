@@ -1,0 +1,207 @@
+/* Primal-dual interior point, one iteration, as interior_point.py has it; keep both in step.
+
+A point is one array: z (n), costate (n_x), y (M), then s, multiplier, e, f (2 M each: lower sides, upper sides). Rows M are those
+of constraints (m), then the variables. */
+
+typedef struct {
+  double *grad, *held, *defect, *value, *row, *equal, *dual;
+  double stationarity, primal, complementarity, gradient, variable, linear, worst;
+} Residuals;
+
+typedef struct {
+  Stages stages;
+  int M, m, n, n_x;
+  const double *bound, *side, *elastic, *equal, *target, *l1, *l2, *compliance, *norm; /* RowTable; flags are 0 or 1 */
+  double *elasticity, *point, *best, *step, *affine, *trial;
+  double *weight, *soft, *left, *gap, *pull, *rhs, *t_side, *t_elastic; /* of direction() */
+  Residuals now, other;
+  double curvature, tolerance, warm_mu;
+  int max_iterations, iterations, corrections, status, start;
+} Problem;
+
+#define Z(p) (p)
+#define COSTATE(p) ((p) + q->n)
+#define Y(p) (COSTATE(p) + q->n_x)
+#define S(p) (Y(p) + q->M)
+#define MULTIPLIER(p) (S(p) + 2 * q->M)
+#define E(p) (MULTIPLIER(p) + 2 * q->M)
+#define F(p) (E(p) + 2 * q->M)
+#define SIZE (q->n + q->n_x + 9 * q->M)
+
+/* NaN wins, so that it is noticed. */
+static double larger_of(double a, double b) { return a != a || a > b ? a : b; }
+
+static double largest_of(int n, const double *a) {
+  double most = 0.0;
+  for (int i = 0; i < n; ++i) most = larger_of(most, fabs(a[i]));
+  return most;
+}
+
+static void find_residuals(Problem *q, const double *p, Residuals *r) {
+  const int M = q->M, m = q->m, n = q->n;
+  double *y = q->pull, primal = 0.0, dual = 0.0, linear = 0.0, multipliers = 0.0, products = 0.0;
+  for (int i = 0; i < M; ++i) y[i] = Y(p)[i] + MULTIPLIER(p)[M + i] - MULTIPLIER(p)[i];
+  const double largest = evaluate_stages(&q->stages, Z(p), COSTATE(p), y, y + m, r->grad, r->defect, r->value);
+  for (int i = 0; i < n; ++i) {
+    r->held[i] = q->stages.fixed[i] != 0.0 ? r->grad[i] : 0.0;
+    if (q->stages.fixed[i] != 0.0) r->grad[i] = 0.0;
+    r->value[m + i] = Z(p)[i];
+  }
+  for (int i = 0; i < M; ++i) {
+    double missed = 0.0;
+    for (int u = 0; u < 2; ++u) {
+      const int j = u * M + i;
+      const double beyond = (u ? -1.0 : 1.0) * (r->value[i] - q->bound[j]);
+      r->row[j] = r->dual[j] = 0.0;
+      if (q->side[j] != 0.0) {
+        r->row[j] = beyond + E(p)[j] + q->compliance[i] * MULTIPLIER(p)[j] - S(p)[j];
+        linear = larger_of(linear, fabs(r->row[j]) / q->norm[i]);
+        if (q->elastic[j] == 0.0 && q->compliance[i] == 0.0) missed = larger_of(missed, -beyond);
+      }
+      if (q->elastic[j] != 0.0) {
+        r->dual[j] = q->l1[i] + q->l2[i] * E(p)[j] - MULTIPLIER(p)[j] - F(p)[j];
+        dual = larger_of(dual, fabs(r->dual[j]) * q->norm[i]);
+      }
+      products = larger_of(products, larger_of(S(p)[j] * MULTIPLIER(p)[j], E(p)[j] * F(p)[j]));
+    }
+    r->equal[i] = q->equal[i] != 0.0 ? r->value[i] - q->target[i] - q->compliance[i] * Y(p)[i] : 0.0;
+    linear = larger_of(linear, fabs(r->equal[i]) / q->norm[i]);
+    primal = larger_of(primal, missed / q->norm[i]);
+    multipliers = larger_of(multipliers, fabs(y[i]) * q->norm[i]);
+  }
+  linear = larger_of(linear, largest_of(q->n_x, r->defect));
+  r->stationarity = larger_of(largest_of(n, r->grad), dual);
+  r->primal = larger_of(primal, linear);
+  r->complementarity = products;
+  r->gradient = larger_of(largest, larger_of(multipliers, LEAST_SIZE * q->curvature));
+  r->variable = 1.0 + largest_of(n, Z(p));
+  r->linear = larger_of(r->stationarity / r->gradient, linear / r->variable);
+  r->worst = larger_of(larger_of(r->stationarity / r->gradient, r->primal / r->variable),
+                       SHARPER * r->complementarity / (r->gradient * r->variable));
+}
+
+/* Weights of the sides at p, and the factor with them. */
+static int find_factor(Problem *q, const double *p, int sides) {
+  const int M = q->M;
+  double *total = q->pull;
+  ++q->iterations;
+  for (int i = 0; i < M; ++i) {
+    total[i] = q->equal[i] != 0.0 ? 1.0 / (q->elasticity[i] + q->compliance[i]) : 0.0;
+    for (int j = i; j < 2 * M; j += M) {
+      const double e = E(p)[j], f = F(p)[j], multiplier = MULTIPLIER(p)[j];
+      q->soft[j] = q->weight[j] = 0.0;
+      if (!sides || !(multiplier > 0.0)) continue;
+      if (f > 0.0) q->soft[j] = e / (f + e * q->l2[i]);
+      q->weight[j] =
+          multiplier / (multiplier * (SIDE_ELASTICITY * q->elasticity[i] + q->compliance[i] + q->soft[j]) + S(p)[j]);
+      total[i] += q->weight[j];
+    }
+  }
+  return factor_stages(&q->stages, total, total + q->m);
+}
+
+/* Of Newton's method, towards products that differ by t_side and t_elastic from those at p; 0 for no change. */
+static void find_direction(Problem *q, const double *p, const Residuals *r, const double *t_side, const double *t_elastic,
+                           double *out) {
+  const int M = q->M, m = q->m;
+  for (int i = 0; i < M; ++i) {
+    q->pull[i] = q->equal[i] != 0.0 ? r->equal[i] / (q->elasticity[i] + q->compliance[i]) : 0.0;
+    for (int u = 0; u < 2; ++u) {
+      const int j = u * M + i;
+      q->left[j] = q->gap[j] = 0.0;
+      if (F(p)[j] > 0.0) q->left[j] = ((t_elastic ? t_elastic[j] : 0.0) - E(p)[j] * r->dual[j]) / (F(p)[j] + E(p)[j] * q->l2[i]);
+      q->gap[j] = r->row[j] + q->left[j];
+      if (t_side && MULTIPLIER(p)[j] > 0.0) q->gap[j] -= t_side[j] / MULTIPLIER(p)[j];
+      q->pull[i] += (u ? -1.0 : 1.0) * q->weight[j] * q->gap[j];
+    }
+  }
+  memcpy(q->rhs, r->grad, sizeof(double) * (size_t)q->n);
+  add_transposed(&q->stages, q->pull, q->pull + m, q->rhs);
+  solve_stages(&q->stages, q->rhs, r->defect, Z(out), COSTATE(out));
+  constraint_values(&q->stages, Z(out), q->pull);
+  memcpy(q->pull + m, Z(out), sizeof(double) * (size_t)q->n);
+  for (int i = 0; i < M; ++i) {
+    Y(out)[i] = q->equal[i] != 0.0 ? (q->pull[i] + r->equal[i]) / (q->elasticity[i] + q->compliance[i]) : 0.0;
+    for (int u = 0; u < 2; ++u) {
+      const int j = u * M + i;
+      const double change = -q->weight[j] * ((u ? -1.0 : 1.0) * q->pull[i] + q->gap[j]);
+      MULTIPLIER(out)[j] = change, S(out)[j] = F(out)[j] = 0.0;
+      if (MULTIPLIER(p)[j] > 0.0) S(out)[j] = ((t_side ? t_side[j] : 0.0) - S(p)[j] * change) / MULTIPLIER(p)[j];
+      E(out)[j] = q->soft[j] * change + q->left[j];
+      if (E(p)[j] > 0.0) F(out)[j] = ((t_elastic ? t_elastic[j] : 0.0) - F(p)[j] * E(out)[j]) / E(p)[j];
+    }
+  }
+}
+
+static void move(const Problem *q, const double *p, const double *step, double share, double *out) {
+  for (int i = 0; i < SIZE; ++i) out[i] = p[i] + share * step[i];
+}
+
+/* Share of a step after which nothing is negative. */
+static double find_share(const Problem *q, const double *p, const double *step, double most) {
+  double share = 1.0;
+  for (const double *value = S(p), *change = S(step), *end = p + SIZE; value < end; ++value, ++change)
+    if (*change < 0.0 && most * *value < -share * *change) share = most * *value / -*change;
+  return share;
+}
+
+static double find_mu(const Problem *q, const double *p, int *count) {
+  double sum = 0.0;
+  *count = 0;
+  for (int j = 0; j < 2 * q->M; ++j) {
+    sum += S(p)[j] * MULTIPLIER(p)[j] + E(p)[j] * F(p)[j];
+    *count += (q->side[j] != 0.0) + (q->elastic[j] != 0.0);
+  }
+  if (*count < 1) *count = 1;
+  return sum / *count;
+}
+
+/* By how much products of p change on the way to `centre`, with `trust` in what the affine step says of the second order. */
+static void aim(Problem *q, double centre, double trust) {
+  const double *p = q->point, *a = q->affine;
+  for (int j = 0; j < 2 * q->M; ++j) {
+    const double side = centre - trust * S(a)[j] * MULTIPLIER(a)[j] - S(p)[j] * MULTIPLIER(p)[j];
+    const double elastic = centre - trust * E(a)[j] * F(a)[j] - E(p)[j] * F(p)[j];
+    q->t_side[j] = q->side[j] != 0.0 ? side : 0.0, q->t_elastic[j] = q->elastic[j] != 0.0 ? elastic : 0.0;
+  }
+}
+
+static void correct_direction(Problem *q) {
+  move(q, q->point, q->step, 1.0, q->trial);
+  find_residuals(q, q->trial, &q->other);
+  for (int k = 0; k < q->corrections; ++k) {
+    const double before = q->other.linear;
+    find_direction(q, q->point, &q->other, 0, 0, q->affine);
+    move(q, q->step, q->affine, 1.0, q->affine);
+    move(q, q->point, q->affine, 1.0, q->trial);
+    find_residuals(q, q->trial, &q->other);
+    if (!(q->other.linear <= 0.5 * before)) break;
+    memcpy(q->step, q->affine, sizeof(double) * (size_t)SIZE);
+  }
+}
+
+/* One iteration; the share of the step that was taken, or minus what is wrong with the factor. Weights of later iterations hide
+whether the cost is convex. */
+static double advance(Problem *q) {
+  int count;
+  double *p = q->point;
+  const int wrong = find_factor(q, p, 1);
+  if (wrong == 2 || (wrong && q->iterations == 1)) return -wrong;
+  const double mu = larger_of(find_mu(q, p, &count), 1e-300), least = FLOOR * q->tolerance * q->now.gradient * q->now.variable;
+  memset(q->affine, 0, sizeof(double) * (size_t)SIZE);
+  aim(q, 0.0, 0.0);
+  find_direction(q, p, &q->now, q->t_side, q->t_elastic, q->affine);
+  double share = find_share(q, p, q->affine, 1.0);
+  move(q, p, q->affine, share, q->trial);
+  const double ratio = find_mu(q, q->trial, &count) / mu;
+  aim(q, larger_of(least, mu * ratio * ratio * ratio), share);
+  find_direction(q, p, &q->now, q->t_side, q->t_elastic, q->step);
+  if (find_share(q, p, q->step, 1.0) < SHORT_STEP) {
+    aim(q, mu, 0.0);
+    find_direction(q, p, &q->now, q->t_side, q->t_elastic, q->step);
+  }
+  if (q->corrections) correct_direction(q);
+  share = find_share(q, p, q->step, TO_BOUNDARY);
+  move(q, p, q->step, share, p);
+  return share;
+}
