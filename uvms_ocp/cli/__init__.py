@@ -14,8 +14,8 @@ from typing import Annotated
 import typer
 
 from uvms_ocp.cli import check, compare, export, listing, robots, run
-from uvms_ocp.cli.plans import plan
 from uvms_ocp.cli.options import BAD_INPUT
+from uvms_ocp.cli.plans import plan
 from uvms_ocp.cli.printing import console_of
 from uvms_ocp.exceptions import UvmsError, plain_line
 from uvms_ocp.version import __version__

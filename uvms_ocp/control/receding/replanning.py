@@ -137,7 +137,7 @@ class Replanner:
     def _solved(self, guess: Trajectory, start: State, t0: float, time_limit: float) -> SqpResult:
         return self._sqp.solve(
             self._transcription.pack(guess),
-            p=self._transcription.parameters(t0=t0, start=start),
+            p=self._transcription.parameters(t0=t0, start=start, near=guess.q),
             x_lower=self._bounds[0],
             x_upper=self._bounds[1],
             time_limit=time_limit,
