@@ -50,7 +50,7 @@ class SparseLevels:
         if level.relax is None:
             return float(np.linalg.norm(level.distance(y)))
         cost, _ = self._program.nlps[i].functions["nlp_grad_f"](x, self._p)
-        return float(2 * cost) ** 0.5
+        return float(np.sqrt(2 * float(cost)))
 
     def variables(self, point: Point) -> np.ndarray:
         """As `LevelModel.variables`."""
