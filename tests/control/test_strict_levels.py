@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -72,3 +74,17 @@ def test_no_level_above_rises_by_more_than_the_tolerance_in_random_steps(robot: 
         assert (found <= np.array(result.reached) + OPTIONS.tolerance + 1e-9).all()
         gained += found[2] < residuals(sqp, guess, p)[2]
     assert gained > N_STEPS // 2
+
+
+def test_a_level_that_may_be_relaxed_keeps_its_share_of_the_cost(robot: Robot) -> None:
+    own = problem(robot)
+    levels = (replace(own.levels[0], relax=0.1), *own.levels[1:])
+    transcription = Transcription(replace(own, levels=levels))
+    sqp, rng = RealTimeSqp(transcription.program, OPTIONS), np.random.default_rng(2)
+    cost = transcription.program.nlps[0].functions["nlp_grad_f"]
+    for i in range(20):
+        p = transcription.parameters(t0=float(i), start=own.start)
+        guess = transcription.pack(hold(own)) + 0.1 * rng.standard_normal(transcription.n_x)
+        result = sqp.solve(guess, p=p)
+        reached = result.reached[0] ** 2 / 2
+        assert float(cost(result.x, p)[0]) <= 1.1 * reached + OPTIONS.tolerance + 1e-9

@@ -36,13 +36,21 @@ class SparseLevels:
 
     def moved(self, share: float) -> Point:
         """As `LevelModel.moved`; share [-]."""
-        x, first, levels = self._from + share * self._step, self._program.nlps[0], self._program.ranges.levels
+        x, first = self._from + share * self._step, self._program.nlps[0]
         rows = tuple(np.array(y).ravel() for y in self._program.values.call([x, self._p]))
-        residuals = [float(np.linalg.norm(level.distance(y))) for level, y in zip(levels, rows, strict=True)]
+        residuals = [self._residual(i, x, y) for i, y in enumerate(rows)]
         g = np.array(first.functions["nlp_g"](x, self._p)).ravel()
         violation = self._bounds.violation(x, g, first.rows)
         merit = Merit(violation=violation if np.isfinite(violation) else np.inf, residuals=np.array(residuals))
         return Point(x=x, rows=rows, merit=merit)
+
+    def _residual(self, i: int, x: np.ndarray, y: np.ndarray) -> float:
+        """Norm of the rows of level i, or that of its cost where the cost is what is kept: there rows may weigh differently."""
+        level = self._program.ranges.levels[i]
+        if level.relax is None:
+            return float(np.linalg.norm(level.distance(y)))
+        cost, _ = self._program.nlps[i].functions["nlp_grad_f"](x, self._p)
+        return float(np.sqrt(2 * float(cost)))
 
     def variables(self, point: Point) -> np.ndarray:
         """As `LevelModel.variables`."""
