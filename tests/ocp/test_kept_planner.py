@@ -18,6 +18,8 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.mission_plan.above_floor import AboveFloor, Rim
+from uvms_ocp.mission_plan.mission_terms import Preferred, Rest, RowsWithin
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
@@ -31,7 +33,7 @@ from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 from uvms_ocp.tasks.activation import Bell
 from uvms_ocp.tasks.altitude import LandingAltitude, MinimumAltitude
-from uvms_ocp.tasks.attitude import Alignment, HorizontalAttitude
+from uvms_ocp.tasks.attitude import Alignment, FieldOfView, HorizontalAttitude
 from uvms_ocp.tasks.joints import JointLimits, JointTracking, Manipulability
 from uvms_ocp.tasks.pose import ToolPose, ToolPosition, VehiclePose
 from uvms_ocp.tasks.task import Residual, Task, zero_residual
@@ -41,6 +43,7 @@ GOAL = pin.SE3(np.eye(3), np.array([1.0, 0.2, 0.0]))
 LINK = PlacedCapsule(joint=5, p0=np.zeros(3), p1=np.array([0.5, 0.0, 0.0]), radius=0.1)
 ROCK = PlacedCapsule(joint=0, p0=np.array([3.0, 2.0, 0.0]), p1=np.array([3.0, 2.5, 0.0]), radius=0.2)
 ROBOT_BALL, STONE = Ball(frame="tool", radius=0.1), Ball(centre=(3.0, 1.0, 0.0), radius=0.2)
+RIM = Rim(joint=5, centre=np.array([0.5, 0.0, 0.0]), axis=np.array([1.0, 0.0, 0.0]), radius=0.1)
 
 TASKS: dict[str, Task] = {
     "NR": NullVelocity(axes=(0, 1)),
@@ -49,6 +52,7 @@ TASKS: dict[str, Task] = {
     "LA": LandingAltitude(frame="tool"),
     "HA": HorizontalAttitude(frame="tool"),
     "AT": Alignment(goal=np.array([2.0, 1.0, 0.0]), frame="tool"),
+    "FV": FieldOfView(goal=np.array([2.0, 1.0, 0.0]), frame="tool"),
     "MU": Manipulability(),
     "PC": VehiclePose(goal=GOAL, frame="tool"),
     "T": ToolPose(goal=GOAL),
@@ -65,6 +69,10 @@ TERMS: dict[str, Term] = {
     "posture": Posture(q=np.zeros(5)),
     "balls": BallClearance(robot_balls=(ROBOT_BALL,), obstacles=(STONE,)),
     "capsules": CapsuleClearance(pairs=((LINK, ROCK),), names=("link and rock",), margin=0.05),
+    "rows": RowsWithin(task=ToolPosition(goal=GOAL), rows=(0, 1), lower=-0.1, upper=0.1),
+    "liked": Preferred(task=ToolPosition(goal=GOAL)),
+    "rest": Rest(axes=(0, 1)),
+    "floor": AboveFloor(rims=(RIM,), height=5.0),
 }
 OTHERS: dict[str, Any] = {
     "frame": "link2",
@@ -79,6 +87,9 @@ OTHERS: dict[str, Any] = {
     "obstacles": (replace(STONE, centre=(1.0, 2.0, 0.1), radius=0.3),),
     "pairs": ((LINK, replace(ROCK, p0=np.array([2.0, 2.0, 0.1]), radius=0.3)),),
     "names": ("link and stone",),
+    "rims": (replace(RIM, radius=0.3),),
+    "rows": (1,),
+    "axis": (0.0, 1.0, 0.0),
     "terms": (AtRest(), Effort()),
     "constraints": (AtRest(weight=2.0),),
     "start": State(q=np.full(5, 0.1), v=np.full(5, 0.05)),
