@@ -20,6 +20,8 @@ import pytest
 
 from uvms_ocp.collision import CollisionScene, collision_scene, coordinates
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.mission_plan.above_floor import AboveFloor, Rim
+from uvms_ocp.mission_plan.mission_terms import Preferred, Rest, RowsWithin
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.obstacles import obstacle
@@ -43,6 +45,7 @@ from uvms_ocp.tasks.velocity import NullVelocity
 
 GOAL = pin.SE3(np.eye(3), np.array([1.0, 0.2, 0.0]))
 ROBOT_BALL, STONE = Ball(frame="tool", radius=0.1), Ball(centre=(3.0, 1.0, 0.0), radius=0.2)
+RIM = Rim(joint=5, centre=np.array([0.5, 0.0, 0.0]), axis=np.array([1.0, 0.0, 0.0]), radius=0.1)
 
 
 def among(x: float, radius: float) -> CollisionScene:
@@ -78,6 +81,10 @@ TERMS: dict[str, Term] = {
         "own", lambda stage, goal: stage.tick.q[:3] - goal, lower=-1.0, upper=1.0, parameters=np.zeros(3)
     ),
     "shapes": ShapeClearance(scene=among(3.0, 0.2), margins=np.full(4, 0.05), n_rows=3, n_own_rows=1),
+    "rows": RowsWithin(task=ToolPosition(goal=GOAL), rows=(0, 1), lower=-0.1, upper=0.1),
+    "liked": Preferred(task=ToolPosition(goal=GOAL)),
+    "rest": Rest(axes=(0, 1)),
+    "floor": AboveFloor(rims=(RIM,), height=5.0),
 }
 OTHERS: dict[str, Any] = {
     "frame": "link2",
@@ -93,6 +100,9 @@ OTHERS: dict[str, Any] = {
     "obstacles": (replace(STONE, centre=(1.0, 2.0, 0.1), radius=0.3),),
     "scene": among(2.0, 0.3),
     "moving": {"rock": lambda t: pin.SE3(np.eye(3), np.array([3.0 - t, 2.0, 0.0]))},
+    "rims": (replace(RIM, radius=0.3),),
+    "rows": (1,),
+    "axis": (0.0, 1.0, 0.0),
     "terms": (AtRest(), Effort()),
     "constraints": (AtRest(weight=2.0),),
     "start": State(q=np.full(5, 0.1), v=np.full(5, 0.05)),
