@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from uvms_ocp.arrays import Array, Mask
+from uvms_ocp.solvers.stagewise.shape import StageShape
 from uvms_ocp.solvers.stagewise.stage_qp import StageQp
 
 SIGNS = np.array([[1.0], [-1.0]])
@@ -51,7 +53,7 @@ def row_table(qp: StageQp, *, phase_one: bool = False) -> RowTable:
     flat = qp.flat
     lower, upper, l1, l2 = (np.concatenate([flat[name], flat[f"z_{name}"]]) for name in ("lower", "upper", "l1", "l2"))
     n_rows, norm = len(flat["lower"]), _norms(qp)
-    fixed = _may_be_fixed(qp) & (flat["z_lower"] == flat["z_upper"]) & (flat["z_l1"] == np.inf)
+    fixed = _may_be_fixed(qp.shape) & (flat["z_lower"] == flat["z_upper"]) & (flat["z_l1"] == np.inf)
     counts = np.concatenate([np.ones(n_rows, dtype=bool), ~fixed])
     hard = l1 == np.inf
     if phase_one:
@@ -83,9 +85,10 @@ def _norms(qp: StageQp) -> Array:
     return np.where(norm > 0.0, norm, 1.0)
 
 
-def _may_be_fixed(qp: StageQp) -> Mask:
+@lru_cache(maxsize=32)
+def _may_be_fixed(shape: StageShape) -> Mask:
     """(n,) what the dynamics do not determine: the first state and all controls."""
-    own = [np.ones(n, dtype=bool) for n in qp.shape.n_z]
-    for k, n_x in enumerate(qp.shape.n_x[1:], start=1):
+    own = [np.ones(n, dtype=bool) for n in shape.n_z]
+    for k, n_x in enumerate(shape.n_x[1:], start=1):
         own[k][:n_x] = False
     return np.concatenate(own)
