@@ -37,23 +37,23 @@ class Transcription:
     def __init__(self, problem: OcpProblem, *, plugin: str = "ipopt") -> None:
         self.problem, self._plugin = problem, plugin
         self.model = StageModel(problem)
-        self._blocks = term_blocks(self.model)
-        self._variables = VariableLayout(model=self.model)
-        self._parameters = parameter_layout(problem, self._blocks)
-        self._rows = row_layout(problem, self._blocks, n_forces=self.model.n_forces)
-        self._horizon = horizon(self._variables, self._parameters, self._rows)
-        self._last = fitted(self.model, self._blocks, problem)
+        self.blocks = term_blocks(self.model)
+        self.variables = VariableLayout(model=self.model)
+        self.parameter_layout = parameter_layout(problem, self.blocks)
+        self.row_layout = row_layout(problem, self.blocks, n_forces=self.model.n_forces)
+        self._horizon = horizon(self.variables, self.parameter_layout, self.row_layout)
+        self._last = fitted(self.model, self.blocks, problem)
 
     @property
     def n_x(self) -> int:
         """Number of variables."""
-        return self._variables.n_x
+        return self.variables.n_x
 
     def _fitted(self, problem: OcpProblem | None) -> Fitted:
         """Every method of a plan asks for that of the same problem."""
         given = problem or self.problem
         if given is not self._last.problem:
-            self._last = fitted(self.model, self._blocks, given)
+            self._last = fitted(self.model, self.blocks, given)
         return self._last
 
     def parameters(
@@ -64,36 +64,38 @@ class Transcription:
         t0 [s]: time of the first node, for goals that move. start: instead of the problem's, such as a measured one,
         which may be slightly outside the joint limits.
         """
-        return self._parameters.values(self._fitted(problem), t0=t0, start=start)
+        return self.parameter_layout.values(self._fitted(problem), t0=t0, start=start)
 
     def bounds(self, problem: OcpProblem | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Bounds (n_x,) of the variables: limits of the robot, durations."""
         if problem is None or not problem.free_time:
             return self._own_bounds
-        return self._variables.bounds(problem)
+        return self.variables.bounds(problem)
 
     @cached_property
     def _own_bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        return self._variables.bounds(self.problem)
+        return self.variables.bounds(self.problem)
 
     def ranges(self, problem: OcpProblem | None = None) -> RowRanges:
         """Where the rows are to be."""
         given = self._fitted(problem)
-        if given.problem is self.problem:
-            return self.program.ranges
-        return self._ranges(given)
+        return self._own_ranges if given.problem is self.problem else self._ranges(given)
+
+    @cached_property
+    def _own_ranges(self) -> RowRanges:
+        return self._ranges(self._fitted(self.problem))
 
     def pack(self, trajectory: Trajectory) -> np.ndarray:
         """Variables (n_x,) of a trajectory; times are taken as they are where durations are free."""
-        return self._variables.pack(trajectory)
+        return self.variables.pack(trajectory)
 
     def unpack(self, x: np.ndarray, problem: OcpProblem | None = None) -> Trajectory:
         """The trajectory of variables x (n_x,) [unit of x]."""
-        return self._variables.unpack(x, problem or self.problem)
+        return self.variables.unpack(x, problem or self.problem)
 
     @cached_property
     def _constraint_values(self) -> ca.Function:
-        rows = self._horizon.rows[self._rows.constraints.tolist()]
+        rows = self._horizon.rows[self.row_layout.constraints.tolist()]
         return ca.Function("constraints", [self._horizon.x, self._horizon.p], [rows])
 
     def violations(self, x: np.ndarray, p: np.ndarray, problem: OcpProblem | None = None) -> dict[str, float]:
@@ -101,12 +103,12 @@ class Transcription:
 
         p (n_p,) [unit of the parameter]: see `parameters`.
         """
-        g, rows = np.array(self._constraint_values(x, p)).ravel(), self._rows.constraints
+        g, rows = np.array(self._constraint_values(x, p)).ravel(), self.row_layout.constraints
         ranges = self.ranges(problem)
         broken = excess(g, ranges.lower, ranges.upper)
         worst: dict[str, float] = {}
         for row, value in zip(rows, broken.tolist(), strict=True):
-            name = self._rows.names[row]
+            name = self.row_layout.names[row]
             worst[name] = max(worst.get(name, 0.0), value)
         return worst
 
@@ -114,9 +116,9 @@ class Transcription:
         """Constraint along the path that the start itself breaks, and by how much."""
         z = np.zeros(self.model.layout.n_z)
         z[self.model.layout.q], z[self.model.layout.v] = problem.start.q, problem.start.v
-        rows, numbers = self._blocks[0].rows, self._fitted(problem).numbers[0]  # the steps of the first phase
+        rows, numbers = self.blocks[0].rows, self._fitted(problem).numbers[0]  # the steps of the first phase
         s = np.concatenate(numbers.parameters([0.0], [False], 1.0))
-        broken = excess(np.array(rows.functions.value(z, s)).ravel(), numbers.lower, numbers.upper)
+        broken = excess(np.array(rows.value(z, s, problem.current)).ravel(), numbers.lower, numbers.upper)
         broken[(rows.level != CONSTRAINT) | ~rows.state_only] = 0.0
         if not broken.any() or broken.max() < _ROUNDING:
             return None
@@ -125,8 +127,8 @@ class Transcription:
     @cached_property
     def program(self) -> LexicographicProgram:
         """The lexicographic program, with derivatives."""
-        layout, x, p = self._rows, self._horizon.x, self._horizon.p
-        numbered, ranges = np.concatenate([layout.constraints, *layout.held]), self._ranges(self._fitted(None))
+        layout, x, p = self.row_layout, self._horizon.x, self._horizon.p
+        numbered, ranges = np.concatenate([layout.constraints, *layout.held]), self._own_ranges
         y = [self._horizon.rows[rows.tolist()] if len(rows) else ca.MX(0, 1) for rows in layout.levels]
         return LexicographicProgram(
             ranges=ranges,
@@ -135,7 +137,7 @@ class Transcription:
         )
 
     def _ranges(self, given: Fitted) -> RowRanges:
-        layout = self._rows
+        layout = self.row_layout
         lower, upper = layout.bounds(given.numbers)
         ends = np.cumsum([len(layout.constraints), *(len(rows) for rows in layout.held)]).tolist()
         places = zip(given.problem.levels, layout.levels, ends[:-1], ends[1:], strict=True)
@@ -155,7 +157,7 @@ class Transcription:
         )
 
     def _level_nlp(self, index: int, numbered: np.ndarray) -> LevelNlp:
-        order = np.argsort(self._rows.stage[numbered], kind="stable")
+        order = np.argsort(self.row_layout.stage[numbered], kind="stable")
         raw_rows, whole = numbered[order], self._horizon
         nlp = {"x": whole.x, "p": whole.p, "f": whole.costs[index], "g": whole.rows[raw_rows.tolist()]}
         functions = whole.derivative_functions(index, raw_rows, plugin=self._plugin)
