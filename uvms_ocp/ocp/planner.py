@@ -12,6 +12,7 @@ from uvms_ocp.arguments import Finite, checked
 from uvms_ocp.ocp.first_step import impossible_start
 from uvms_ocp.ocp.plan import LevelReport, OcpStatus, Plan
 from uvms_ocp.ocp.problem import OcpPhase, OcpProblem
+from uvms_ocp.ocp.stagewise.stagewise_transcription import StagewiseTranscription
 from uvms_ocp.ocp.trajectory import Trajectory, hold
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicNlp, LexicographicResult, NlpOptions
@@ -34,12 +35,12 @@ class Planner:
         problem: OcpProblem,
         options: NlpOptions | None = None,
         *,
-        transcription: Transcription | None = None,
+        transcription: Transcription | StagewiseTranscription | None = None,
     ) -> None:
         """transcription: of the same problem for the same plugin, to share it between planners of different options."""
         self.options = options or NlpOptions()
         self.problem = problem
-        self.transcription = transcription or Transcription(problem, plugin=self.options.plugin)
+        self.transcription = transcription or _transcribed(problem, self.options.plugin)
         self._nlp = LexicographicNlp(self.transcription.program, self.options)
 
     def plan(
@@ -187,6 +188,10 @@ class Planner:
             if rest < _HELPS * residual:
                 return OcpStatus.TOO_SHORT, f"{text}; with {_seconds(longer)} it would be {rest:.4g}"
         return OcpStatus.UNREACHABLE, f"{text}, and more time does not help"
+
+
+def _transcribed(problem: OcpProblem, plugin: str) -> Transcription | StagewiseTranscription:
+    return StagewiseTranscription(problem) if plugin == "stagewise" else Transcription(problem, plugin=plugin)
 
 
 def _seconds(problem: OcpProblem) -> str:
