@@ -58,6 +58,7 @@ ALONE = tuple(
         "hierarchy",
         "nmpc",
         "ocp_peers",
+        "ocp_random_reach",
         "ocp_reach",
         "ocp_whole_mission",
         "random_missions",
