@@ -13,6 +13,7 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.hierarchy.active_set.codes import STATUSES
 from uvms_ocp.solvers.hierarchy.active_set.core_source import core_source, solver_declaration, solver_source
 from uvms_ocp.solvers.hierarchy.solution import Status
+from uvms_ocp.solvers.stagewise.compiled import core_source as stagewise_source
 
 COMPILER = shutil.which("gcc") or shutil.which("cc") or ""
 needs_compiler = pytest.mark.skipif(not COMPILER or sys.platform == "win32", reason="needs a C compiler")
@@ -20,6 +21,12 @@ STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
 SANITIZED = ("-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 STRUCTURES = [(1, (1,)), (3, (1, 0, 2)), (13, (13, 3, 6, 1, 1, 6, 4, 6, 3, 3, 13))]
 RANDOM_ROWS = Path(__file__).with_name("random_rows.c")
+
+
+def _symbols(built: Path) -> list[list[str]]:
+    """Kind and name."""
+    said = subprocess.run(["nm", str(built)], capture_output=True, text=True, check=True).stdout
+    return [line.split()[-2:] for line in said.splitlines()]
 
 
 def _compiled(source: str, folder: Path, *options: str) -> Path:
@@ -41,12 +48,19 @@ def test_it_compiles_without_a_warning(n: int, sizes: tuple[int, ...], level: st
 @pytest.mark.skipif(shutil.which("nm") is None, reason="needs nm")
 def test_it_defines_one_function_and_takes_what_libm_and_memory_calls_give(tmp_path: Path) -> None:
     built = _compiled(solver_source(13, STRUCTURES[-1][1]), tmp_path, "-O2", "-c")
-    said = subprocess.run(["nm", str(built)], capture_output=True, text=True, check=True).stdout
-    symbols = [line.split()[-2:] for line in said.splitlines()]
+    symbols = _symbols(built)
     assert [name for kind, name in symbols if kind.isupper() and kind not in "UR"] == ["solve_levels"]
     needed = {name for kind, name in symbols if kind == "U"}
     assert needed <= {"sqrt", "frexp", "ldexp", "fmax", "fmin", "memset", "memcpy", "memmove", "__stack_chk_fail"}
     assert not any(kind in "bdBD" for kind, _ in symbols)  # nothing is kept between calls
+
+
+@needs_compiler
+@pytest.mark.skipif(shutil.which("nm") is None, reason="needs nm")
+def test_the_solver_of_stages_is_one_function_too_and_allocates_nothing(tmp_path: Path) -> None:
+    symbols = _symbols(_compiled(stagewise_source(), tmp_path, "-O2", "-c"))
+    assert [name for kind, name in symbols if kind.isupper() and kind not in "UR"] == ["solve_qp"]
+    assert {name for kind, name in symbols if kind == "U"} <= {"sqrt", "memset", "memcpy", "__stack_chk_fail"}
 
 
 @needs_compiler

@@ -131,11 +131,12 @@ def test_rows_with_endless_limits_cost_no_iteration() -> None:
 
 @pytest.mark.parametrize("seed", range(20))
 def test_a_qp_without_a_point_is_named_infeasible(seed: int) -> None:
+    options = StageQpOptions(compiled=seed > 4)
     qp = random_qp(seed)
     n = qp.shape.n_x[-1]
     qp.z_lower[-1][:n], qp.z_upper[-1][:n] = 3.0, 4.0
     qp.dynamics[-1][:], qp.b[-1][:] = 0.0, 0.0
-    assert StageQpSolver(qp.shape).solve(qp).status is StageQpStatus.INFEASIBLE
+    assert StageQpSolver(qp.shape, options).solve(qp).status is StageQpStatus.INFEASIBLE
 
 
 def test_equalities_that_contradict_each_other_are_infeasible_and_missed_least() -> None:
@@ -217,9 +218,12 @@ def test_the_multiplier_of_the_initial_state_is_how_the_cost_rises() -> None:
 
 
 @pytest.mark.parametrize("compiled", [True, False])
-def test_numbers_that_are_none_are_a_status(compiled: bool) -> None:
+@pytest.mark.parametrize(
+    ("name", "value"), [("dynamics", np.nan), ("J", np.inf), ("z_upper", -np.inf), ("z_lower", np.nan), ("l1", -1.0)]
+)
+def test_numbers_that_are_none_are_a_status(name: str, value: float, compiled: bool) -> None:
     qp = random_qp(0)
-    qp.A[0][0, 0] = np.nan
+    qp.flat[name][-1] = value
     found = StageQpSolver(qp.shape, StageQpOptions(compiled=compiled)).solve(qp)
     assert found.status is StageQpStatus.NOT_A_NUMBER
     assert np.isfinite(flat(found.z)).all()

@@ -16,12 +16,11 @@ from uvms_ocp.functions.compile import compile_library, loaded_library
 from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
 from uvms_ocp.solvers.stagewise.point import End, Point, Start, point_of
 from uvms_ocp.solvers.stagewise.row_table import RowTable
-from uvms_ocp.solvers.stagewise.shape import StageShape, places
 from uvms_ocp.solvers.stagewise.solution import StageQpStatus, kkt_residual
-from uvms_ocp.solvers.stagewise.stage_qp import StageQp
+from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape, places
 
 _INCLUDES = "#include <math.h>\n#include <stddef.h>\n#include <string.h>\n"
-_SOURCES = ("blocks.c", "riccati.c", "interior_point.c")
+_SOURCES = ("blocks.c", "riccati.c", "interior_point.c", "iteration.c")
 # At -O3 the blocks leave the registers again.
 _FLAGS = ("-O2", "-ftree-vectorize", "-std=c99")
 _STATUSES = tuple(StageQpStatus)
@@ -151,7 +150,7 @@ def _library() -> ctypes.CDLL | None:
 
 
 def core_source() -> str:
-    """C99 source of the solver, for all shapes: `solve_qp` of interior_point.c; needs libm only and allocates nothing."""
+    """C99 source of the solver, for all shapes: `solve_qp` of iteration.c; needs libm only and allocates nothing."""
     folder = files("uvms_ocp.solvers.stagewise")
     texts = (folder.joinpath(name).read_text(encoding="utf-8") for name in _SOURCES)
     macros = "".join(f"#define {name.upper()} {value}\n" for name, value in asdict(STAGE_TOLERANCES).items())

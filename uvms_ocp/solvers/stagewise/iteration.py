@@ -1,4 +1,4 @@
-"""The algorithm of interior_point.c in NumPy: from a start to the optimum, or to where it cannot go on; keep both in step."""
+"""The algorithm of iteration.c in NumPy: from a start to the optimum, or to where it cannot go on; keep both in step."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
 from uvms_ocp.solvers.stagewise.point import End, Point, Start
 from uvms_ocp.solvers.stagewise.riccati import NumpyStages
 from uvms_ocp.solvers.stagewise.row_table import SIGNS, RowTable
-from uvms_ocp.solvers.stagewise.shape import StageShape
 from uvms_ocp.solvers.stagewise.solution import StageQpStatus
-from uvms_ocp.solvers.stagewise.stage_qp import StageQp
+from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape
 
 _WRONG = {1: StageQpStatus.NOT_CONVEX, 2: StageQpStatus.NOT_A_NUMBER}
 _WRONG_LATER = {-1.0: StageQpStatus.NOT_CONVEX, -2.0: StageQpStatus.ITERATION_LIMIT}

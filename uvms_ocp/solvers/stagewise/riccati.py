@@ -6,8 +6,7 @@ import numpy as np
 
 from uvms_ocp.arrays import Array
 from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES
-from uvms_ocp.solvers.stagewise.shape import StageShape, slices
-from uvms_ocp.solvers.stagewise.stage_qp import StageQp
+from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape, slices
 
 
 class NumpyStages:

@@ -8,8 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from uvms_ocp.arrays import Array, Mask
-from uvms_ocp.solvers.stagewise.shape import StageShape
-from uvms_ocp.solvers.stagewise.stage_qp import StageQp
+from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape
 
 SIGNS = np.array([[1.0], [-1.0]])
 """Of what is left to the lower and the upper side."""
@@ -85,7 +84,7 @@ def _norms(qp: StageQp) -> Array:
     return np.where(norm > 0.0, norm, 1.0)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=64)
 def _may_be_fixed(shape: StageShape) -> Mask:
     """(n,) what the dynamics do not determine: the first state and all controls."""
     own = [np.ones(n, dtype=bool) for n in shape.n_z]

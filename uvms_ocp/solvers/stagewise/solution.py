@@ -18,7 +18,10 @@ class StageQpStatus(AdvisedStatus):
     UNBOUNDED = "unbounded", "the cost falls without end; add damping, or bounds"
     NOT_CONVEX = "not convex", "a Hessian is indefinite; use Gauss-Newton, or add damping"
     ITERATION_LIMIT = "iteration limit", "raise max_iterations, or scale the rows"
-    NOT_A_NUMBER = "not a number", "an entry of the QP is not finite; look at where it comes from"
+    NOT_A_NUMBER = (
+        "not a number",
+        "an entry of the QP is not finite, a bound endless on the wrong side, or slack rewarded; look where it comes from",
+    )
 
     @property
     def usable(self) -> bool:

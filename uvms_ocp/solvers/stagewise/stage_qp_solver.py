@@ -15,9 +15,8 @@ from uvms_ocp.solvers.stagewise.iteration import NumpyCore
 from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
 from uvms_ocp.solvers.stagewise.point import End, Point, Start, nothing, resting
 from uvms_ocp.solvers.stagewise.row_table import RowTable, row_table
-from uvms_ocp.solvers.stagewise.shape import StageShape, slices
 from uvms_ocp.solvers.stagewise.solution import StageQpSolution, StageQpStatus, stage_qp_solution
-from uvms_ocp.solvers.stagewise.stage_qp import StageQp
+from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape, slices
 
 _MISSED = 1e-5  # relative violation that no point does without
 _ROUGH = 1e-6  # tolerance of phase one
@@ -25,7 +24,7 @@ _ROUGH = 1e-6  # tolerance of phase one
 
 @checked
 class StageQpSolver:
-    """Solves QPs of one shape; memory is made once, here.
+    """Solves QPs of one shape, one at a time; memory is made once, here.
 
     In C where there is a compiler, without holding the interpreter's lock; in NumPy otherwise, with the same results to rounding.
     """
@@ -43,7 +42,7 @@ class StageQpSolver:
         if qp.shape != self.shape:
             raise InvalidInput("the QP has another shape than the solver; make a solver for it")
         table = row_table(qp)
-        if not _is_finite(qp):
+        if not _is_valid(qp):
             return self._solution(qp, nothing(self._rest(qp, table)))
         if warm is None:
             end = self._run(qp, table, self._rest(qp, table))
@@ -85,6 +84,7 @@ class StageQpSolver:
         y = np.concatenate([*solution.y, *solution.y_z])
         return replace(self._rest(qp, table), z=z, y=y, costate=np.concatenate(solution.costate))
 
+    @np.errstate(over="ignore", invalid="ignore")  # of what is not a number there is no cost
     def _solution(self, qp: StageQp, end: End) -> StageQpSolution:
         shape, m, y = self.shape, sum(self.shape.n_c), end.point.row_multipliers()
         z, value = _split(end.point.z, shape.n_z), _values(qp, end.point.z)[:m]
@@ -112,11 +112,13 @@ def _values(qp: StageQp, z: Array) -> Array:
     return np.concatenate([*(C @ own for C, own in zip(qp.C, _split(z, qp.shape.n_z), strict=True)), z])
 
 
-def _is_finite(qp: StageQp) -> bool:
-    """Infinite bounds and weights of slack aside."""
+def _is_valid(qp: StageQp) -> bool:
+    """Finite but for bounds that there are not; slack costs something."""
+    flat = qp.flat
     bounds = ("lower", "upper", "l1", "z_lower", "z_upper", "z_l1")
-    numbers = all(np.isfinite(array).all() for name, array in qp.flat.items() if name not in bounds)
-    return numbers and not any(np.isnan(qp.flat[name]).any() for name in bounds)
+    numbers = all(np.isfinite(array).all() for name, array in flat.items() if name not in bounds)
+    sides = all((flat[f"{z}lower"] < np.inf).all() and (flat[f"{z}upper"] > -np.inf).all() for z in ("", "z_"))
+    return numbers and sides and all((flat[name] >= 0.0).all() for name in ("l1", "l2", "z_l1", "z_l2"))
 
 
 def _cost(qp: StageQp, z: tuple[Array, ...]) -> float:

@@ -1,0 +1,147 @@
+/* From a start to the optimum, or to where it cannot go on, as iteration.py has it; keep both in step. */
+
+/* The optimum without inequalities, from the z that is given: one factor, and corrections. */
+static int solve_equalities(Problem *q) {
+  double *p = q->point;
+  memset(p + q->n, 0, sizeof(double) * (size_t)(SIZE - q->n));
+  const int wrong = find_factor(q, p, 0);
+  if (wrong) return wrong;
+  for (int k = 0;; ++k) {
+    find_residuals(q, p, &q->now);
+    const Residuals *r = &q->now;
+    double equal = largest_of(q->n_x, r->defect);
+    for (int i = 0; i < q->M; ++i) equal = larger_of(equal, fabs(r->equal[i]) / q->norm[i]);
+    const double left = larger_of(largest_of(q->n, r->grad) / r->gradient, equal / r->variable);
+    if (k == MOST_CORRECTIONS || !(left > 0.1 * q->tolerance)) break;
+    memset(q->now.row, 0, sizeof(double) * (size_t)(2 * q->M));
+    memset(q->now.dual, 0, sizeof(double) * (size_t)(2 * q->M));
+    find_direction(q, p, &q->now, 0, 0, q->step);
+    move(q, p, q->step, 1.0, p);
+  }
+  for (int i = 0; i < q->M; ++i)
+    for (int u = 0; u < 2; ++u) {
+      const int j = u * q->M + i;
+      const double beyond = (u ? -1.0 : 1.0) * (q->now.value[i] - q->bound[j]);
+      S(p)[j] = q->side[j] != 0.0 && beyond > 0.0 ? beyond : 0.0;
+      F(p)[j] = q->elastic[j] != 0.0 ? q->l1[i] : 0.0;
+    }
+  find_residuals(q, p, &q->now);
+  return 0;
+}
+
+/* Largest violation of a side relative to the norm of its row, `value` given; -1 where there is none. */
+static double side_missed(const Problem *q, const double *value) {
+  double most = -1.0;
+  for (int i = 0; i < q->M; ++i)
+    for (int u = 0; u < 2; ++u) {
+      const int j = u * q->M + i;
+      const double missed = (u ? 1.0 : -1.0) * (value[i] - q->bound[j]) / q->norm[i];
+      if (q->side[j] != 0.0 && missed > most) most = missed;
+    }
+  return most;
+}
+
+/* A start inside, from z alone. */
+static void start_cold(Problem *q) {
+  double *p = q->point;
+  memset(p + q->n, 0, sizeof(double) * (size_t)(SIZE - q->n));
+  find_residuals(q, p, &q->now);
+  const double missed = larger_of(side_missed(q, q->now.value), LEAST_MISSED);
+  const double mu = COLD_MU * missed * larger_of(q->curvature * missed, q->now.stationarity);
+  for (int i = 0; i < q->M; ++i)
+    for (int u = 0; u < 2; ++u) {
+      const int j = u * q->M + i;
+      const double beyond = (u ? -1.0 : 1.0) * (q->now.value[i] - q->bound[j]);
+      if (q->side[j] == 0.0) continue;
+      S(p)[j] = larger_of(beyond, missed * q->norm[i]);
+      MULTIPLIER(p)[j] = mu / S(p)[j];
+      if (q->elastic[j] == 0.0) continue;
+      if (MULTIPLIER(p)[j] > 0.5 * q->l1[i]) MULTIPLIER(p)[j] = 0.5 * q->l1[i];
+      E(p)[j] = missed * q->norm[i], F(p)[j] = q->l1[i] - MULTIPLIER(p)[j];
+    }
+}
+
+/* A start near a point whose z, costate and y are given; y of all rows. */
+static void start_warm(Problem *q) {
+  double *p = q->point;
+  const double room = sqrt(q->warm_mu), mu = q->warm_mu * q->curvature;
+  constraint_values(&q->stages, Z(p), q->now.value);
+  memcpy(q->now.value + q->m, Z(p), sizeof(double) * (size_t)q->n);
+  for (int i = 0; i < q->M; ++i) {
+    const double y = Y(p)[i];
+    if (q->equal[i] == 0.0) Y(p)[i] = 0.0;
+    for (int u = 0; u < 2; ++u) {
+      const int j = u * q->M + i;
+      const double beyond = (u ? -1.0 : 1.0) * (q->now.value[i] - q->bound[j]), given = u ? y : -y;
+      S(p)[j] = MULTIPLIER(p)[j] = E(p)[j] = F(p)[j] = 0.0;
+      if (q->side[j] == 0.0) continue;
+      S(p)[j] = larger_of(beyond, room * q->norm[i]);
+      MULTIPLIER(p)[j] = larger_of(given, mu / S(p)[j]);
+      if (q->elastic[j] == 0.0) continue;
+      if (MULTIPLIER(p)[j] > 0.999 * q->l1[i]) MULTIPLIER(p)[j] = 0.999 * q->l1[i];
+      F(p)[j] = q->l1[i] - MULTIPLIER(p)[j];
+      E(p)[j] = larger_of(-beyond, mu / F(p)[j]);
+    }
+  }
+}
+
+/* From a start inside to the optimum, or to where it cannot go on; the best point is left in `point`, with its residuals. */
+static int descend(Problem *q) {
+  double share = 1.0, least = INFINITY, lowest = INFINITY, first;
+  int stuck = 0, vain = 0, high = 0, status;
+  find_residuals(q, q->point, &q->now);
+  first = q->now.gradient;
+  for (;;) {
+    const double left = q->now.worst, stationarity = q->now.stationarity, primal = q->now.primal;
+    ++vain;
+    if (left < least || least == INFINITY) vain = 0, least = left, memcpy(q->best, q->point, sizeof(double) * (size_t)SIZE);
+    status = SOLVED;
+    if (left <= q->tolerance) break;
+    status = UNBOUNDED;
+    stuck = share < STUCK ? stuck + 1 : 0;
+    /* Where a direction has no curvature, steps are endless long before the point is. */
+    if (larger_of(q->now.variable, stuck > 2 ? largest_of(q->n, Z(q->step)) : 0.0) > ENDLESS) break;
+    status = ITERATION_LIMIT;
+    ++high;
+    if (q->now.primal < 0.9 * lowest) high = 0, lowest = q->now.primal;
+    if (high > MOST_HIGH && lowest > q->tolerance * q->now.variable) break;
+    if (vain > MOST_VAIN && least <= INEXACT_TOLERANCES * q->tolerance) break;
+    if (stuck > 2 || q->now.gradient > HOPELESS * first || !(left < INFINITY) || q->iterations >= q->max_iterations) break;
+    share = advance(q);
+    if (share == -1.0) status = NOT_CONVEX;
+    if (share < 0.0) break;
+    find_residuals(q, q->point, &q->now);
+    if (q->corrections < 3 && (q->now.stationarity > 2.0 * (1.0 - share) * stationarity + 0.1 * q->tolerance * q->now.gradient ||
+                               q->now.primal > 2.0 * (1.0 - share) * primal + 0.1 * q->tolerance * q->now.variable))
+      ++q->corrections;
+  }
+  memcpy(q->point, q->best, sizeof(double) * (size_t)SIZE);
+  find_residuals(q, q->point, &q->now);
+  return status;
+}
+
+/* The optimum without inequalities, 1 where that is the end: z starts anew if it misses any. */
+static int start_from_equalities(Problem *q) {
+  const Residuals *r = &q->now;
+  memcpy(q->best, q->point, sizeof(double) * (size_t)q->n);
+  const int wrong = solve_equalities(q);
+  q->status = wrong == 2 ? NOT_A_NUMBER : wrong == 1 ? NOT_CONVEX : SOLVED;
+  if (!wrong && r->stationarity <= q->tolerance * r->gradient && r->primal <= q->tolerance * r->variable &&
+      !(side_missed(q, r->value) > 0.0))
+    return 1;
+  memcpy(q->point, q->best, sizeof(double) * (size_t)q->n);
+  start_cold(q);
+  return wrong;
+}
+
+/* Status, iterations, `point` and the residuals `now`, from what `point` holds: z, where fixed variables have their values, and for a warm start costates and multipliers too; without its cost if it is costless. */
+void solve_qp(Problem *q, int costless) {
+  load_stages(&q->stages, costless);
+  q->curvature = costless ? 1.0 : q->stages.most;
+  q->iterations = q->corrections = 0;
+  for (int i = 0; i < q->M; ++i) q->elasticity[i] = ELASTICITY * q->norm[i] * q->norm[i] / q->curvature;
+  if (q->start == START_WARM) start_warm(q);
+  if (q->start == START_COLD) start_cold(q);
+  if (q->start == START_EQUALITIES && start_from_equalities(q)) return;
+  q->status = descend(q);
+}
