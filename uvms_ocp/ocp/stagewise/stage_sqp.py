@@ -34,6 +34,7 @@ _MODELS = (
 )
 """Damping [1/unit of z^2], whether the cost has the curvature of constraints, and what it costs to miss levels above
 [1/unit of the row]; the next where one fails."""
+_PATIENCE, _DIGITS = 15, 1e-5  # iterations of the last level before a gain of this share of its cost is none
 _LOUDEST = 1e4  # times the first violation
 _NO_HELP = 1e-6  # share of the violation that a step must take away to count as a help
 
@@ -60,7 +61,7 @@ class StageSqp:
         self._memory = level.memory
         self._solution: StageQpSolution | None = None
         self._filter = Filter(first=0.0, most=np.inf)
-        self._scale, self._worst = 1.0, np.inf
+        self._scale, self._worst, self._count = 1.0, np.inf, 0
         self._model, self._damping = 0, 0.0
         # What levels above leave open, those below decide: no step goes far there.
         self._least = _DAMPED if level.level + 1 < level.memory.n_levels else 0.0
@@ -89,6 +90,7 @@ class StageSqp:
 
     def _iterate(self, here: Merit) -> tuple[NlpStatus | None, Merit]:
         """Status where it ends, and what the new point is worth."""
+        self._count += 1
         solution = self._solution = self._solved()
         self._memory.z_from[:] = self._memory.z
         if solution.status is StageQpStatus.INFEASIBLE:
@@ -99,14 +101,21 @@ class StageSqp:
         if error <= self._options.convergence * self._scale and self._worst <= self._options.convergence:
             self._finish(here)
             return NlpStatus.SOLVED, here
-        if self._least and self._is_flat(here, slope):
+        if self._is_flat(here, slope):
             return NlpStatus.INEXACT, here
         return self._search(here, slope)
 
     def _is_flat(self, here: Merit, slope: float) -> bool:
-        """No step promises a level that others follow what its tolerance would notice."""
-        kept = self._worst <= 0.1 * self._options.feasibility
-        return kept and -slope <= _NOTHING * self._options.tolerance * here.residual
+        """No step promises what is worth one: of a level that others follow, what its tolerance would notice.
+
+        The last level gets some iterations first: where curvature is left out that matters, more would bring no more digits.
+        """
+        if self._least:
+            kept, worth = 0.1 * self._options.feasibility, _NOTHING * self._options.tolerance * here.residual
+        else:
+            kept, worth = self._options.feasibility, _DIGITS * here.cost
+        late = self._least or self._count > _PATIENCE
+        return bool(late and self._worst <= kept and -slope <= worth)
 
     def _solved(self) -> StageQpSolution:
         """By the first model of the cost that is convex where the constraints leave freedom: that of the last, or coarser ones.
