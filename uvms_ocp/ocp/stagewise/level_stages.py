@@ -118,10 +118,15 @@ class LevelStages:
             found += [np.full(n, bool(i)) for i, n in enumerate(sizes)]
         return np.concatenate([np.zeros(0, dtype=bool), *found])
 
-    def solve(self, ranges: StageRanges, damping: float, give: float) -> StageQpSolution:
+    def fits(self, solution: StageQpSolution) -> bool:
+        """Whether it is one of a QP of this shape."""
+        sizes = tuple(map(len, solution.z)), tuple(map(len, solution.y))
+        return sizes == (self.shape.n_z, self.shape.n_c)
+
+    def solve(self, ranges: StageRanges, damping: float, give: float, near: StageQpSolution | None) -> StageQpSolution:
         """The step, with damping [1/unit of z^2]; it stands in the memory too.
 
-        give [1/unit of the row]: what it costs to miss levels above.
+        give [1/unit of the row]: what it costs to miss levels above. near: where the QP starts.
         """
         memory, flat = self.memory, self.qp.flat
         flat["damping"][:], flat["l1"][self._above] = damping, give
@@ -130,7 +135,7 @@ class LevelStages:
         held = memory.held[self._held]
         flat["lower"][:], flat["upper"][:] = ranges.lower[self._held] - held, ranges.upper[self._held] - held
         ranges.write_z(memory.z, flat["z_lower"], flat["z_upper"])
-        solution = self._solver.solve(self.qp)
+        solution = self._solver.solve(self.qp, near)
         self._keep(solution)
         return solution
 

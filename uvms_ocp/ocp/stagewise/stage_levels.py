@@ -80,6 +80,8 @@ class StageLevel:
         levels.point.read(start.x, p)
         ranges = StageRanges(levels.memory, bounds, self._index)
         warm = start.solution if isinstance(start, WarmStages) else None
+        if warm is not None and not levels.level(self._index).fits(warm):
+            warm = None
         return self._outcome(
             StageSqp(levels.level(self._index), ranges, self._options, self._deadline).run(warm), start
         )

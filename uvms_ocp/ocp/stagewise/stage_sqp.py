@@ -35,6 +35,7 @@ _MODELS = (
 """Damping [1/unit of z^2], whether the cost has the curvature of constraints, and what it costs to miss levels above
 [1/unit of the row]; the next where one fails."""
 _PATIENCE, _DIGITS = 15, 1e-5  # iterations of the last level before a gain of this share of its cost is none
+_FEW = 2  # iterations of a QP in which no bound counts
 _LOUDEST = 1e4  # times the first violation
 _NO_HELP = 1e-6  # share of the violation that a step must take away to count as a help
 
@@ -123,10 +124,13 @@ class StageSqp:
         Where curvature makes none, that of Gauss and Newton takes the place; where that leaves directions open, steps are damped.
         """
         last = self._solution
+        # A QP in which no bound counts is solved by one factor from anywhere.
+        counts = last is not None and last.status is StageQpStatus.SOLVED and last.iterations > _FEW
+        near = last if counts else None
         solution = None
         for damping, curved, give in _MODELS[self._model :]:
             self._level.bend(last if curved else None)
-            solution = self._level.solve(self._ranges, damping + self._least + self._damping, give)
+            solution = self._level.solve(self._ranges, damping + self._least + self._damping, give, near)
             if solution.status in (StageQpStatus.SOLVED, StageQpStatus.INFEASIBLE):
                 break
             # Curvature may come back to be convex; what is singular once stays so.
