@@ -7,10 +7,10 @@ solver and setting.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from horizon.comparison import COMPILED, Comparison, quickest_rows, shooting_rows
+from horizon.comparison import COMPILED, Comparison, limited_rows, quickest_rows, shooting_rows
 from horizon.ours import CONVERGENCE, GAUSS_NEWTON
 from horizon.peer_problems import DURATION, least_time, quickest_problem, shooting_problem
 from recording.report import Report, Row, Table, begin, parser_of
@@ -28,6 +28,10 @@ its row. Cold: from rest at the start with zero forces. `ratio` is to the peer's
 difference of the cost. The number in a setting is the convergence tolerance. {found} IPOPT needs more because its linear
 solver knows nothing of steps, the exact Hessian because it is indefinite far from the solution, and the virtual machine
 because it interprets.
+
+**Limited**: the same with hard limits on the velocity of every axis, on the torque and the position of every joint, a third
+below what the unlimited motion takes. The peer is mim-solvers' constrained SQP with crocoddyl's models, with as many
+iterations as crocoddyl gets; `ratio` is to its processor time whether it converges or not.
 
 **Quickest**: the arm alone on a fixed base, posture to posture in the least time within limits on velocity and
 acceleration. The answer is known ({best:.4g} s); `off` is the share by which a result exceeds it, `ratio` is to the
@@ -50,22 +54,26 @@ FORMATS = {
 }
 
 
+PLUGIN_NAMES = ("stagewise", "fatrop")
+
+
 def found_text(rows: Sequence[Row]) -> str:
-    """What fatrop takes with the peer's kind of Hessian, by tolerance."""
-    parts = []
+    """What ours take with the peer's kind of Hessian, by tolerance."""
+    parts = [part for plugin in PLUGIN_NAMES for part in _ratios(rows, plugin)]
+    return f"With Gauss and Newton's Hessian, which the peer uses as well, {'; '.join(parts)}." if parts else ""
+
+
+def _ratios(rows: Sequence[Row], plugin: str) -> Iterator[str]:
     for tolerance in CONVERGENCE:
         setting = f"{GAUSS_NEWTON}, {tolerance:g}, {COMPILED}"
-        chosen = [row for row in rows if (row["solver"], row["setting"]) == ("uvms_ocp fatrop", setting)]
-        ratios = [row["ratio"] for row in chosen if row["ratio"] is not None]
-        if ratios:
-            apart = max(abs(row["off"]) for row in chosen)
-            parts.append(
-                f"{min(ratios):.2f} to {max(ratios):.2f} times the peer's time at a tolerance of {tolerance:g}, where the "
-                f"costs agree to {apart:.0e}"
+        chosen = [row for row in rows if (row["solver"], row["setting"]) == (f"uvms_ocp {plugin}", setting)]
+        chosen = [row for row in chosen if row["problem"].startswith("shooting") and row["ratio"] is not None]
+        if chosen:
+            ratios, apart = [row["ratio"] for row in chosen], max(abs(row["off"]) for row in chosen)
+            yield (
+                f"{plugin} takes {min(ratios):.2f} to {max(ratios):.2f} times the peer's time at a tolerance of {tolerance:g}, "
+                f"where the costs agree to {apart:.0e}"
             )
-    return f"With Gauss and Newton's Hessian, which the peer uses as well, fatrop takes {', '.join(parts)}." * bool(
-        parts
-    )
 
 
 def main() -> None:
@@ -76,7 +84,8 @@ def main() -> None:
     repeats, steps = (1, (5,)) if run.quick else (REPEATS, STEPS)
     with tempfile.TemporaryDirectory() as name:
         comparison = Comparison(peers=given.peers, scratch=Path(name), repeats=repeats, quick=run.quick)
-        parts = [*(shooting_rows(comparison, n) for n in steps), quickest_rows(comparison, steps[:2])]
+        shooting = [found(comparison, n) for found in (shooting_rows, limited_rows) for n in steps]
+        parts = [*shooting, quickest_rows(comparison, steps[:2])]
     rows = [row for part, _ in parts for row in part]
     prose = PROSE.format(
         repeats=repeats,

@@ -12,7 +12,7 @@ from pathlib import Path
 
 PACKAGES = {
     # crocoddyl 3.2.1 crashes with newer versions of pin.
-    "crocoddyl": ("crocoddyl==3.2.1", "pin==4.0.0", "libpinocchio==4.0.0"),
+    "crocoddyl": ("crocoddyl==3.2.1", "pin==4.0.0", "libpinocchio==4.0.0", "mim-solvers==0.3.0"),
     "drake": ("drake==1.51.1", "pyroboplan==1.3.1"),
     "pink": ("pin-pink==4.4.0", "daqp==0.11.0", "quadprog==0.1.14", "osqp==1.1.3", "proxsuite==0.8.0", "piqp==0.7.0"),
     "minsnap": ("minsnap_trajectories==0.3.0",),

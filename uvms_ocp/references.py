@@ -34,6 +34,8 @@
   Statistics 10, 1995.
 - [Taylor1928] G. I. Taylor, The forces on a body placed in a curved or converging stream of fluid, Proceedings of the
   Royal Society A 120, 1928.
+- [Waechter2006] A. Wächter, L. T. Biegler, On the implementation of an interior-point filter line-search algorithm for
+  large-scale nonlinear programming, Mathematical Programming 106, 2006.
 - [Willsky1976] A. S. Willsky, H. L. Jones, A generalized likelihood ratio approach to the detection and estimation of
   jumps in linear systems, IEEE Transactions on Automatic Control 21(1), 1976.
 """

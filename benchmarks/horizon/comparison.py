@@ -15,6 +15,8 @@ from recording.report import Row
 
 from horizon.peer_problems import (
     least_time,
+    limited_numbers,
+    limited_problem,
     quickest_numbers,
     quickest_problem,
     shooting_numbers,
@@ -23,6 +25,7 @@ from horizon.peer_problems import (
 )
 
 HERE = Path(__file__).parent
+LIMITED_TOLERANCE = 1e-6
 COMPILED, INTERPRETED = "compiled", "virtual machine"
 QUICKEST = {"peer_drake": "Drake KTO", "peer_pyroboplan": "PyRoboPlan"}
 
@@ -92,6 +95,25 @@ def _crocoddyl_row(name: str, peer: Mapping[str, Any], judged: Mapping[str, floa
         "off": off(judged["cost"], peer["cost"]),
         "status": f"{status}; breaks our equations by {judged['violation']:.1e}",
     }
+
+
+def limited_rows(comparison: Comparison, n_steps: int) -> tuple[list[Row], dict[str, str]]:
+    """mim-solvers first: ratios are to its time, and `off` is the share by which a cost differs from its."""
+    name = f"limited, N = {n_steps}"
+    peer: dict[str, Any] = {}
+    if comparison.peers:
+        numbers = limited_numbers(limited_problem(n_steps), LIMITED_TOLERANCE)
+        peer = comparison.run_peer("crocoddyl", "peer_mim_solvers", numbers)
+    rows: list[Row] = []
+    if peer:
+        status = "converged" if peer["converged"] else "not converged"
+        row = {"problem": name, "solver": "mim-solvers CSQP", "setting": f"Gauss-Newton, {LIMITED_TOLERANCE:g}"}
+        found = {"iterations": peer["iterations"], "result": peer["cost"], "status": status}
+        rows.append({**row, **times(peer, peer["cpu"]), **found})
+    best = peer.get("cost") if peer.get("converged") else None
+    for row in comparison.run_ours("limited", n_steps, comparison.ways[0])["rows"]:
+        rows.append(our_row(name, row, comparison.ways[0], peer.get("cpu"), (row["cost"], best)))
+    return rows, peer.get("versions", {})
 
 
 def quickest_rows(comparison: Comparison, sizes: tuple[int, ...]) -> tuple[list[Row], dict[str, str]]:

@@ -6,6 +6,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, onenormest, splu
 
+from horizon.ours import sparse_program
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.ocp.planner import Planner
 
@@ -13,7 +14,7 @@ from uvms_ocp.ocp.planner import Planner
 def condition(planner: Planner, plan: Plan) -> float:
     """Estimate, in the 1-norm, for the matrix of Newton's step at the plan: Hessian and Jacobian of the constraints."""
     assert plan.result is not None
-    (point,), (nlp,) = plan.result.points, planner.transcription.program.nlps
+    (point,), (nlp,) = plan.result.points, sparse_program(planner).program.nlps
     if point.row_multipliers is None:
         return float("nan")
     p = planner.transcription.parameters()

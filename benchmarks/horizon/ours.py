@@ -1,6 +1,6 @@
 """Our side of the comparison with the peers, one problem in all settings, in a process of its own.
 
-    python ours.py shooting|quickest STEPS RESULT.json --repeats N [--peer RESULT.json] [--quick]
+    python ours.py shooting|limited|quickest STEPS RESULT.json --repeats N [--peer RESULT.json] [--quick]
 
 Without a compiler step functions run in CasADi's virtual machine. What a peer has found is put into our cost and our
 equations of motion. Quick: one setting, and a build that may take compiled code from the cache.
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from recording.timing import built, timed
 
-from horizon.peer_problems import quickest_problem, shooting_problem
+from horizon.peer_problems import limited_problem, quickest_problem, shooting_problem
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.trajectory import Trajectory
@@ -31,9 +31,13 @@ GAUSS_NEWTON, EXACT = "Gauss-Newton", "exact"
 
 def settings(kind: str, n_steps: int) -> Iterator[tuple[str, str, OcpProblem]]:
     """Solver, Hessian and problem."""
-    for plugin in ("fatrop", "ipopt"):
-        if kind == "quickest":
+    for plugin in ("stagewise", "fatrop", "ipopt"):
+        if kind == "limited":
+            yield plugin, GAUSS_NEWTON, limited_problem(n_steps)
+        elif kind == "quickest":
             yield plugin, EXACT, quickest_problem(n_steps)
+        elif plugin == "stagewise":
+            yield plugin, GAUSS_NEWTON, shooting_problem(n_steps)
         else:
             yield plugin, GAUSS_NEWTON, shooting_problem(n_steps)
             yield plugin, EXACT, shooting_problem(n_steps, exact=True)
@@ -67,9 +71,15 @@ def measured(planner: Planner, repeats: int) -> dict[str, Any]:
         "iterations": plan.iterations,
         "warm_iterations": warm.value.iterations,
         "status": plan.result.status.value,
-        "cost": cost(planner.transcription, plan.result.x),
+        "cost": cost(sparse_program(planner), plan.result.x),
         "duration": plan.duration,
     }
+
+
+def sparse_program(planner: Planner) -> Transcription:
+    """The sparse program of a planner, whose cost is that of every plugin."""
+    own = planner.transcription
+    return own if isinstance(own, Transcription) else Transcription(planner.problem)
 
 
 def cost(transcription: Transcription, x: np.ndarray) -> float:
@@ -99,7 +109,7 @@ def judged(found: dict[str, Any], n_steps: int) -> dict[str, float]:
 def main() -> None:
     """Write all rows, and what the peer's result is worth."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("kind", choices=("shooting", "quickest"))
+    parser.add_argument("kind", choices=("shooting", "limited", "quickest"))
     parser.add_argument("steps", type=int)
     parser.add_argument("result", type=Path)
     parser.add_argument("--repeats", type=int, required=True)

@@ -21,10 +21,7 @@ MAX_ITERATIONS = 200
 
 def build(given: dict[str, Any]) -> tuple[Any, np.ndarray]:
     """The shooting problem and its first state."""
-    model = pin.buildModelFromUrdf(given["urdf"], pin.JointModelFreeFlyer())
-    for i, body in enumerate(given["inertias"]):
-        model.inertias[i] = pin.Inertia(body["mass"], np.array(body["lever"]), np.array(body["inertia"]))
-    model.gravity.linear = np.zeros(3)
+    model = weightless(given)
     state = crocoddyl.StateMultibody(model)
     actuation = crocoddyl.ActuationModelFull(state)  # every velocity has a force of its own
     x0 = np.concatenate([given["q"], np.zeros(model.nv)])
@@ -39,6 +36,15 @@ def build(given: dict[str, Any]) -> tuple[Any, np.ndarray]:
     problem = crocoddyl.ShootingProblem(x0, [steps[0]] * given["n_steps"], steps[1])
     problem.nthreads = 1
     return problem, x0
+
+
+def weightless(given: dict[str, Any]) -> Any:
+    """The robot with its trim bodies, without gravity."""
+    model = pin.buildModelFromUrdf(given["urdf"], pin.JointModelFreeFlyer())
+    for i, body in enumerate(given["inertias"]):
+        model.inertias[i] = pin.Inertia(body["mass"], np.array(body["lever"]), np.array(body["inertia"]))
+    model.gravity.linear = np.zeros(3)
+    return model
 
 
 def costs(given: dict[str, Any], state: Any, x0: np.ndarray) -> tuple[Any, Any]:

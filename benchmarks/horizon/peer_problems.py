@@ -14,6 +14,7 @@ import pinocchio as pin
 
 from horizon.problems import reach_goal
 from uvms_ocp.model.files.library import robot_folder
+from uvms_ocp.model.limits import Limits
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
@@ -28,7 +29,7 @@ from uvms_ocp.ocp.problem import (
     single_phase,
 )
 from uvms_ocp.ocp.terms import At, AtRest, Duration, Effort, StageSymbols, TaskTerm, Term
-from uvms_ocp.ocp.transcription.stage import Actuators
+from uvms_ocp.ocp.transcription.actuators import Actuators
 from uvms_ocp.tasks.pose import ToolPose
 from uvms_ocp.tasks.task import Residual, bounded_residual, zero_residual
 
@@ -83,11 +84,71 @@ def shooting_problem(n_steps: int, *, exact: bool = False) -> OcpProblem:
     )
 
 
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Control(Term):
+    """All forces in units of their own, not in shares of limits."""
+
+    state_only: ClassVar[bool] = False
+    is_goal: ClassVar[bool] = False
+    at: At = At.PATH
+    units: np.ndarray
+
+    @property
+    def name(self) -> str:
+        return "control"
+
+    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
+        return zero_residual(ca.vertcat(stage.thrust, stage.torque) / ca.DM(self.units))
+
+
+# What the unlimited motion exceeds by a third and more.
+VELOCITY = np.array([0.08, 0.08, 0.04, 0.06, 0.03, 0.04, *[0.08] * 6, 0.25])
+EFFORT = np.array([0.45, 1.1, 0.4, 0.18, 0.024, 0.024, 0.004])
+ROOM = 0.1  # [rad] of each joint to both sides of where it starts
+
+
+def limited_problem(n_steps: int) -> OcpProblem:
+    """The same within hard limits on velocity, torque and position."""
+    problem = shooting_problem(n_steps)
+    joints = problem.start.q[7:]
+    limits = Limits(
+        position_lower=joints - ROOM,
+        position_upper=joints + ROOM,
+        velocity=VELOCITY,
+        effort=EFFORT,
+        acceleration=np.full(problem.robot.n_v, np.inf),
+    )
+    (level,) = problem.levels
+    control = Control(units=control_units(problem), weight=WEIGHTS["control"])
+    levels = (replace(level, terms=(control, *level.terms[1:])),)
+    return replace(problem, robot=replace(problem.robot, limits=limits), levels=levels, limited=True)
+
+
+def control_units(problem: OcpProblem) -> np.ndarray:
+    """(n_v,) [N, N m] of the forces that the cost counts."""
+    first = problem.levels[0].terms[0]
+    if isinstance(first, Control):
+        return first.units
+    actuators = Actuators(problem.robot, problem.actuation)
+    return np.concatenate([actuators.thrust_unit, actuators.torque_unit])
+
+
+def limited_numbers(problem: OcpProblem, tolerance: float) -> dict[str, Any]:
+    """The same problem without our classes."""
+    limits = problem.robot.limits
+    return shooting_numbers(problem) | {
+        "position_lower": limits.position_lower.tolist(),
+        "position_upper": limits.position_upper.tolist(),
+        "velocity": limits.velocity.tolist(),
+        "effort": limits.effort.tolist(),
+        "tolerance": tolerance,
+    }
+
+
 def shooting_numbers(problem: OcpProblem) -> dict[str, Any]:
     """The same problem without our classes."""
     robot, q = problem.robot, problem.start.q
     goal = reach_goal(robot, q)
-    actuators = Actuators(robot, problem.actuation)
     return {
         "urdf": str(robot_folder(ROBOT) / "robot.urdf"),
         "inertias": [inertia_numbers(inertia) for inertia in robot.model.inertias],
@@ -96,7 +157,7 @@ def shooting_numbers(problem: OcpProblem) -> dict[str, Any]:
         "q": q.tolist(),
         "goal_position": goal.translation.tolist(),
         "goal_rotation": goal.rotation.tolist(),
-        "control_unit": [*actuators.thrust_unit.tolist(), *actuators.torque_unit.tolist()],
+        "control_unit": control_units(problem).tolist(),
         "weights": WEIGHTS,
     }
 

@@ -16,13 +16,14 @@ import numpy as np
 import pinocchio as pin
 from recording.timing import Timed, built, timed
 
+from horizon.ours import sparse_program
 from horizon.problems import tool_reach
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
 from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 
-PLUGINS = ("ipopt", "fatrop")
+PLUGINS = ("stagewise", "ipopt", "fatrop")
 LOOSE = 1e-6
 """[-] convergence with Gauss and Newton's Hessian."""
 SHIFT, TURN = 0.02, 0.02
@@ -64,7 +65,7 @@ def moved(problem: OcpProblem) -> OcpProblem:
 def _row(planner: Planner, found: Timed[Plan]) -> dict[str, Any]:
     plan = found.value
     assert plan.result is not None
-    *_, last = planner.transcription.program.nlps
+    *_, last = sparse_program(planner).program.nlps
     cost = last.functions["nlp_f"](plan.result.x, planner.transcription.parameters())
     return {
         "status": plan.result.status.value,

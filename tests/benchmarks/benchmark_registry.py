@@ -59,6 +59,7 @@ ALONE = tuple(
         "nmpc_levels",
         "ocp_missions",
         "ocp_peers",
+        "ocp_random_reach",
         "ocp_reach",
         "ocp_scenes",
         "random_missions",

@@ -102,7 +102,6 @@ OTHERS: dict[str, Any] = {
     "moving": {"rock": lambda t: pin.SE3(np.eye(3), np.array([3.0 - t, 2.0, 0.0]))},
     "rims": (replace(RIM, radius=0.3),),
     "rows": (1,),
-    "axis": (0.0, 1.0, 0.0),
     "terms": (AtRest(), Effort()),
     "constraints": (AtRest(weight=2.0),),
     "start": State(q=np.full(5, 0.1), v=np.full(5, 0.05)),
@@ -111,7 +110,6 @@ OTHERS: dict[str, Any] = {
     "altimeter_frame": "link2",
     "duration": 5.0,
     "label": "another",
-    "rows": lambda stage, goal: 2 * stage.tick.q[:3] - goal,
     "start_freedom": np.full(10, 0.1),
 }
 """Other values of fields, where one is not simply made from the present one."""
@@ -157,6 +155,8 @@ def other(name: str, value: Any) -> Any:
         return pin.SE3(np.eye(3), value.translation + 0.1)
     if isinstance(value, np.ndarray) and value.size != 2:
         return value + 0.1
+    if callable(value):
+        return lambda stage, goal: 2 * stage.tick.q[:3] - goal
     if name in OTHERS:
         return OTHERS[name]
     if isinstance(value, Enum):

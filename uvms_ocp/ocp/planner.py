@@ -14,9 +14,11 @@ from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.reasons.binding import level_prices
 from uvms_ocp.ocp.reasons.verdict import Court, Verdict
 from uvms_ocp.ocp.refinement import Refinement, Written, worst_clearance
+from uvms_ocp.ocp.stagewise.stagewise_program import StagewiseProgram
 from uvms_ocp.ocp.trajectory import Trajectory, hold
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicNlp, LexicographicResult, NlpOptions
+from uvms_ocp.solvers.nlp.program import LexicographicProgram
 from uvms_ocp.solvers.nlp.watch import Progress
 
 
@@ -35,7 +37,7 @@ class Planner:
         self.options = options or NlpOptions()
         self.problem = problem
         self.transcription = transcription or Transcription(problem, plugin=self.options.plugin)
-        self._nlp = LexicographicNlp(self.transcription.program, self.options)
+        self._nlp = LexicographicNlp(_program(self.transcription, self.options), self.options)
 
     def plan(
         self,
@@ -130,7 +132,7 @@ class Planner:
             solve_time=perf_counter() - begin,
             result=verdict.result,
             surroundings=surroundings(given, t0),
-            current=tuple(given.current.tolist()),
+            current=tuple(given.currents.mean(axis=0).tolist()),
         )
 
     def _reports(self, result: LexicographicResult) -> list[LevelReport]:
@@ -156,8 +158,12 @@ class Planner:
             levels=(),
             solve_time=perf_counter() - begin,
             surroundings=surroundings(given, 0.0),
-            current=tuple(given.current.tolist()),
+            current=tuple(given.currents.mean(axis=0).tolist()),
         )
+
+
+def _program(transcription: Transcription, options: NlpOptions) -> LexicographicProgram | StagewiseProgram:
+    return StagewiseProgram(transcription) if options.plugin == "stagewise" else transcription.program
 
 
 @checked

@@ -39,7 +39,10 @@ class Actuation(Enum):
 
 
 class HessianKind(Enum):
-    """EXACT, or GAUSS_NEWTON: cheaper and never indefinite, but blind to the curvature of the constraints."""
+    """EXACT, or GAUSS_NEWTON: cheaper and never indefinite, but blind to the curvature of the constraints.
+
+    Plugin ``stagewise`` leaves out of EXACT how forces curve with velocity and acceleration.
+    """
 
     EXACT = "exact"
     GAUSS_NEWTON = "gauss-newton"

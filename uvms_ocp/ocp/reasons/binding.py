@@ -63,7 +63,7 @@ def _summed(grouped: Grouped, multipliers: np.ndarray) -> Iterator[Binding]:
 
 
 def _levels(transcription: Transcription, multipliers: np.ndarray, level: int) -> Iterator[Binding]:
-    rows = transcription.program.ranges.levels
+    rows = transcription.ranges().levels
     for above, price in zip(rows[:level], prices_of(rows, multipliers, level), strict=True):
         yield Binding(group=Group(name=f"level {above.name!r}", measure=Measure.LEVEL), strength=price, axes=())
 
@@ -78,9 +78,10 @@ def prices_of(rows: tuple[LevelRows, ...], multipliers: np.ndarray, level: int) 
 
 
 def level_prices(transcription: Transcription, result: LexicographicResult, level: int) -> tuple[float, ...]:
-    """See `uvms_ocp.ocp.plan.LevelReport.prices`; zeros where a level is met in full by anticipation."""
+    """See `uvms_ocp.ocp.plan.LevelReport.prices`; zeros where a level is met in full by anticipation, none where they are not known."""
     last = level == len(result.points) - 1
     multipliers = result.points[level].row_multipliers
     if multipliers is None or (result.anticipated and not last):
         return (0.0,) * level
-    return prices_of(transcription.program.ranges.levels, multipliers, level)
+    prices = prices_of(transcription.ranges().levels, multipliers, level)
+    return () if np.isnan(prices).any() else prices

@@ -156,6 +156,8 @@ class Court:
     def _held(self, missed: int, result: LexicographicResult) -> str:
         """What holds the goal back, for the end of a sentence."""
         point = result.points[missed]
+        if point.row_multipliers is None or np.isnan(point.row_multipliers).any():
+            return ""  # not known
         cost = float(self.transcription.costs(point.x, self.p)[missed])
         found = bindings(self.transcription, self.problem, point, missed, cost)
         if not found:

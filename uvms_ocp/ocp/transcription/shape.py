@@ -100,7 +100,7 @@ def _residual(model: StageModel, member: Member, term: Term) -> Residual:
         raise _other(model, member, term)
     given = term.residual(model.symbols, member.goals)
     same_kinds = row_kinds(built.lower, built.upper).same(row_kinds(given.lower, given.upper))
-    if not (same_kinds and _same_expression(built.value, given.value, model.z, member.goals)):
+    if not (same_kinds and _same_expression(built.value, given.value, model.z, model.water, member.goals)):
         raise _other(model, member, term)
     return given
 

@@ -8,7 +8,8 @@ of a step are those at its middle, so that a step is right to second order in it
 Variables of a step: ``z = [q, v, h, a, f, m]`` with q [m, rad], v [m/s, rad/s], the length of the step h [s],
 a [m/s2, rad/s2], thrust f and joint torque m in shares of their limits [-]. Where every velocity has a force of its own
 that nothing limits, and there is no water, f and m are expressions in the others instead: a third of the variables and
-rows less.
+rows less. Where forces are asked to be `eliminated` they always are: the thrust of least squares that makes the wrench,
+and on top of it what cancels out among redundant thrusters, ``z = [q, v, h, a, s]`` with its coordinates s [-].
 """
 
 from __future__ import annotations
@@ -22,16 +23,13 @@ import numpy as np
 
 from uvms_ocp.functions.compile import compile_function
 from uvms_ocp.model.dynamics import robot_dynamics
-from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
+from uvms_ocp.model.symbolic.joint_types import sparse
 from uvms_ocp.model.symbolic.tree import SymbolicModel
-from uvms_ocp.model.thrusters import thrust_limits, thruster_matrix
 from uvms_ocp.ocp.problem import Actuation, HessianKind, Integrator, OcpProblem
-from uvms_ocp.ocp.terms import StageSymbols, finite_or
+from uvms_ocp.ocp.terms import StageSymbols
+from uvms_ocp.ocp.transcription.actuators import Actuators
 from uvms_ocp.tasks.task import TickSymbols
-
-_UNLIMITED_EFFORT = 10.0  # [N m] unit of torque where the robot has no limit
-_VEHICLE_FORCE = 100.0  # [N, N m] unit of the wrench on a vehicle without thrusters
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -42,10 +40,11 @@ class StepLayout:
     n_v: int
     n_thrust: int
     n_torque: int
+    n_null: int = 0
 
     @property
     def n_z(self) -> int:
-        return self.n_q + 2 * self.n_v + 1 + self.n_thrust + self.n_torque
+        return self.null.stop
 
     @property
     def q(self) -> slice:
@@ -69,24 +68,11 @@ class StepLayout:
 
     @property
     def torque(self) -> slice:
-        return slice(self.thrust.stop, self.n_z)
+        return slice(self.thrust.stop, self.thrust.stop + self.n_torque)
 
-
-class Actuators:
-    """Matrix, units and limits of what moves the robot."""
-
-    def __init__(self, robot: Robot, actuation: Actuation) -> None:
-        thrusters = bool(robot.n_vehicle) and actuation is Actuation.THRUSTERS
-        n = robot.n_vehicle
-        self.matrix = thruster_matrix(robot)[:n] if thrusters else np.eye(n)
-        limits = thrust_limits(robot) if thrusters else (np.full(n, -np.inf), np.full(n, np.inf))
-        largest = np.maximum(np.abs(limits[0]), np.abs(limits[1]))
-        self.thrust_unit = finite_or(largest, _VEHICLE_FORCE)
-        self.thrust_lower, self.thrust_upper = (limit / self.thrust_unit for limit in limits)
-        self.torque_unit = finite_or(robot.limits.effort, _UNLIMITED_EFFORT)
-        self.torque_limit = robot.limits.effort / self.torque_unit
-        reach = np.abs(self.matrix) @ self.thrust_unit / 4
-        self.force_unit = np.concatenate([np.maximum(reach, 1e-3 * reach.max(initial=1.0)), self.torque_unit])
+    @property
+    def null(self) -> slice:
+        return slice(self.torque.stop, self.torque.stop + self.n_null)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -157,15 +143,18 @@ def _nonzeros(matrix: ca.SX) -> ca.SX:
 class StageModel:
     """Symbols and dynamics of one step of a problem's robot."""
 
-    def __init__(self, problem: OcpProblem) -> None:
+    def __init__(self, problem: OcpProblem, *, eliminated: bool = False) -> None:
         robot = problem.robot
         self.problem, self.robot = problem, robot
         self.actuators = Actuators(robot, problem.actuation)
         direct = not robot.n_vehicle or problem.actuation is Actuation.WRENCH
-        self.decides_forces = problem.water or problem.limited or not direct
+        self.decides_forces = not eliminated and (problem.water or problem.limited or not direct)
         n_thrust, n_torque = (self.actuators.matrix.shape[1], robot.n_joints) if self.decides_forces else (0, 0)
-        self.layout = StepLayout(n_q=robot.n_q, n_v=robot.n_v, n_thrust=n_thrust, n_torque=n_torque)
+        n_null = self.actuators.null.shape[1] if eliminated else 0
+        self.layout = StepLayout(n_q=robot.n_q, n_v=robot.n_v, n_thrust=n_thrust, n_torque=n_torque, n_null=n_null)
         self.z = ca.SX.sym("z", self.layout.n_z)
+        self.water = ca.SX.sym("u", 3)
+        """(3,) [m/s] velocity of the water."""
         self._dynamics = robot_dynamics(robot).symbolic if problem.water else SymbolicDynamics(model=robot.model)
 
     @property
@@ -181,21 +170,20 @@ class StageModel:
         """
         z, layout = self.z, self.layout
         q, v, h, a = z[layout.q], z[layout.v], z[layout.h], z[layout.a]
-        u = ca.SX.sym("u", 3)
         rows = ca.vertcat(self.moved(q, v, a, h), v + h * a)
         if self.decides_forces:
-            matrix = ca.sparsify(ca.DM(np.where(np.abs(self.actuators.matrix) < 1e-12, 0.0, self.actuators.matrix)))
             given = ca.vertcat(
-                matrix @ (z[layout.thrust] * ca.DM(self.actuators.thrust_unit)),
+                sparse(self.actuators.matrix) @ (z[layout.thrust] * ca.DM(self.actuators.thrust_unit)),
                 z[layout.torque] * ca.DM(self.actuators.torque_unit),
             )
-            rows = ca.vertcat(rows, (self._wanted(u) - given) / ca.DM(self.actuators.force_unit))
+            rows = ca.vertcat(rows, (self.wanted - given) / ca.DM(self.actuators.force_unit))
         exact = self.problem.hessian is HessianKind.EXACT
-        return compiled(derivatives("dynamics", z, u, rows, residuals=None if exact else ()))
+        return compiled(derivatives("dynamics", z, self.water, rows, residuals=None if exact else ()))
 
-    def _wanted(self, u: ca.SX) -> ca.SX:
-        """Generalised forces (n_v,) of a step in water of velocity u (3,)."""
-        z, layout = self.z, self.layout
+    @cached_property
+    def wanted(self) -> ca.SX:
+        """Generalised forces (n_v,) [N, N m] that a step takes."""
+        z, layout, u = self.z, self.layout, self.water
         q, v, h, a = z[layout.q], z[layout.v], z[layout.h], z[layout.a]
         euler = self.problem.integrator is Integrator.EULER
         q_there, v_there = (q, v) if euler else (self.moved(q, v, a, h / 2), v + h / 2 * a)
@@ -207,13 +195,14 @@ class StageModel:
         """Thrust and torque of a step, in shares of their limits."""
         if self.decides_forces:
             return self.z[self.layout.thrust], self.z[self.layout.torque]
-        n, wanted = self.robot.n_vehicle, self._wanted(ca.SX(3, 1))
-        return wanted[:n] / ca.DM(self.actuators.thrust_unit), wanted[n:] / ca.DM(self.actuators.torque_unit)
+        n, wanted, actuators = self.robot.n_vehicle, self.wanted, self.actuators
+        thrust = sparse(actuators.spread) @ wanted[:n] + sparse(actuators.null) @ self.z[self.layout.null]
+        return thrust, wanted[n:] / ca.DM(actuators.torque_unit)
 
     @cached_property
     def inputs_function(self) -> ca.Function:
-        """``z -> thrust, torque`` in shares of their limits."""
-        return ca.Function("inputs", [self.z], [ca.densify(part) for part in self.inputs])
+        """``z, water -> thrust, torque`` in shares of their limits."""
+        return ca.Function("inputs", [self.z, self.water], [ca.densify(part) for part in self.inputs])
 
     def moved(self, q: ca.SX, v: ca.SX, a: ca.SX, h: ca.SX) -> ca.SX:
         """Configuration after the time h of constant acceleration."""

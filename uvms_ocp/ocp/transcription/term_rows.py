@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import casadi as ca
@@ -90,14 +91,23 @@ def term_numbers(terms: Sequence[Term], residuals: Sequence[Residual]) -> TermNu
     )
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class TermRows:
     """What all terms together add at one kind of node: the steps of a phase, or its end.
 
     Rows of constraints come first, then those of level after level.
     """
 
-    functions: Derivatives
+    name: str
+    model: StageModel
+    parameters: ca.SX
+    """(n_parameters,)"""
+    rows: ca.SX
+    """(m,) [-] weighted."""
+    costs: ca.SX
+    """(n_levels,) [-]"""
+    errors: tuple[ca.SX, ...]
+    """Of every level, the vector whose half square is its cost."""
     members: tuple[Member, ...]
     own: TermNumbers
     """Of the problem that was built in."""
@@ -108,6 +118,22 @@ class TermRows:
     """(m,) [-] True for rows without inputs."""
     names: tuple[str, ...]
     """(m,) term of each row."""
+
+    @cached_property
+    def functions(self) -> Derivatives:
+        """Rows and costs with their derivatives in z."""
+        exact = self.model.problem.hessian is HessianKind.EXACT
+        residuals = None if exact else self.errors
+        z, rows, costs = self.model.z, self.rows, self.costs
+        functions = derivatives(self.name, z, self.parameters, rows, costs=costs, residuals=residuals)
+        # Terms of forces hold the equations of motion where forces are no variables.
+        return functions if self.model.decides_forces else compiled(functions)
+
+    @cached_property
+    def value(self) -> ca.Function:
+        """``z, parameters, water -> rows``, without derivatives and not compiled."""
+        inputs = [self.model.z, self.parameters, self.model.water]
+        return ca.Function(f"{self.name}_rows", inputs, [ca.densify(self.rows)])
 
     @property
     def n_rows(self) -> int:
@@ -186,12 +212,14 @@ def _term_rows(model: StageModel, members: Sequence[Member], name: str, *, on_pa
     rows = ca.vertcat(ca.SX(0, 1), *weighted)
     share = model.z[model.layout.h] * shared.common[1] if on_path else ca.SX(1)
     costs, errors = _costs(len(model.problem.levels), members, rows, shared, kinds, share)
-    exact = model.problem.hessian is HessianKind.EXACT
-    functions = derivatives(name, model.z, s, rows, costs=costs, residuals=None if exact else errors)
     each_row = [member for member in members for _ in range(member.residual.n_rows)]
     return TermRows(
-        # Terms of forces hold the equations of motion where forces are no variables.
-        functions=functions if model.decides_forces else compiled(functions),
+        name=name,
+        model=model,
+        parameters=s,
+        rows=rows,
+        costs=costs,
+        errors=tuple(errors),
         members=tuple(members),
         own=own,
         kinds=kinds,

@@ -41,15 +41,15 @@ class Transcription:
     def __init__(self, problem: OcpProblem, *, plugin: str = "ipopt") -> None:
         self.problem, self._plugin = problem, plugin
         self.model = StageModel(problem)
-        self._blocks = term_blocks(self.model)
+        self.blocks = term_blocks(self.model)
         self.variables = VariableLayout(model=self.model)
-        self._parameters = parameter_layout(problem, self._blocks)
+        self.parameter_layout = parameter_layout(problem, self.blocks)
         ends = boundary(self.model)
         if ends.coupled and plugin != "ipopt":
             raise InvalidInput(f"{plugin} goes from step to step, a periodic motion ties its ends: use plugin='ipopt'")
-        self._rows = row_layout(problem, self._blocks, ends, n_forces=self.model.n_forces)
-        self._horizon = horizon(self.variables, self._parameters, self._rows, ends)
-        self._last = fitted(self.model, self._blocks, problem)
+        self.row_layout = row_layout(problem, self.blocks, ends, n_forces=self.model.n_forces)
+        self._horizon = horizon(self.variables, self.parameter_layout, self.row_layout, ends)
+        self._last = fitted(self.model, self.blocks, problem)
 
     @property
     def n_x(self) -> int:
@@ -60,7 +60,7 @@ class Transcription:
         """Every method of a plan asks for that of the same problem."""
         given = problem or self.problem
         if given is not self._last.problem:
-            self._last = fitted(self.model, self._blocks, given)
+            self._last = fitted(self.model, self.blocks, given)
         return self._last
 
     def parameters(
@@ -79,7 +79,7 @@ class Transcription:
         terms that follow the guess are written, the start by default, and tightened (n_nodes, ...) [unit of the row] by
         how much more each of these keeps.
         """
-        return self._parameters.values(self._fitted(problem), t0=t0, start=start, near=near, tightened=tightened)
+        return self.parameter_layout.values(self._fitted(problem), t0=t0, start=start, near=near, tightened=tightened)
 
     def bounds(self, problem: OcpProblem | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Bounds (n_x,) of the variables: limits of the robot, durations."""
@@ -94,9 +94,11 @@ class Transcription:
     def ranges(self, problem: OcpProblem | None = None) -> RowRanges:
         """Where the rows are to be."""
         given = self._fitted(problem)
-        if given.problem is self.problem:
-            return self.program.ranges
-        return self._ranges(given)
+        return self._own_ranges if given.problem is self.problem else self._ranges(given)
+
+    @cached_property
+    def _own_ranges(self) -> RowRanges:
+        return self._ranges(self._fitted(self.problem))
 
     def pack(self, trajectory: Trajectory) -> np.ndarray:
         """Variables (n_x,) of a trajectory; times are taken as they are where durations are free."""
@@ -108,17 +110,17 @@ class Transcription:
 
     @cached_property
     def _constraint_values(self) -> ca.Function:
-        rows = self._horizon.rows[self._rows.constraints.tolist()]
+        rows = self._horizon.rows[self.row_layout.constraints.tolist()]
         return ca.Function("constraints", [self._horizon.x, self._horizon.p], [rows])
 
     @property
     def constraint_names(self) -> tuple[str, ...]:
         """(n_constraints,) of what each constraint of the program stands for."""
-        return tuple(self._rows.names[row] for row in self._rows.constraints.tolist())
+        return tuple(self.row_layout.names[row] for row in self.row_layout.constraints.tolist())
 
     def constraint_functions(self) -> dict[str, ca.Function]:
         """``nlp_g``, ``nlp_jac_g`` and ``nlp_hess_l`` of the constraints alone, as IPOPT asks for them."""
-        return self._horizon.derivative_functions(0, self._rows.constraints, plugin="ipopt")
+        return self._horizon.derivative_functions(0, self.row_layout.constraints, plugin="ipopt")
 
     @cached_property
     def _costs(self) -> ca.Function:
@@ -133,12 +135,12 @@ class Transcription:
 
         p (n_p,) [unit of the parameter]: see `parameters`.
         """
-        g, rows = np.array(self._constraint_values(x, p)).ravel(), self._rows.constraints
+        g, rows = np.array(self._constraint_values(x, p)).ravel(), self.row_layout.constraints
         ranges = self.ranges(problem)
         broken = excess(g, ranges.lower, ranges.upper)
         worst: dict[str, float] = {}
         for row, value in zip(rows, broken.tolist(), strict=True):
-            name = self._rows.names[row]
+            name = self.row_layout.names[row]
             worst[name] = max(worst.get(name, 0.0), value)
         return worst
 
@@ -146,9 +148,9 @@ class Transcription:
         """Constraint along the path that the start itself breaks, and by how much."""
         if not problem.fixed_start:
             return None
-        rows, numbers = self._blocks[0].rows, self._fitted(problem).numbers[0]  # the steps of the first phase
+        rows, numbers = self.blocks[0].rows, self._fitted(problem).numbers[0]  # the steps of the first phase
         z, s = self._at_start(problem, numbers)
-        broken = excess(np.array(rows.functions.value(z, s)).ravel(), numbers.lower, numbers.upper)
+        broken = excess(np.array(rows.value(z, s, problem.currents[0])).ravel(), numbers.lower, numbers.upper)
         broken[(rows.level != CONSTRAINT) | ~rows.state_only] = 0.0
         if not broken.any() or broken.max() < _ROUNDING:
             return None
@@ -157,7 +159,7 @@ class Transcription:
     def undefined(self, problem: OcpProblem) -> list[str]:
         """Terms whose rows, or their slopes, are no numbers at the start."""
         names: dict[str, None] = {}
-        for block, numbers in zip(self._blocks, self._fitted(problem).numbers, strict=True):
+        for block, numbers in zip(self.blocks, self._fitted(problem).numbers, strict=True):
             functions, at = block.rows.functions, self._at_start(problem, numbers)
             slopes = np.array(functions.jacobian(*at)).ravel()
             wrong = set(np.flatnonzero(np.isnan(np.array(functions.value(*at)).ravel())).tolist())
@@ -175,8 +177,8 @@ class Transcription:
     @cached_property
     def program(self) -> LexicographicProgram:
         """The lexicographic program, with derivatives."""
-        layout, x, p = self._rows, self._horizon.x, self._horizon.p
-        numbered, ranges = np.concatenate([layout.constraints, *layout.held]), self._ranges(self._fitted(None))
+        layout, x, p = self.row_layout, self._horizon.x, self._horizon.p
+        numbered, ranges = np.concatenate([layout.constraints, *layout.held]), self._own_ranges
         y = [self._horizon.rows[rows.tolist()] if len(rows) else ca.MX(0, 1) for rows in layout.levels]
         return LexicographicProgram(
             ranges=ranges,
@@ -185,7 +187,7 @@ class Transcription:
         )
 
     def _ranges(self, given: Fitted) -> RowRanges:
-        layout = self._rows
+        layout = self.row_layout
         lower, upper = layout.bounds(given.numbers)
         ends = np.cumsum([len(layout.constraints), *(len(rows) for rows in layout.held)]).tolist()
         places = zip(given.problem.levels, layout.levels, ends[:-1], ends[1:], strict=True)
@@ -205,7 +207,7 @@ class Transcription:
         )
 
     def _level_nlp(self, index: int, numbered: np.ndarray) -> LevelNlp:
-        order = np.argsort(self._rows.stage[numbered], kind="stable")
+        order = np.argsort(self.row_layout.stage[numbered], kind="stable")
         raw_rows, whole = numbered[order], self._horizon
         nlp = {"x": whole.x, "p": whole.p, "f": whole.costs[index], "g": whole.rows[raw_rows.tolist()]}
         functions = whole.derivative_functions(index, raw_rows, plugin=self._plugin)

@@ -12,8 +12,10 @@ levels are solved in order.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
+from typing import Protocol, runtime_checkable
 
 import casadi as ca
 import numpy as np
@@ -60,17 +62,59 @@ class LexicographicResult:
         return np.array([np.linalg.norm(residual) for residual in self.residuals])
 
 
+class LevelCall(Protocol):
+    """The NLP of one level, solved by whoever can; as `LevelSolver`."""
+
+    def fits(self, point: NlpPoint) -> bool:
+        """True for a start of this program."""
+
+    def __call__(self, start: NlpPoint, p: np.ndarray, bounds: RowBounds) -> Outcome:
+        """Solve from `start`, warm if it has multipliers, with parameters p (n_p,) [unit of the parameter]."""
+
+
+@runtime_checkable
+class SelfSolving(Protocol):
+    """A program that brings its own solvers."""
+
+    @property
+    def ranges(self) -> RowRanges:
+        """With which it is solved unless others are given."""
+
+    @property
+    def n_x(self) -> int:
+        """Variables."""
+
+    @property
+    def n_p(self) -> int:
+        """Parameters."""
+
+    def solvers(self, options: NlpOptions, deadline: Deadline) -> Sequence[LevelCall]:
+        """One for each level."""
+
+    def rows_at(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Rows y of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
+
+
 @checked
 class LexicographicNlp:
-    """Solves one program again and again: every NLP is built once, here."""
+    """Solves one program again and again: every NLP is built once, here.
 
-    def __init__(self, program: LexicographicProgram, options: NlpOptions | None = None) -> None:
+    Raises `InvalidInput` for plugin ``stagewise`` and a program that is not one of stages.
+    """
+
+    def __init__(self, program: LexicographicProgram | SelfSolving, options: NlpOptions | None = None) -> None:
         self.program = program
         self.options = options or NlpOptions()
         self.deadline, self.watch = Deadline(), Watch()
-        self.levels = [
-            LevelSolver(program, i, self.options, self.deadline, self.watch) for i in range(len(program.nlps))
-        ]
+        self.levels = self._solvers(program)
+
+    def _solvers(self, program: LexicographicProgram | SelfSolving) -> Sequence[LevelCall]:
+        if isinstance(program, LexicographicProgram):
+            if self.options.plugin == "stagewise":
+                raise InvalidInput("plugin 'stagewise' solves problems over a horizon; give 'ipopt' or 'fatrop'")
+            levels = range(len(program.nlps))
+            return [LevelSolver(program, i, self.options, self.deadline, self.watch) for i in levels]
+        return program.solvers(self.options, self.deadline)
 
     def solve(
         self,
@@ -118,7 +162,7 @@ class LexicographicNlp:
 
     def rows_at(self, x: Variables, p: Parameters) -> tuple[np.ndarray, ...]:
         """Rows y of every level at x (n,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
-        return tuple(np.array(y).ravel() for y in self.program.values.call([x, p]))
+        return self.program.rows_at(x, p)
 
 
 class _Run:
@@ -180,6 +224,7 @@ class _Run:
 
     def _stopped(self, outcome: Outcome) -> LexicographicResult:
         """By hand, before the first level was solved by itself: no level is held where it is."""
+        assert isinstance(self._nlp.program, LexicographicProgram)  # which alone is watched
         first = self._nlp.program.nlps[0]
         g = ca.Function("g", [first.nlp["x"], first.nlp["p"]], [first.nlp["g"]])(outcome.point.x, self._p)
         violation = self._bounds.violation(outcome.point.x, np.array(g).ravel(), first.rows)

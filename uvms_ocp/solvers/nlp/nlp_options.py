@@ -11,7 +11,7 @@ import numpy as np
 from uvms_ocp.arguments import DAY, checked
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 
-PLUGINS = ("ipopt", "fatrop")
+PLUGINS = ("ipopt", "fatrop", "stagewise")
 
 
 @checked
@@ -20,7 +20,7 @@ class NlpOptions:
     """How the NLPs are solved. Raises `NameNotFound` for another plugin, `InvalidInput` for a number out of its range."""
 
     plugin: str = "ipopt"
-    """``ipopt`` or ``fatrop``."""
+    """``ipopt``, ``fatrop``, or ``stagewise`` for problems over a horizon."""
     tolerance: float = 1e-6
     """[-] By which the residual of a solved level, as a norm, may rise. With 0, and always with fatrop, rows of equalities
     are frozen as equality constraints: not for levels whose rows contradict each other, where no constraint

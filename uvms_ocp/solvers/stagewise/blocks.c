@@ -111,7 +111,8 @@ static void add_gram(int m, int n, const double *A, const double *weight, double
 /* M = L' L with L lower, in place; from the last row to the first, so that what comes last is eliminated first.
 
 inverse (n) gets 1 / L_kk. Where a pivot is rounding only, rows from `needed` on (those that are solved for) are damped, and the
-others, of which only the product L' L counts, are 0. Returns 1 where the matrix is not positive semi-definite, 2 for NaN. */
+others, of which only the product L' L counts, are 0. Returns 1 where the matrix is not positive semi-definite in these others
+alone, 2 where it is not in rows that are solved for, 3 for NaN. */
 static int factor_reversed(int n, int needed, double least, double *restrict M, double *restrict inverse) {
   const int ld = PADDED(n);
   int wrong = 0;
@@ -133,8 +134,11 @@ static int factor_reversed(int n, int needed, double least, double *restrict M, 
       double *restrict row = M + k * ld;
       for (int q = 3; q > p; --q) add_multiple(k + 1, -M[(top + q) * ld + k], M + (top + q) * ld, row);
       double pivot = row[k], scale = 0.0;
-      if (!(pivot == pivot)) return 2;
-      if (pivot < -INDEFINITE * (given[p] + least)) wrong = 1;
+      if (!(pivot == pivot)) return 3;
+      if (pivot < -INDEFINITE * (fabs(given[p]) + least)) {
+        if (k >= needed) return 2;
+        wrong = 1;
+      }
       if (pivot <= ROUNDING * given[p] + TINY) {
         /* A direction without curvature. */
         if (k >= needed) pivot = DAMPED * (given[p] > least ? given[p] : least);

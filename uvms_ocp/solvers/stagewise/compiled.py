@@ -36,7 +36,7 @@ _DATA = {
     "damping": "damping",
     "constraints": "C",
 }
-_STAGE_WORK = ("fixed", "Q", "q", "L", "inverse", "W", "v", "list")
+_STAGE_WORK = ("fixed", "Q", "q", "L", "inverse", "plain", "W", "v", "list")
 _TABLE = ("bound", "side", "elastic", "equal", "target", "l1", "l2", "compliance", "norm")
 _WORK = ("elasticity", "point", "best", "step", "affine", "trial")
 _DIRECTION = ("weight", "soft", "left", "gap", "pull", "rhs", "t_side", "t_elastic")
@@ -189,6 +189,7 @@ def _stage_work(shape: StageShape) -> dict[str, Array]:
         "q": n,
         "L": factor,
         "inverse": n,
+        "plain": shape.N + 1,
         "W": padded(max(shape.n_x)) * most,
         "v": 2 * most,
         "list": 4 * max(*shape.n_r, *shape.n_c),

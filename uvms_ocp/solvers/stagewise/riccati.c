@@ -11,6 +11,7 @@ typedef struct {
   const double *fixed; /* of each variable: 1 where it never moves */
   double *Q, *q;       /* Hessian, padded, and gradient at 0 */
   double *L, *inverse; /* factor, padded */
+  double *plain;       /* of each stage: 1 where the cost-to-go of its state is not convex and stands, whole, in place of its factor */
   double *W;           /* room for the largest n_x rows of the largest stage */
   double *v;           /* room for 4 vectors of the largest stage */
   WeightedRow *list;   /* room for twice the largest number of rows */
@@ -44,9 +45,19 @@ static void load_stages(Stages *s, int costless) {
   s->least = SMALLEST_CURVATURE * s->most;
 }
 
-/* Factor with `weight` on constraint rows and then on variables; 0, or as `factor_reversed`. */
+/* The cost-to-go of a state, whole, where it has no factor: what the controls leave of its Hessian M. */
+static void keep_whole(int n, int state, const double *M, double *L) {
+  const int ld = PADDED(n);
+  for (int i = 0; i < state; ++i)
+    for (int j = 0; j <= i; ++j) {
+      double left = M[i * ld + j];
+      for (int k = state; k < n; ++k) left -= L[k * ld + i] * L[k * ld + j];
+      L[i * ld + j] = L[j * ld + i] = left;
+    }
+}
+
+/* Factor with `weight` on constraint rows and then on variables; 1 where no step is a minimum, 2 for NaN, else 0. */
 static int factor_stages(Stages *s, const double *weight, const double *weight_z) {
-  int wrong = 0;
   for (int k = s->N; k >= 0; --k) {
     const int n = n_z(s, k), ld = PADDED(n), after = k < s->N ? s->n_x[k + 1] : 0;
     const double *fixed = s->fixed + s->z[k];
@@ -57,17 +68,19 @@ static int factor_stages(Stages *s, const double *weight, const double *weight_z
     if (after) {
       const int next = PADDED(n_z(s, k + 1));
       const double *G = s->L + s->M[k + 1], *F = s->dynamics + s->F[k];
+      const int plain = s->plain[k + 1] != 0.0;
       for (int i = 0; i < after; i += 4)
         for (int j = 0; j < n; j += 4) {
           double c[4][4] = {{0}};
-          block_rows(i + 4 < after ? i + 4 : after, G + i * next, next, F + j, n, c);
+          block_rows(i + 4 < after && !plain ? i + 4 : after, G + i * next, next, F + j, n, c);
           for (int p = 0; p < 4; ++p)
             for (int q = 0; q < 4; ++q) s->W[(i + p) * ld + j + q] = c[p][q];
         }
       for (int i = 0; i < n; i += 4)
         for (int j = 0; j <= i; j += 4) {
           double c[4][4] = {{0}};
-          block_product(after, s->W + i, ld, s->W + j, ld, c);
+          if (plain) block_product(after, F + i, n, s->W + j, ld, c);
+          else block_product(after, s->W + i, ld, s->W + j, ld, c);
           for (int p = 0; p < 4; ++p)
             for (int q = 0; q < 4; ++q) L[(i + p) * ld + j + q] += c[p][q];
         }
@@ -77,17 +90,24 @@ static int factor_stages(Stages *s, const double *weight, const double *weight_z
         for (int j = 0; j < n; ++j) L[(i > j ? i : j) * ld + (i > j ? j : i)] = 0.0;
         L[i * ld + i] = 1.0;
       }
-    const int failed = factor_reversed(n, k ? s->n_x[k] : 0, s->least, L, s->inverse + s->z[k]);
-    if (failed > wrong) wrong = failed;
-    if (wrong == 2) return wrong;
+    const int state = k ? s->n_x[k] : 0;
+    memcpy(s->W, L, sizeof(double) * (size_t)(state * ld));
+    const int failed = factor_reversed(n, state, s->least, L, s->inverse + s->z[k]);
+    s->plain[k] = failed == 1;
+    if (failed == 1) keep_whole(n, state, s->W, L);
+    if (failed > 1) return failed - 1;
   }
-  return wrong;
+  return 0;
 }
 
-/* h = P v for the state of stage k, P = L' L; w: room for n_x. */
+/* h = P v for the state of stage k, P = L' L unless it is plain; w: room for n_x. */
 static void times_P(const Stages *s, int k, const double *v, double *h, double *w) {
   const int n = s->n_x[k], ld = PADDED(n_z(s, k));
   const double *L = s->L + s->M[k];
+  if (s->plain[k] != 0.0) {
+    for (int i = 0; i < n; ++i) h[i] = dot(n, L + i * ld, v);
+    return;
+  }
   for (int i = 0; i < n; ++i) w[i] = dot(i + 1, L + i * ld, v), h[i] = 0.0;
   for (int i = 0; i < n; ++i) add_multiple(i + 1, w[i], L + i * ld, h);
 }

@@ -19,6 +19,8 @@ class NumpyStages:
         self._Q: list[Array] = []
         self._L: list[Array] = []
         self._inverse: list[Array] = []
+        self._P: list[Array | None] = []
+        """Of states whose cost-to-go is not convex, and has no factor."""
         self._least = 1.0
         self._qp: StageQp
 
@@ -44,24 +46,26 @@ class NumpyStages:
 
         0, or 1 where the cost is not convex, 2 where it is not a number.
         """
-        self._L, self._inverse, worst = [], [], 0
+        self._L, self._inverse, self._P = [], [], []
         for k in range(self.shape.N, -1, -1):
             C, n_x = self._qp.C[k], self.shape.n_x[k]
             M = self._Q[k] + C.T @ (weight[self._c[k], None] * C) + np.diag(weight_z[self._z[k]])
             if k < self.shape.N:
                 after = self.shape.n_x[k + 1]
-                W = self._L[0][:after, :after] @ self._qp.dynamics[k]
-                M += W.T @ W
+                F = self._qp.dynamics[k]
+                W = self._L[0][:after, :after] @ F
+                M += W.T @ W if self._P[0] is None else F.T @ self._P[0] @ F
             fixed = self.fixed[self._z[k]] > 0.0
             M[fixed], M[:, fixed] = 0.0, 0.0
             M[fixed, fixed] = 1.0
-            L, inverse, failed = _factor_reversed(M, n_x if k else 0, self._least)
+            state = n_x if k else 0
+            L, inverse, failed = _factor_reversed(M, state, self._least)
             self._L.insert(0, L)
             self._inverse.insert(0, inverse)
-            worst = max(worst, failed)
-            if worst == 2:
-                return worst
-        return worst
+            self._P.insert(0, _left(M, L, state) if failed == 1 else None)
+            if failed > 1:
+                return failed - 1
+        return 0
 
     def solve(self, g: Array, d: Array) -> tuple[Array, Array]:
         """The step that minimises ``1/2 dz' Q dz + g' dz`` along ``dx_+ = F dz + d``, and its costates.
@@ -93,9 +97,9 @@ class NumpyStages:
         return np.concatenate(h), costate
 
     def _times_P(self, k: int, v: Array) -> Array:
-        n = self.shape.n_x[k]
+        n, P = self.shape.n_x[k], self._P[k]
         L = self._L[k][:n, :n]
-        return np.asarray(L.T @ (L @ v))
+        return np.asarray(L.T @ (L @ v) if P is None else P @ v)
 
     def evaluate(self, z: Array, costate: Array, y: Array, y_z: Array) -> tuple[Array, Array, Array, float]:
         """Gradient of the Lagrangian, defects, values of rows, and the largest entry of the cost's gradient.
@@ -121,15 +125,22 @@ class NumpyStages:
         return np.asarray(grad + y_z + np.concatenate([y[own] @ C for C, own in zip(self._qp.C, self._c, strict=True)]))
 
 
+def _left(M: Array, L: Array, state: int) -> Array:
+    """What the controls leave of the Hessian M of a state, which has no factor."""
+    return np.asarray(M[:state, :state] - L[state:, :state].T @ L[state:, :state])
+
+
 def _factor_reversed(M: Array, needed: int, least: float) -> tuple[Array, Array, int]:
-    """L, 1 / L_kk, and 0, or what was wrong; M = L' L."""
+    """L, 1 / L_kk, and 0, or what was wrong as in blocks.c; M = L' L."""
     L, wrong, n, tolerances = np.tril(M), 0, len(M), STAGE_TOLERANCES
     given, inverse = np.diag(M).copy(), np.zeros(len(M))
     for k in range(n - 1, -1, -1):
         pivot = L[k, k]
         if not np.isfinite(pivot):
-            return L, inverse, 2
-        if pivot < -tolerances.indefinite * (given[k] + least):
+            return L, inverse, 3
+        if pivot < -tolerances.indefinite * (abs(given[k]) + least):
+            if k >= needed:
+                return L, inverse, 2
             wrong = 1
         if pivot <= tolerances.rounding * given[k] + tolerances.tiny:
             pivot = tolerances.damped * max(given[k], least) if k >= needed else 0.0

@@ -1,0 +1,95 @@
+"""A shooting problem with hard limits by mim-solvers' CSQP: ``python peer_mim_solvers.py PROBLEM.json RESULT.json --repeats N``.
+
+Run in the environment of crocoddyl, whose models it solves.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import crocoddyl
+import mim_solvers
+import numpy as np
+from recording.timing import once, timed
+
+from horizon.peer_crocoddyl import costs, weightless
+
+MAX_ITERATIONS = 200
+
+
+def build(given: dict[str, Any]) -> tuple[Any, np.ndarray]:
+    """The shooting problem and its first state."""
+    model = weightless(given)
+    state = crocoddyl.StateMultibody(model)
+    actuation = crocoddyl.ActuationModelFull(state)
+    x0 = np.concatenate([given["q"], np.zeros(model.nv)])
+    h = given["duration"] / given["n_steps"]
+    limits = [constraints(given, state, x0, torques=torques) for torques in (True, False)]
+    steps = [
+        crocoddyl.IntegratedActionModelEuler(
+            crocoddyl.DifferentialActionModelFreeFwdDynamics(state, actuation, cost, limit), step
+        )
+        for cost, limit, step in zip(costs(given, state, x0), limits, (h, 0.0), strict=True)
+    ]
+    problem = crocoddyl.ShootingProblem(x0, [steps[0]] * given["n_steps"], steps[1])
+    problem.nthreads = 1
+    return problem, x0
+
+
+def constraints(given: dict[str, Any], state: Any, x0: np.ndarray, *, torques: bool) -> Any:
+    """Limits on joint positions, all velocities and joint torques; the wrench on the vehicle has none."""
+    found, n = crocoddyl.ConstraintModelManager(state, state.nv), state.nv
+    inner = x0[7 : 7 + n - 6]
+    lower = np.concatenate([np.full(6, -np.inf), given["position_lower"] - inner, -np.array(given["velocity"])])
+    upper = np.concatenate([np.full(6, np.inf), given["position_upper"] - inner, given["velocity"]])
+    away = crocoddyl.ResidualModelState(state, x0, n)
+    found.addConstraint("state", crocoddyl.ConstraintModelResidual(state, away, lower, upper))
+    if torques:
+        most = np.concatenate([np.full(6, np.inf), given["effort"]])
+        control = crocoddyl.ResidualModelControl(state, n)
+        found.addConstraint("torque", crocoddyl.ConstraintModelResidual(state, control, -most, most))
+    return found
+
+
+def solve(given: dict[str, Any], repeats: int) -> dict[str, Any]:
+    """Cold from rest with zero forces."""
+    made = once(lambda: build(given))
+    problem, x0 = made.value
+    xs, us = [x0] * (problem.T + 1), [np.zeros(problem.runningModels[0].nu)] * problem.T
+
+    def call() -> tuple[bool, Any]:
+        solver = mim_solvers.SolverCSQP(problem)
+        solver.termination_tolerance, solver.eps_abs, solver.eps_rel = given["tolerance"], 1e-8, 0.0
+        solver.max_qp_iters = 1000
+        return bool(solver.solve(xs, us, MAX_ITERATIONS, False)), solver
+
+    found = timed(call, repeats)
+    converged, solver = found.value
+    versions = f"{version('mim-solvers')} with crocoddyl {version('crocoddyl')} and pin {version('pin')}"
+    return {
+        "versions": {"mim-solvers": versions},
+        "build_s": made.wall,
+        "wall": found.wall,
+        "cpu": found.cpu,
+        "iterations": solver.iter,
+        "converged": converged,
+        "cost": solver.cost,
+    }
+
+
+def main() -> None:
+    """Solve the problem of a file into another."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("problem", type=Path)
+    parser.add_argument("result", type=Path)
+    parser.add_argument("--repeats", type=int, required=True)
+    given = parser.parse_args()
+    given.result.write_text(json.dumps(solve(json.loads(given.problem.read_text()), given.repeats)))
+
+
+if __name__ == "__main__":
+    main()

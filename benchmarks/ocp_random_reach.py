@@ -1,0 +1,148 @@
+"""Random tool reaches by optimal control: ``python benchmarks/ocp_random_reach.py``.
+
+Start, goal and current are drawn; every outcome is counted. Writes ocp_random_reach.csv and ocp_random_reach.md.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+from horizon.problems import tool_reach
+from recording.processes import hide_compiler
+from recording.report import Report, Row, Table, begin, parser_of
+from recording.timing import once
+
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.state import State
+from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.ocp.problem import OcpLevel, OcpProblem
+from uvms_ocp.ocp.terms import TaskTerm
+from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
+from uvms_ocp.tasks.pose import ToolPose
+
+DRAWN, SEED, STEPS = 200, 1, 40
+WAY, TURN, CURRENT = 1.5, 0.6, 0.3  # [m], [rad] in roll, pitch and yaw, [m/s] at most
+OPTIONS = NlpOptions(plugin="stagewise", convergence=1e-6)
+EDGES = (0, 5, 10, 20, 40, 80, 160, 1000)  # of the histogram of iterations
+PROSE = """
+{drawn} reaches of {dofs} degrees of freedom in water, within the limits of thrusters and joints, {steps} steps in {duration:g} s:
+the vehicle's yaw, the posture of the arm within half of its ranges, the way of the tool (up to {way:g} m), its turn (up to
+{turn:g} rad about every axis) and the current (up to {current:g} m/s) are drawn with seed {seed}. From rest to rest, first the
+pose of the tool, below it least effort and acceleration, cold from a guess that stays where it is, and without a second try.
+
+{solved} of {drawn} are solved ({share:.1%}). Processor time: {median:.0f} ms at the median, {most:.0f} ms at most.
+
+| outcome | reaches |
+|---|---|
+{outcomes}
+
+| iterations | reaches |
+|---|---|
+{histogram}
+"""
+FORMATS = {
+    "reach": "",
+    "way_m": ".3f",
+    "current_mps": ".3f",
+    "status": "",
+    "reason": "",
+    "iterations": "",
+    "cpu_ms": ".1f",
+    "goal": ".1e",
+}
+
+
+def drawn(base: OcpProblem, rng: np.random.Generator) -> tuple[OcpProblem, float]:
+    """A reach, and how far its tool moves [m]."""
+    robot = base.robot
+    q = robot.configuration(position=(0, 0, -5), rpy=(0, -0.06, rng.uniform(-np.pi, np.pi))).copy()
+    low, up = robot.limits.position_lower, robot.limits.position_upper
+    q[7:] = np.clip(q[7:] + rng.uniform(-0.25, 0.25, robot.n_joints) * (up - low), low + 0.05, up - 0.05)
+    way = rng.uniform(-1.0, 1.0, 3) * WAY / np.sqrt(3)
+    turn = pin.rpy.rpyToMatrix(*rng.uniform(-TURN, TURN, 3))
+    levels = (_tool_level(base, _moved(robot, q, way, turn)), *base.levels[1:])
+    current = rng.uniform(-1.0, 1.0, 3) * CURRENT / np.sqrt(3)
+    start = State(q=q, v=np.zeros(robot.n_v))
+    return replace(base, start=start, levels=levels, current=current), float(np.linalg.norm(way))
+
+
+def _moved(robot: Robot, q: np.ndarray, way: np.ndarray, turn: np.ndarray) -> pin.SE3:
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    X_WT = data.oMf[robot.frame_id("tool")]
+    return pin.SE3(turn @ X_WT.rotation, X_WT.translation + way)
+
+
+def _tool_level(base: OcpProblem, goal: pin.SE3) -> OcpLevel:
+    level = base.levels[0]
+    return replace(level, terms=(TaskTerm(task=ToolPose(goal=goal)),))
+
+
+def row(planner: Planner, problem: OcpProblem, number: int, way: float) -> Row:
+    """What becomes of a reach."""
+    found = once(lambda: planner.plan(problem, diagnose=False))
+    plan = found.value
+    return {
+        "reach": number,
+        "way_m": way,
+        "current_mps": float(np.linalg.norm(problem.current)),
+        "status": plan.status.value,
+        "reason": plan.reason,
+        "iterations": plan.iterations,
+        "cpu_ms": 1e3 * found.cpu,
+        "goal": plan.levels[0].residual if plan.levels else None,
+    }
+
+
+def histogram(rows: Sequence[Row]) -> str:
+    """Reaches by iterations."""
+    iterations = [row["iterations"] for row in rows]
+    counts, _ = np.histogram(iterations, bins=EDGES)
+    pairs = zip(EDGES[:-1], EDGES[1:], counts.tolist(), strict=True)
+    return "\n".join(f"| {low} to {high - 1} | {n} |" for low, high, n in pairs if n)
+
+
+def prose(problem: OcpProblem, rows: Sequence[Row]) -> str:
+    """With the figures of all reaches."""
+    outcomes, times = Counter(row["status"] for row in rows), [row["cpu_ms"] for row in rows]
+    return PROSE.format(
+        drawn=len(rows),
+        dofs=problem.robot.n_v,
+        steps=problem.n_steps,
+        duration=problem.nominal_times()[-1],
+        way=WAY,
+        turn=TURN,
+        current=CURRENT,
+        seed=SEED,
+        solved=outcomes["solved"],
+        share=outcomes["solved"] / len(rows),
+        median=np.median(times),
+        most=np.max(times),
+        outcomes="\n".join(f"| {status} | {n} |" for status, n in outcomes.most_common()),
+        histogram=histogram(rows),
+    )
+
+
+def main() -> None:
+    """Draw and solve."""
+    _, run = begin(parser_of(__doc__))
+    if run.quick:
+        hide_compiler()
+    base, rng = tool_reach(3 if run.quick else STEPS), np.random.default_rng(SEED)
+    planner = Planner(base, replace(OPTIONS, max_iterations=3) if run.quick else OPTIONS)
+    rows = [row(planner, *_numbered(base, rng, i)) for i in range(2 if run.quick else DRAWN)]
+    table = Table(rows=rows, columns=FORMATS)
+    run.write(Report(name="ocp_random_reach", title="Random reaches", prose=prose(base, rows), tables=[table]))
+
+
+def _numbered(base: OcpProblem, rng: np.random.Generator, number: int) -> tuple[OcpProblem, int, float]:
+    problem, way = drawn(base, rng)
+    return problem, number, way
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,147 @@
+"""Laws of problems that are solved stage by stage: the same optimum as IPOPT, derivatives, and what is infeasible."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+import pytest
+from reaches import PATIENCE, reach
+
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.state import State
+from uvms_ocp.ocp.plan import OcpStatus
+from uvms_ocp.ocp.planner import Planner
+from uvms_ocp.ocp.problem import Actuation, Integrator, OcpLevel, OcpPhase, OcpProblem, single_phase
+from uvms_ocp.ocp.stagewise.filter import Filter, Merit
+from uvms_ocp.ocp.stagewise.stage_functions import BlockFunctions, force_rows
+from uvms_ocp.ocp.stagewise.tangent import Tangent
+from uvms_ocp.ocp.terms import AtRest, Duration, Effort
+from uvms_ocp.ocp.transcription.stage import StageModel
+from uvms_ocp.ocp.transcription.term_rows import term_blocks
+from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
+
+DRY: dict[str, object] = {"water": False, "limited": False, "actuation": Actuation.WRENCH}
+
+
+def stagewise(problem: OcpProblem, **options: object) -> Planner:
+    return Planner(problem, NlpOptions(time_limit=PATIENCE, plugin="stagewise", **options))  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def weightless(robot: Robot) -> Robot:
+    model = pin.Model(robot.model)
+    model.gravity = pin.Motion.Zero()
+    return replace(robot, model=model)
+
+
+@pytest.fixture(scope="module")
+def stage_planner(robot: Robot) -> Planner:
+    return stagewise(reach(robot))
+
+
+def test_the_tool_reach_has_the_optimum_of_ipopt(stage_planner: Planner, planner: Planner) -> None:
+    ours, theirs = stage_planner.plan(), planner.plan()
+    assert ours.status is OcpStatus.SOLVED
+    assert ours.levels[0].residual < 1e-6
+    assert ours.levels[1].residual ** 2 == pytest.approx(theirs.levels[1].residual ** 2, rel=1e-6)
+    np.testing.assert_allclose(ours.trajectory.q, theirs.trajectory.q, atol=1e-3)
+
+
+def test_what_it_finds_keeps_the_constraints_of_the_sparse_program(stage_planner: Planner, planner: Planner) -> None:
+    plan = stage_planner.plan()
+    broken = planner.transcription.violations(plan.result.x, planner.transcription.parameters())
+    assert max(broken.values()) < 1e-6
+    lower, upper = planner.transcription.bounds()
+    assert (plan.result.x >= lower - 1e-6).all()
+    assert (plan.result.x <= upper + 1e-6).all()
+
+
+def test_a_moved_start_is_solved_from_the_last_plan_in_fewer_iterations(stage_planner: Planner, robot: Robot) -> None:
+    cold, problem = stage_planner.plan(), stage_planner.problem
+    q = pin.integrate(robot.model, problem.start.q, np.array([0.02, *np.zeros(robot.n_v - 1)]))
+    moved = replace(problem, start=State(q=q, v=problem.start.v))
+    warm = stage_planner.plan(moved, guess=cold)
+    assert warm.status is OcpStatus.SOLVED
+    assert warm.iterations < cold.iterations
+
+
+@pytest.mark.parametrize("integrator", list(Integrator))
+def test_every_integrator_gives_the_optimum_of_ipopt_without_water(weightless: Robot, integrator: Integrator) -> None:
+    problem = reach(weightless, n_steps=8, integrator=integrator, **DRY)
+    ours = stagewise(problem, convergence=1e-7).plan()
+    theirs = Planner(problem, NlpOptions(time_limit=PATIENCE, convergence=1e-7)).plan(guess=ours.trajectory)
+    assert ours.status is theirs.status is OcpStatus.SOLVED
+    assert ours.levels[1].residual == pytest.approx(theirs.levels[1].residual, rel=1e-4)
+
+
+def test_an_arm_without_a_vehicle_is_solved_in_the_least_time_as_by_ipopt() -> None:
+    robot = load_robot("planar5")
+    problem = OcpProblem(
+        robot=robot,
+        start=State(q=robot.configuration(), v=np.full(robot.n_v, 0.1)),
+        phases=(OcpPhase(n_steps=6, duration=(0.5, 6.0)),),
+        levels=(OcpLevel(name="time", terms=(Duration(), Effort(weight=1e-2))),),
+        constraints=(AtRest(),),
+        water=False,
+    )
+    ours, theirs = stagewise(problem).plan(), Planner(problem, NlpOptions(time_limit=PATIENCE)).plan()
+    assert ours.status is theirs.status is OcpStatus.SOLVED
+    assert ours.duration == pytest.approx(theirs.duration, rel=1e-3)
+
+
+@pytest.mark.parametrize("options", [{}, DRY, {"n_steps": 2}], ids=["wet", "dry", "short"])
+def test_derivatives_of_stages_equal_differences_on_the_manifold(robot: Robot, options: dict[str, object]) -> None:
+    problem = reach(robot, **({"n_steps": 3} | options))
+    tangent = Tangent(model=StageModel(problem, eliminated=True))
+    model, rng, e = tangent.model, np.random.default_rng(2), 1e-6
+    function = BlockFunctions(block=term_blocks(model)[0], tangent=tangent, forces=force_rows(model), extra=0)
+    n, layout = tangent.n_x + tangent.n_u, model.layout
+    z = 0.1 * rng.standard_normal(layout.n_z)
+    z[layout.q], z[layout.h] = problem.start.q, 0.4
+    s, u = np.ones(function.block.rows.n_parameters), np.array([0.1, -0.2, 0.05])
+    step = ca.SX.sym("step", n)
+    moved = ca.Function("moved", [model.z, step], [tangent.moved(step)])
+    groups = len(function.held) + len(function.errors) - 1
+    found = function.linear.call([z, s, u])
+    d = rng.standard_normal(n)
+    ends = [function.values.call([np.array(moved(z, sign * e * d)).ravel(), s, u]) for sign in (1.0, -1.0)]
+    for value, J, ahead, behind in zip(found[:groups], found[groups:], *ends, strict=False):
+        slope = (np.array(ahead) - np.array(behind)).ravel() / (2 * e)
+        np.testing.assert_allclose(np.array(J).T @ d, slope, atol=1e-5)
+        assert value.numel() == len(slope)
+
+
+def test_a_current_that_thrusters_cannot_hold_against_is_named_infeasible(robot: Robot) -> None:
+    plan = stagewise(reach(robot, current=np.array([3.0, 0.0, 0.0]), n_steps=8)).plan()
+    assert plan.status is OcpStatus.INFEASIBLE
+    assert "broken by" in plan.reason
+    assert plan.iterations < 100
+
+
+def test_it_works_without_a_compiler(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("uvms_ocp.ocp.stagewise.stage_functions.compile_function", lambda function: function)
+    q = load_robot("planar5")
+    problem = single_phase(
+        robot=q,
+        start=State(q=q.configuration(), v=np.full(q.n_v, 0.1)),
+        duration=2.0,
+        n_steps=4,
+        levels=[OcpLevel(name="effort", terms=(Effort(),))],
+        constraints=(AtRest(),),
+        water=False,
+    )
+    assert stagewise(problem).plan().status is OcpStatus.SOLVED
+
+
+def test_a_filter_refuses_what_a_point_before_beats_in_cost_and_violation() -> None:
+    seen = Filter(first=1.0, most=10.0)
+    here = Merit(cost=1.0, violation=1e-2)
+    seen.add(here)
+    assert not seen.accepts(Merit(cost=1.1, violation=2e-2), here, 0.0, 1.0)
+    assert not seen.accepts(Merit(cost=0.0, violation=11.0), here, 0.0, 1.0)
+    assert seen.accepts(Merit(cost=1.1, violation=5e-3), here, 0.0, 1.0)
+    assert seen.accepts(Merit(cost=0.9, violation=2e-2), here, 0.0, 1.0)

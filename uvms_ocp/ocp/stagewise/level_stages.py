@@ -1,0 +1,162 @@
+"""The QP of one level about a point: its residuals, and what levels above and limits hold."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from uvms_ocp.arrays import Array
+from uvms_ocp.ocp.problem import HessianKind
+from uvms_ocp.ocp.stagewise.bound_calls import BoundCalls
+from uvms_ocp.ocp.stagewise.multipliers import Multipliers
+from uvms_ocp.ocp.stagewise.stage_memory import StageMemory
+from uvms_ocp.ocp.stagewise.stage_ranges import StageRanges
+from uvms_ocp.solvers.intervals import excess
+from uvms_ocp.solvers.stagewise import StageQp, StageQpOptions, StageQpSolution, StageQpSolver, StageShape
+
+
+class LevelStages:
+    """Linearised at `StageMemory.z`; the QP moves from there."""
+
+    def __init__(self, memory: StageMemory, level: int, options: StageQpOptions) -> None:
+        self.memory, self.level = memory, level
+        self.shape = self._shape()
+        self.qp, self._solver = StageQp(self.shape), StageQpSolver(self.shape, options)
+        self._held = self._held_numbers()
+        self.multipliers = Multipliers(memory, level)
+        self.linearize, self._above = self._linearization(), self._frozen()
+        self.qp.fix_initial_state(np.zeros(self.shape.n_x[0]))
+
+    def _shape(self) -> StageShape:
+        memory, tangent = self.memory, self.memory.tangent
+        stages = memory.stages
+        held = [sum(group.n for group in memory.groups(stage)[: self.level + 1]) for stage in stages]
+        return StageShape(
+            n_x=(tangent.n_x,) * len(stages),
+            n_u=tuple(tangent.n_u if stage.step else int(tangent.free) for stage in stages[:-1]),
+            n_r=tuple(len(part) for part in memory.residual_parts(self.level)),
+            n_c=tuple(held),
+        )
+
+    def _held_numbers(self) -> Array:
+        """Which rows that may be held are those of the QP."""
+        numbers, first = [], 0
+        for stage, n in zip(self.memory.stages, self.shape.n_c, strict=True):
+            numbers.append(np.arange(first, first + n))
+            first += sum(group.n for group in self.memory.groups(stage))
+        return np.concatenate(numbers)
+
+    def _linearization(self) -> BoundCalls:
+        memory, calls = self.memory, BoundCalls()
+        for i, stage in enumerate(memory.stages):
+            if stage.step:
+                calls.add(memory.motion_linear, [memory.z[i], memory.z[i + 1]], [memory.gaps[i], self.qp.dynamics[i]])
+            elif i + 1 < len(memory.stages):
+                self._turn(i)
+            function = memory.function(stage)
+            if function is not None:
+                values = memory.row_memory(i)[:-1]
+                calls.add(function.linear, memory.arguments(i), [*values, *self._jacobians(i)])
+        return calls
+
+    def _turn(self, i: int) -> None:
+        """The length of the steps that follow is chosen; all else stays."""
+        F, n = self.qp.dynamics[i], self.memory.tangent.n_x
+        F[...] = np.eye(*F.shape)
+        if self.memory.tangent.free:
+            F[n - 1, n - 1 :] = 0.0, 1.0
+
+    def _jacobians(self, i: int) -> list[Array | None]:
+        """Where the functions of rows at stage i write: of residuals, then of rows that may be held."""
+        n_levels, first = self.memory.n_levels, 0
+        found: list[Array | None] = [self.qp.J[i] if level == self.level else None for level in range(n_levels)]
+        for group in self.memory.groups(self.memory.stages[i])[: self.level + 1]:
+            found.append(self.qp.C[i][first : first + group.n])
+            first += group.n
+        return found + [None] * (n_levels - 1 - self.level)
+
+    @cached_property
+    def _curve(self) -> BoundCalls:
+        memory, calls = self.memory, BoundCalls()
+        for i, stage in enumerate(memory.stages):
+            function = memory.function(stage)
+            if function is not None:
+                z, parameters, water = memory.arguments(i)
+                after = memory.z[min(i + 1, len(memory.stages) - 1)]
+                own = self.multipliers
+                arguments = [z, after, parameters, water, own.costates[i], own.rows[i], own.residuals[i]]
+                calls.add(function.curvature, arguments, [self.qp.H[i]])
+        return calls
+
+    def bend(self, last: StageQpSolution | None) -> None:
+        """Curvature with the multipliers of the last QP; none without one, and for Gauss and Newton."""
+        if last is None or self.memory.whole.problem.hessian is HessianKind.GAUSS_NEWTON:
+            self.qp.flat["H"][:] = 0.0
+        else:
+            self.multipliers.take(last)
+            self._curve()
+
+    # --- values -----------------------------------------------------------------------------------
+
+    @property
+    def cost(self) -> float:
+        r = self.memory.residuals(self.level)
+        return float(r @ r) / 2
+
+    def broken(self, ranges: StageRanges) -> Array:
+        """How far gaps, rows and variables are outside their ranges, one after the other."""
+        memory = self.memory
+        rows = excess(memory.held, ranges.lower, ranges.upper)[self._held]
+        return np.concatenate([np.abs(memory.gaps.ravel()), rows, ranges.z_excess(memory.z)])
+
+    def _frozen(self) -> Array:
+        """Rows of the QP that belong to levels above."""
+        found = []
+        for stage in self.memory.stages:
+            sizes = [group.n for group in self.memory.groups(stage)[: self.level + 1]]
+            found += [np.full(n, bool(i)) for i, n in enumerate(sizes)]
+        return np.concatenate([np.zeros(0, dtype=bool), *found])
+
+    def fits(self, solution: StageQpSolution) -> bool:
+        """Whether it is one of a QP of this shape."""
+        sizes = tuple(map(len, solution.z)), tuple(map(len, solution.y))
+        return sizes == (self.shape.n_z, self.shape.n_c)
+
+    def solve(self, ranges: StageRanges, damping: float, give: float, near: StageQpSolution | None) -> StageQpSolution:
+        """The step, with damping [1/unit of z^2]; it stands in the memory too.
+
+        give [1/unit of the row]: what it costs to miss levels above. near: where the QP starts.
+        """
+        memory, flat = self.memory, self.qp.flat
+        flat["damping"][:], flat["l1"][self._above] = damping, give
+        flat["b"][:] = memory.gaps.ravel()
+        flat["r"][:] = memory.residuals(self.level)
+        held = memory.held[self._held]
+        flat["lower"][:], flat["upper"][:] = ranges.lower[self._held] - held, ranges.upper[self._held] - held
+        ranges.write_z(memory.z, flat["z_lower"], flat["z_upper"])
+        solution = self._solver.solve(self.qp, near)
+        self._keep(solution)
+        return solution
+
+    def _keep(self, solution: StageQpSolution) -> None:
+        for own, x in zip(self.memory.x_step, solution.x, strict=True):
+            own[:] = x
+        for i in self.memory.steps:
+            self.memory.u_step[i] = solution.u[i]
+
+    # --- products ---------------------------------------------------------------------------------
+
+    def steepest(self) -> float:
+        """Largest entry of the gradient of the cost."""
+        pairs = zip(self.qp.J, self.memory.residual_parts(self.level), strict=True)
+        return max((float(np.abs(r @ J).max(initial=0.0)) for J, r in pairs), default=0.0)
+
+    def slope_and_curvature(self, solution: StageQpSolution) -> tuple[float, float]:
+        """Directional derivative of the cost along the step, and the largest entry of the Hessian times it."""
+        slope, most = 0.0, 0.0
+        for J, r, z in zip(self.qp.J, self.qp.r, solution.z, strict=True):
+            Jz = J @ z
+            slope += float(r @ Jz)
+            most = max(most, float(np.abs(J.T @ Jz).max(initial=0.0)))
+        return slope, most

@@ -1,0 +1,103 @@
+"""Levels of a horizon as the lexicographic solver calls them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from uvms_ocp.arrays import Array
+from uvms_ocp.ocp.stagewise.level_stages import LevelStages
+from uvms_ocp.ocp.stagewise.stage_memory import StageMemory
+from uvms_ocp.ocp.stagewise.stage_point import StagePoint
+from uvms_ocp.ocp.stagewise.stage_ranges import StageRanges, stage_places
+from uvms_ocp.ocp.stagewise.stage_sqp import SqpEnd, StageSqp
+from uvms_ocp.solvers.nlp.level_solver import Deadline, NlpPoint, Outcome
+from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
+from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
+from uvms_ocp.solvers.nlp.row_bounds import RowBounds
+from uvms_ocp.solvers.stagewise import StageQpOptions, StageQpSolution
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class WarmStages(NlpPoint):
+    """With the QP that ended there; its multipliers, by the rows of stages, are NaN by those of the program."""
+
+    solution: StageQpSolution | None = None
+
+
+_QP_TOLERANCE = 1e-7  # [-] relative
+
+
+class StageLevels:
+    """All levels, on one memory."""
+
+    def __init__(self, memory: StageMemory) -> None:
+        self.memory, self.point = memory, StagePoint(memory)
+        self._levels: dict[int, LevelStages] = {}
+
+    def made(self, options: NlpOptions, deadline: Deadline) -> list[StageLevel]:
+        """One for each level."""
+        return [StageLevel(self, i, options, deadline) for i in range(self.memory.n_levels)]
+
+    def level(self, index: int) -> LevelStages:
+        """Bound to the memory when it is called for first."""
+        if index not in self._levels:
+            self._levels[index] = LevelStages(self.memory, index, StageQpOptions(tolerance=_QP_TOLERANCE))
+        return self._levels[index]
+
+    def rows_at(self, x: Array, p: Array) -> tuple[Array, ...]:
+        """Rows of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
+        self.point.set_parameters(p)
+        self.point.read(x, p)
+        self.memory.evaluate()
+        raw = np.zeros(self.memory.whole.row_layout.n_rows + 1)
+        raw[self._numbers] = self.memory.held
+        return tuple(raw[rows] for rows in self.memory.whole.row_layout.levels)
+
+    @cached_property
+    def _numbers(self) -> Array:
+        return stage_places(self.memory).raw
+
+
+class StageLevel:
+    """One level; call it as `uvms_ocp.solvers.nlp.level_solver.LevelSolver`."""
+
+    def __init__(self, levels: StageLevels, index: int, options: NlpOptions, deadline: Deadline) -> None:
+        self._levels, self._index, self._options, self._deadline = levels, index, options, deadline
+
+    def fits(self, point: NlpPoint) -> bool:
+        """True for a start with as many variables as the program has."""
+        return len(point.x) == self._levels.memory.whole.variables.n_x
+
+    def __call__(self, start: NlpPoint, p: Array, bounds: RowBounds) -> Outcome:
+        """Solve from `start`, warm if it has a QP, with parameters p (n_p,) [unit of the parameter]."""
+        if self._deadline.over:
+            return Outcome(point=start, status=NlpStatus.TIME_LIMIT, iterations=0, violation=np.inf)
+        levels = self._levels
+        levels.point.set_parameters(p)
+        levels.point.read(start.x, p)
+        ranges = StageRanges(levels.memory, bounds, self._index)
+        warm = start.solution if isinstance(start, WarmStages) else None
+        if warm is not None and not levels.level(self._index).fits(warm):
+            warm = None
+        return self._outcome(
+            StageSqp(levels.level(self._index), ranges, self._options, self._deadline).run(warm), start
+        )
+
+    def _outcome(self, end: SqpEnd, start: NlpPoint) -> Outcome:
+        x = self._levels.point.write()
+        if not np.isfinite(x).all():
+            return Outcome(point=start, status=NlpStatus.NOT_A_NUMBER, iterations=end.iterations, violation=np.inf)
+        rows = self._levels.memory.whole.ranges().n_rows
+        return Outcome(
+            point=WarmStages(
+                x=x, x_multipliers=np.full(len(x), np.nan), row_multipliers=np.full(rows, np.nan), solution=end.solution
+            ),
+            usable=end.violation <= self._options.feasibility,
+            status=end.status,
+            iterations=end.iterations,
+            violation=end.violation,
+            cost=end.cost,
+        )

@@ -1,0 +1,216 @@
+"""Sequential quadratic programming over stages: full steps of Gauss and Newton where they work, a filter where not.
+
+A QP that no step can fulfil gives the step that breaks its rows least, in sum: the way to a point that keeps them, or,
+where that does not help either, the proof that no small change does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uvms_ocp.ocp.stagewise.filter import Filter, Merit
+from uvms_ocp.ocp.stagewise.level_stages import LevelStages
+from uvms_ocp.ocp.stagewise.stage_ranges import StageRanges
+from uvms_ocp.solvers.nlp.level_solver import Deadline
+from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
+from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
+from uvms_ocp.solvers.stagewise import StageQpSolution, StageQpStatus
+
+_SMALLEST_SHARE = 1e-7
+_CUT, _MORE, _LESS = 0.5, 10.0, 2.0  # share of a step below which damping grows, by how much, and by how much it falls
+_DAMPED = 1e-6  # [1/unit of z^2] from where it grows
+_NOTHING = 0.1  # share of the tolerance of a residual's norm that is not worth a step
+_STEEP = 100.0  # largest entry of the gradient at the start up to which errors are not scaled, as in IPOPT
+_GIVE = 1e4
+_MODELS = (
+    (1e-9, True, np.inf),
+    (1e-9, False, np.inf),
+    (1e-6, False, np.inf),
+    (1e-6, True, _GIVE),
+    (1e-4, False, _GIVE),
+    (1e-2, False, _GIVE),
+)
+"""Damping [1/unit of z^2], whether the cost has the curvature of constraints, and what it costs to miss levels above
+[1/unit of the row]; the next where one fails."""
+_PATIENCE, _DIGITS = 15, 1e-5  # iterations of the last level before a gain of this share of its cost is none
+_FEW = 2  # iterations of a QP in which no bound counts
+_LOUDEST = 1e4  # times the first violation
+_NO_HELP = 1e-6  # share of the violation that a step must take away to count as a help
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class SqpEnd:
+    """Where the iterations ended; the point is in the memory."""
+
+    status: NlpStatus
+    iterations: int
+    violation: float
+    """[-] Largest."""
+    cost: float
+    """[-]"""
+    solution: StageQpSolution | None
+    """Of the last QP."""
+
+
+class StageSqp:
+    """One solve of one level, from the point in the memory."""
+
+    def __init__(self, level: LevelStages, ranges: StageRanges, options: NlpOptions, deadline: Deadline) -> None:
+        self._level, self._ranges, self._options, self._deadline = level, ranges, options, deadline
+        self._memory = level.memory
+        self._solution: StageQpSolution | None = None
+        self._filter = Filter(first=0.0, most=np.inf)
+        self._scale, self._worst, self._count = 1.0, np.inf, 0
+        self._model, self._damping = 0, 0.0
+        # What levels above leave open, those below decide: no step goes far there.
+        self._least = _DAMPED if level.level + 1 < level.memory.n_levels else 0.0
+
+    def run(self, warm: StageQpSolution | None) -> SqpEnd:
+        """Iterate to the optimum."""
+        self._level.linearize()
+        here = self._merit()
+        self._scale = max(1.0, self._level.steepest() / _STEEP)
+        self._filter, self._solution = Filter(first=here.violation, most=self._most(here)), warm
+        for iteration in range(self._options.max_iterations):
+            if not np.isfinite([here.cost, here.violation]).all():
+                return self._end(NlpStatus.NOT_A_NUMBER, iteration)
+            if self._deadline.over:
+                return self._end(NlpStatus.TIME_LIMIT, iteration)
+            status, here = self._iterate(here)
+            if status is not None:
+                return self._end(status, iteration + 1)
+        return self._end(NlpStatus.ITERATION_LIMIT, self._options.max_iterations)
+
+    def _most(self, here: Merit) -> float:
+        """Below levels that are held where they were left no violation comes in: there may be no way back."""
+        if self._level.level and here.violation <= self._options.feasibility:
+            return self._options.feasibility
+        return _LOUDEST * max(1.0, here.violation)
+
+    def _iterate(self, here: Merit) -> tuple[NlpStatus | None, Merit]:
+        """Status where it ends, and what the new point is worth."""
+        self._count += 1
+        solution = self._solution = self._solved()
+        self._memory.z_from[:] = self._memory.z
+        if solution.status is StageQpStatus.INFEASIBLE:
+            return self._restore(here, solution)
+        if not solution.status.usable:
+            return NlpStatus.STALLED, here
+        slope, error = self._level.slope_and_curvature(solution)
+        if error <= self._options.convergence * self._scale and self._worst <= self._options.convergence:
+            self._finish(here)
+            return NlpStatus.SOLVED, here
+        if self._is_flat(here, slope):
+            return NlpStatus.INEXACT, here
+        return self._search(here, slope)
+
+    def _is_flat(self, here: Merit, slope: float) -> bool:
+        """No step promises what is worth one: of a level that others follow, what its tolerance would notice.
+
+        The last level gets some iterations first: where curvature is left out that matters, more would bring no more digits.
+        """
+        if self._least:
+            kept, worth = 0.1 * self._options.feasibility, _NOTHING * self._options.tolerance * here.residual
+        else:
+            kept, worth = self._options.feasibility, _DIGITS * here.cost
+        late = self._least or self._count > _PATIENCE
+        return bool(late and self._worst <= kept and -slope <= worth)
+
+    def _solved(self) -> StageQpSolution:
+        """By the first model of the cost that is convex where the constraints leave freedom: that of the last, or coarser ones.
+
+        Where curvature makes none, that of Gauss and Newton takes the place; where that leaves directions open, steps are damped.
+        """
+        last = self._solution
+        # A QP in which no bound counts is solved by one factor from anywhere.
+        counts = last is not None and last.status is StageQpStatus.SOLVED and last.iterations > _FEW
+        near = last if counts else None
+        solution = None
+        for damping, curved, give in _MODELS[self._model :]:
+            self._level.bend(last if curved else None)
+            solution = self._level.solve(self._ranges, damping + self._least + self._damping, give, near)
+            if solution.status in (StageQpStatus.SOLVED, StageQpStatus.INFEASIBLE):
+                break
+            # Curvature may come back to be convex; what is singular once stays so.
+            self._model = min(self._model + (not curved), len(_MODELS) - 1)
+        assert solution is not None
+        return solution
+
+    def _search(self, here: Merit, slope: float) -> tuple[NlpStatus | None, Merit]:
+        share = 1.0
+        while share > _SMALLEST_SHARE:
+            trial = self._tried(share)
+            if self._filter.accepts(trial, here, slope, share):
+                if not self._filter.descends(here, slope, share):
+                    self._filter.add(here)
+                if share < 1.0:
+                    self._level.linearize()
+                self._trust(share)
+                return None, trial
+            share /= 2
+        self._back()
+        good = self._worst <= self._options.feasibility
+        return NlpStatus.INEXACT if good else NlpStatus.STALLED, here
+
+    def _trust(self, share: float) -> None:
+        """Steps that had to be cut short were too long where nothing but damping makes them shorter."""
+        if share < _CUT:
+            self._damping = max(_MORE * self._damping, _DAMPED)
+        elif share == 1.0:
+            self._damping /= _LESS
+
+    def _restore(self, here: Merit, solution: StageQpSolution) -> tuple[NlpStatus | None, Merit]:
+        """Towards the constraints, whatever it costs."""
+        missed = sum(float(np.abs(part).sum()) for part in solution.excess)
+        gain, share = here.violation - missed, 1.0
+        if gain <= _NO_HELP * here.violation:
+            return NlpStatus.INFEASIBLE, here
+        while share > _SMALLEST_SHARE:
+            trial = self._tried(share)
+            if trial.violation <= here.violation - 0.1 * share * gain:
+                if share < 1.0:
+                    self._level.linearize()
+                return None, trial
+            share /= 2
+        self._back()
+        return NlpStatus.INFEASIBLE, here
+
+    def _tried(self, share: float) -> Merit:
+        """Of the point at a share of the step; a full step, which is mostly taken, is linearised at once."""
+        self._memory.share[0] = share
+        self._memory.move()
+        if share == 1.0:
+            self._level.linearize()
+        else:
+            self._memory.evaluate()
+        return self._merit()
+
+    def _finish(self, here: Merit) -> None:
+        """The last step is as good as any before it; where rounding makes it worse it is not taken."""
+        self._memory.share[0] = 1.0
+        self._memory.move()
+        self._memory.evaluate()
+        trial = self._merit()
+        if not trial.violation <= max(here.violation, self._options.convergence):
+            self._back()
+
+    def _back(self) -> None:
+        self._memory.z[:] = self._memory.z_from
+        self._level.linearize()
+
+    def _merit(self) -> Merit:
+        broken = self._level.broken(self._ranges)
+        self._worst = float(broken.max(initial=0.0))
+        return Merit(cost=self._level.cost, violation=float(broken.sum()))
+
+    def _end(self, status: NlpStatus, iterations: int) -> SqpEnd:
+        self._merit()
+        return SqpEnd(
+            status=status,
+            iterations=iterations,
+            violation=self._worst,
+            cost=self._level.cost,
+            solution=self._solution,
+        )

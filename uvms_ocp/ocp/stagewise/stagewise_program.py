@@ -1,0 +1,62 @@
+"""The program of a transcription, solved stage by stage."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from uvms_ocp.arrays import Array
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.ocp.problem import OcpProblem
+from uvms_ocp.ocp.stagewise.stage_levels import StageLevel, StageLevels
+from uvms_ocp.ocp.stagewise.stage_memory import StageMemory
+from uvms_ocp.ocp.transcription.transcription import Transcription
+from uvms_ocp.solvers.nlp.level_solver import Deadline
+from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
+from uvms_ocp.solvers.nlp.program import RowRanges
+
+
+class StagewiseProgram:
+    """What `LexicographicNlp` solves; its variables, parameters and rows are numbered as in the sparse program.
+
+    Compiled where there is a compiler. Not for use from two threads at once.
+    """
+
+    def __init__(self, whole: Transcription) -> None:
+        """Raises `InvalidInput` for what couples all stages: a level above others with `relax`; and for a start that is free."""
+        _check(whole.problem)
+        self._whole, self.levels = whole, StageLevels(StageMemory(whole))
+
+    @property
+    def ranges(self) -> RowRanges:
+        """With which it is solved unless others are given."""
+        return self._whole.ranges()
+
+    @property
+    def n_x(self) -> int:
+        """Variables."""
+        return self._whole.n_x
+
+    @property
+    def n_p(self) -> int:
+        """Parameters."""
+        return self._whole.parameter_layout.n
+
+    def solvers(self, options: NlpOptions, deadline: Deadline) -> Sequence[StageLevel]:
+        """One for each level."""
+        return self.levels.made(options, deadline)
+
+    def rows_at(self, x: Array, p: Array) -> tuple[Array, ...]:
+        """Rows of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
+        return self.levels.rows_at(x, p)
+
+
+def _check(problem: OcpProblem) -> None:
+    relaxed = [level.name for level in problem.levels[:-1] if level.relax is not None]
+    if relaxed:
+        raise InvalidInput(
+            f"level {relaxed[0]!r} has relax; plugin 'stagewise' takes none: leave it out, or use 'ipopt'"
+        )
+    if not problem.fixed_start:
+        raise InvalidInput(
+            "start_freedom is given; plugin 'stagewise' starts at the start: leave it out, or use 'ipopt'"
+        )
