@@ -78,7 +78,7 @@ def prices_of(rows: tuple[LevelRows, ...], multipliers: np.ndarray, level: int) 
 
 
 def level_prices(transcription: Transcription, result: LexicographicResult, level: int) -> tuple[float, ...]:
-    """See `uvms_ocp.ocp.plan.LevelReport.prices`; zeros where a level is met in full by anticipation, none where they are not known."""
+    """See `uvms_ocp.ocp.plan.LevelReport.prices`; zeros where a level is met in full by anticipation, none if not known."""
     last = level == len(result.points) - 1
     multipliers = result.points[level].row_multipliers
     if multipliers is None or (result.anticipated and not last):
