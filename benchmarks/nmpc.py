@@ -30,7 +30,7 @@ NMPC keeps the first in {kept} of {cases} cases, with strict levels in {kept_str
 {late_strictly:.2f} % of the plans are late.
 
 **Beside the loop.** Ticks at {rate:.0f} Hz in real time while plans of one level are made in another process, and once no more
-are made: processor time of the tick's own thread. The 99th percentile is {share:.2f} times that without plans.
+are made: processor time of the tick's own thread. The highest percentile shown is {share:.2f} times that without plans.
 """
 
 
