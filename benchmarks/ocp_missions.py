@@ -58,7 +58,7 @@ the noise, rates and delays of the robot's file.
 
 Energy is electrical, of thrusters and joints; over drag: that of the thrusters over what a quasi-static flight of the same way
 takes at least, in the same water. Threshold used: the largest true value of a condition as its phase ended, over the limit
-that it had to be below; noise can make it more than 1. Left: when and why the hierarchy took over. The current of
+that it had to be below; noise can bring it over the limit. Left: when and why the hierarchy took over. The current of
 `case1 in a current` is {current} m/s.
 """
 

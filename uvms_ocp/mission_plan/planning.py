@@ -26,7 +26,11 @@ from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
 _FIRST = Weights(energy=1e-3, effort=1.0)
 """Convex in forces: what costs the least energy is near."""
 _PRICES = (1e-6, 1.0)  # [kW] of time, cheapest and dearest
-_NEAR = 0.97  # share of the time allowed from which on it counts as used
+_NEAR, _AIM = 0.97, 0.985  # shares of the time allowed: from which on it counts as used, and what is looked for
+_SLOPE, _FLATTEST = (
+    -0.17,
+    -0.02,
+)  # [-] of duration over price, in logarithms: in still water, and the least that is believed
 _TRIALS = 7
 OPTIONS = NlpOptions(max_iterations=400, convergence=1e-5, time_limit=120.0, barrier=1e-5)
 """Of the solver, by default: a barrier as small as what energy costs."""
@@ -86,7 +90,7 @@ def _best(posed: MissionProblem, longest: float, options: NlpOptions) -> tuple[P
 def _within(posed: MissionProblem, planner: Planner, longest: float) -> tuple[Plan, int]:
     """By the price of time that makes a plan so long; dearer time where it takes longer, cheaper where less."""
     plan = planner.plan(posed.at(_FIRST, posed.guess, longest), guess=posed.guess, diagnose=False)
-    iterations, best, prices = plan.iterations, None, _Prices()
+    iterations, best, prices = plan.iterations, None, _Prices(longest)
     for _ in range(_TRIALS * plan.status.usable):
         trial = planner.plan(
             posed.at(Weights(price=prices.now), plan.trajectory, longest), guess=plan.trajectory, diagnose=False
@@ -95,27 +99,44 @@ def _within(posed: MissionProblem, planner: Planner, longest: float) -> tuple[Pl
         plan = trial if trial.status.usable else plan
         in_time = trial.status.usable and trial.duration <= longest
         best = trial if in_time and (best is None or trial.duration > best.duration) else best
-        if prices.settled(in_time) or (best is not None and best.duration >= _NEAR * longest):
+        if prices.settled(trial.duration, in_time) or (best is not None and best.duration >= _NEAR * longest):
             break
     return best or plan, iterations
 
 
 class _Prices:
-    """Of time [kW], halved in their logarithms between what is too cheap and what is dear enough."""
+    """Of time [kW], by the power law between price and duration that the trials show, within what brackets the answer."""
 
-    def __init__(self) -> None:
+    def __init__(self, longest: float) -> None:
         self._low, self._high = (math.log(price) for price in _PRICES)
+        self._aim, self._tried = math.log(_AIM * longest), list[tuple[float, float]]()
         self.now = Weights().price
         """[kW] to try next."""
 
-    def settled(self, in_time: bool) -> bool:
-        """Go on from what this price led to; True where nothing cheaper is left to try."""
+    def settled(self, duration: float, in_time: bool) -> bool:
+        """Go on from the duration [s] that this price led to; True where nothing cheaper is left to try."""
         if in_time and self.now <= _PRICES[0]:
             return True
-        self._low, self._high = (self._low, math.log(self.now)) if in_time else (math.log(self.now), self._high)
-        untried = in_time and self._low == math.log(_PRICES[0])
-        self.now = _PRICES[0] if untried else math.exp((self._low + self._high) / 2)
+        price = math.log(self.now)
+        self._low, self._high = (self._low, price) if in_time else (price, self._high)
+        self._tried.append((price, math.log(duration)))
+        self.now = math.exp(self._next())
         return False
+
+    def _next(self) -> float:
+        """Logarithm of a price between the brackets; the cheapest of all where the law leads below it."""
+        price, duration = self._tried[-1]
+        guessed = price + (self._aim - duration) / self._slope()
+        if self._low < guessed < self._high:
+            return guessed
+        return self._low if guessed <= self._low == math.log(_PRICES[0]) else (self._low + self._high) / 2
+
+    def _slope(self) -> float:
+        """[-] Of the logarithm of the duration over that of the price; negative."""
+        if len(self._tried) < 2:
+            return _SLOPE
+        (p, d), (q, e) = self._tried[-2:]
+        return min((d - e) / (p - q), _FLATTEST)
 
 
 def _phases(scenario: Scenario, stretches: Sequence[Stretch], times: np.ndarray) -> tuple[PlannedPhase, ...]:
