@@ -150,7 +150,7 @@ class VariableLayout:
             Z[k, columns >= 0] = x[columns[columns >= 0]]
         steps = Z[:-1, layout.h] if self.free else np.diff(problem.nominal_times())
         Z[:-1, layout.h] = steps
-        inputs = self.model.inputs_function.map(self.N)(Z[:-1].T, np.tile(problem.current[:, None], self.N))
+        inputs = self.model.inputs_function.map(self.N)(Z[:-1].T, problem.currents.T)
         thrust, torque = (np.array(part).T for part in inputs)
         return Trajectory(
             t=np.concatenate([[0.0], np.cumsum(steps)]),
