@@ -57,13 +57,17 @@ def test_derivatives_equal_finite_differences(robot: Robot, plugin: str, options
         np.testing.assert_allclose((slope(x + e * d) - slope(x - e * d)) / (2 * e), H @ d, atol=1e-5)
 
 
-def test_forces_are_those_of_the_motion_in_the_middle_of_every_step(robot: Robot) -> None:
-    problem = reach(robot, n_steps=10, current=np.array([0.2, -0.1, 0.0]))
+@pytest.mark.parametrize("last", [(0.2, -0.1, 0.0), (-0.2, 0.1, 0.1)], ids=["uniform", "turning"])
+def test_forces_are_those_of_the_motion_in_the_middle_of_every_step(
+    robot: Robot, last: tuple[float, float, float]
+) -> None:
+    currents = np.linspace((0.2, -0.1, 0.0), last, 10)
+    problem = reach(robot, n_steps=10, current=currents)
     trajectory = patient(problem).plan().trajectory
     dynamics, matrix = robot_dynamics(robot), thruster_matrix(robot)
     for k, h in enumerate(np.diff(trajectory.t)):
         q, v, a = trajectory.state_at(robot.model, trajectory.t[k] + h / 2)
-        wanted = dynamics.inverse_dynamics(q, v, a, Water(velocity=problem.current))
+        wanted = dynamics.inverse_dynamics(q, v, a, Water(velocity=currents[k]))
         given = np.concatenate([matrix @ trajectory.thrust[k], trajectory.torque[k]])
         np.testing.assert_allclose(given, wanted, atol=1e-3)
 
