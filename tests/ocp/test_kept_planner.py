@@ -268,7 +268,7 @@ def _below(cls: type) -> list[type]:
     below = [found for own in cls.__subclasses__() for found in (own, *_below(own))]
     # Classes with slots are made twice; the first one is no longer anybody's.
     public = [own for own in below if getattr(sys.modules[own.__module__], own.__name__, None) is own]
-    return [own for own in public if own.__module__.startswith("uvms_ocp.") and not own.__name__.startswith("_")]
+    return [own for own in public if own.__module__.startswith("uvms_ocp.")]
 
 
 OBEYED = {

@@ -132,7 +132,7 @@ class Planner:
             solve_time=perf_counter() - begin,
             result=verdict.result,
             surroundings=surroundings(given, t0),
-            current=tuple(given.currents.mean(axis=0).tolist()),
+            current=tuple(given.mean_current.tolist()),
         )
 
     def _reports(self, result: LexicographicResult) -> list[LevelReport]:
@@ -158,7 +158,7 @@ class Planner:
             levels=(),
             solve_time=perf_counter() - begin,
             surroundings=surroundings(given, 0.0),
-            current=tuple(given.currents.mean(axis=0).tolist()),
+            current=tuple(given.mean_current.tolist()),
         )
 
 

@@ -162,6 +162,11 @@ class OcpProblem:
         return np.broadcast_to(self.current, (self.n_steps, 3))
 
     @property
+    def mean_current(self) -> np.ndarray:
+        """(3,) [m/s] over the steps."""
+        return np.asarray(self.current if np.ndim(self.current) == 1 else np.mean(self.current, axis=0))
+
+    @property
     def free_time(self) -> bool:
         return any(phase.free for phase in self.phases)
 
