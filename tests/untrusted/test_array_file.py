@@ -75,6 +75,11 @@ def test_a_header_that_lies_is_refused_before_memory_is_taken(lie: str, tmp_path
     assert "\n" not in str(caught.value)
 
 
+def test_a_file_that_is_not_there_is_not_called_damaged(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="^No such file or directory; give the path of a file that is there$"):
+        read_arrays(tmp_path / "a.npz")
+
+
 def test_a_small_file_of_many_zeros_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = archive(tmp_path / "a.npz", a__npy=npy(np.zeros(1 << 20)))
     assert path.stat().st_size < 1 << 14

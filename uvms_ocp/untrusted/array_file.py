@@ -67,6 +67,8 @@ def read_arrays(path: Path | str) -> Mapping[str, np.ndarray]:
             return MappingProxyType(_arrays(archive, source.stat().st_size))
     except InvalidInput:
         raise
+    except FileNotFoundError as error:
+        raise InvalidInput("No such file or directory; give the path of a file that is there") from error
     except _DAMAGE as error:
         raise InvalidInput(" ".join(f"damaged, or no .npz file ({_said(error)})".split())) from error
 
