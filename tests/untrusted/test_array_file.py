@@ -76,7 +76,7 @@ def test_a_header_that_lies_is_refused_before_memory_is_taken(lie: str, tmp_path
 
 
 def test_a_file_that_is_not_there_is_not_called_damaged(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match="^No such file or directory; give the path of a file that is there$"):
+    with pytest.raises(InvalidInput, match="No such file or directory; give the path"):
         read_arrays(tmp_path / "a.npz")
 
 

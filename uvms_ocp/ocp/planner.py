@@ -7,6 +7,7 @@ from time import perf_counter
 import numpy as np
 
 from uvms_ocp.arguments import Finite, checked
+from uvms_ocp.ocp.clearance.crowded_start import crowded_start
 from uvms_ocp.ocp.first_step import impossible_start
 from uvms_ocp.ocp.plan import LevelReport, OcpStatus, Plan
 from uvms_ocp.ocp.plans.scenery import surroundings
@@ -61,7 +62,8 @@ class Planner:
         obstruction = self.transcription.obstruction(given)
         if obstruction is not None:
             name, depth = obstruction
-            return self._failed(given, OcpStatus.OBSTRUCTED, f"{name} is broken by {depth:.4g} at the start", begin)
+            text = f"{name} is broken by {depth:.4g} at the start{crowded_start(given, name)}"
+            return self._failed(given, OcpStatus.OBSTRUCTED, text, begin)
         impossible = impossible_start(given)
         if impossible is not None:
             return self._failed(given, OcpStatus.INFEASIBLE, impossible, begin)

@@ -250,11 +250,14 @@ def test_an_obstacle_that_moves_is_where_it_is_at_the_time_of_the_node() -> None
     assert not plan.certified_free
 
 
-def test_a_start_in_penetration_is_named_by_its_depth() -> None:
-    problem, _ = planar_problem([obstacle("ball", coal.Sphere(0.3), [0.0, 0.0, 0.0])])
+def test_a_start_in_penetration_is_named_by_its_depth_and_pair() -> None:
+    problem, term = planar_problem([obstacle("ball", coal.Sphere(0.3), [0.0, 0.0, 0.0])])
     plan = Planner(problem).plan()
     assert plan.status is OcpStatus.OBSTRUCTED
+    distances = term.distances([0.0], problem.start.q[None])[0]
+    nearest = int((term.margins - distances).argmax())
     assert plan.reason.startswith("clearance is broken by ")
+    assert f"({term.scene.pairs[nearest].name}: {distances[nearest]:.4g} m apart, margin 0.05 m)" in plan.reason
     assert not plan.certified_free
 
 

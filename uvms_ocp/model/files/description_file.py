@@ -48,7 +48,7 @@ def _read_yaml(path: Path) -> object:
     try:
         return read_yaml(path, _RobotFile)
     except OSError as error:
-        raise RobotDataError(path, f"cannot be read ({error})") from None
+        raise RobotDataError(path, f"cannot be read ({error.strerror or error})") from None
     except ValueError as error:
         raise RobotDataError(path, str(error)) from None
 

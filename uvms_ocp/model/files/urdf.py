@@ -61,7 +61,7 @@ def _parse(path: Path) -> Element:
     try:
         root = read_xml(path)
     except OSError as error:
-        raise RobotDataError(path, f"cannot be read ({error})") from None
+        raise RobotDataError(path, f"cannot be read ({error.strerror or error})") from None
     except InvalidInput as error:
         raise RobotDataError(path, f"not a URDF, {error}") from None
     if root.tag != "robot":
