@@ -19,7 +19,7 @@ from uvms_ocp.model.kinematics import Kinematics
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
-from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
+from uvms_ocp.ocp.clearance.ball_clearance import Ball, BallClearance
 from uvms_ocp.ocp.own_term import residual_term
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner

@@ -16,7 +16,7 @@ from uvms_ocp.exceptions import InvalidInput, OutputError
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
-from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
+from uvms_ocp.ocp.clearance.ball_clearance import Ball, BallClearance
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, single_phase
