@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from reaches import reach
 
+from uvms_ocp.collision.collision_scene import Nearest
+from uvms_ocp.collision.conservative_advancement import ClearanceReport
 from uvms_ocp.exceptions import InvalidInput, OutputError
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
@@ -64,6 +66,17 @@ def test_a_plan_comes_back_exactly(plan: Plan, planner: Planner, suffix: str, tm
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("distance", [0.25, np.inf])
+def test_what_a_plan_is_proven_to_keep_clear_of_comes_back(
+    small: Plan, suffix: str, distance: float, tmp_path: Path
+) -> None:
+    nearest = Nearest(distance=distance, time=0.5, pair="link_1 - ball")
+    report = ClearanceReport(collision_free=True, undecided=False, nearest=nearest, n_samples=9)
+    plan = replace(small, clearance=report)
+    assert_same(plan, Plan.load(plan.save(tmp_path / f"plan.{suffix}")))
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
 def test_a_plan_that_failed_comes_back_too(planner: Planner, robot: Robot, suffix: str, tmp_path: Path) -> None:
     fast = np.zeros(robot.n_v)
     fast[4] = 5.0
@@ -87,7 +100,7 @@ def test_a_plan_knows_what_is_around_it(robot: Robot, tmp_path: Path) -> None:
     ]
     assert [frame.name for frame in around.frames] == ["goal of T"]
     assert around.floor_z == -30.0
-    assert plan.current == (0.1, 0.0, 0.0)
+    assert plan.current == pytest.approx((0.1, 0.0, 0.0))
 
 
 def test_a_plan_of_another_robot_or_of_nobody_is_refused(small: Plan, robot: Robot, tmp_path: Path) -> None:

@@ -16,10 +16,11 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
 from uvms_ocp.ocp.clearance.ball_clearance import Ball, BallClearance
 from uvms_ocp.ocp.first_step import impossible_start
+from uvms_ocp.ocp.own_term import residual_term
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import Actuation, OcpLevel, single_phase
-from uvms_ocp.ocp.terms import AtRest, Duration, Effort, Energy, Posture, Smoothness, StageSymbols, TaskTerm, Term
+from uvms_ocp.ocp.terms import At, AtRest, Duration, Effort, Energy, Posture, Smoothness, StageSymbols, TaskTerm, Term
 from uvms_ocp.ocp.trajectory import hold
 from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 from uvms_ocp.tasks.task import Residual, zero_residual
@@ -32,10 +33,11 @@ def test_a_horizon_that_is_too_short_says_how_long_it_should_be(planner: Planner
     assert "would do" in plan.reason
 
 
-def test_a_goal_out_of_reach_of_a_fixed_arm_is_unreachable() -> None:
+@pytest.mark.parametrize("weight", [1.0, 1e-8])
+def test_a_goal_out_of_reach_of_a_fixed_arm_is_unreachable_whatever_its_weight(weight: float) -> None:
     robot = load_robot("planar5")
     q = robot.configuration()
-    goal = TaskTerm(task=tool_goal(robot, q, (0.0, 0.0, 2.0)))
+    goal = TaskTerm(task=tool_goal(robot, q, (0.0, 0.0, 2.0)), weight=weight)
     problem = single_phase(
         robot=robot,
         start=State(q=q, v=np.zeros(robot.n_v)),
@@ -56,6 +58,24 @@ def test_a_start_inside_an_obstacle_is_reported_at_once(robot: Robot) -> None:
     plan = patient(reach(robot, constraints=(AtRest(), clearance))).plan()
     assert plan.status is OcpStatus.OBSTRUCTED
     assert "clearance is broken by" in plan.reason
+
+
+@pytest.mark.parametrize("plugin", ["ipopt", "stagewise"])
+def test_a_constraint_that_is_no_number_at_the_start_is_not_called_an_obstacle(plugin: str) -> None:
+    robot = load_robot("planar5")
+    rows = residual_term("root", lambda stage: ca.sqrt(stage.tick.q[0] - 50.0), upper=1.0, at=At.PATH)
+    problem = single_phase(
+        robot=robot,
+        start=State(q=robot.configuration(), v=np.zeros(robot.n_v)),
+        duration=4.0,
+        n_steps=2,
+        levels=[OcpLevel(name="effort", terms=(Effort(),))],
+        constraints=(rows,),
+        water=False,
+    )
+    plan = Planner(problem, NlpOptions(time_limit=PATIENCE, plugin=plugin)).plan()
+    assert plan.status is OcpStatus.UNFINISHED
+    assert "not a number: at the start root" in plan.reason
 
 
 def test_a_start_that_is_too_fast_for_the_limits_is_proven_impossible(planner: Planner, robot: Robot) -> None:

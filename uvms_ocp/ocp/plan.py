@@ -18,8 +18,10 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.ocp.plans.motion_series import plan_record
 from uvms_ocp.ocp.plans.plan_file import LevelValues, PlanValues, read_plan, write_plan
 from uvms_ocp.ocp.plans.stored_result import (
+    clearance_values,
     result_arrays,
     solver_values,
+    stored_clearance,
     stored_result,
     stored_trajectory,
     trajectory_arrays,
@@ -200,6 +202,7 @@ class Plan:
             "surroundings": self.surroundings,
             "current": self.current,
             "solver": None if self.result is None else solver_values(self.result),
+            "clearance": None if self.clearance is None else clearance_values(self.clearance),
         }
         return write_plan(Path(path), PlanValues(**values), arrays)
 
@@ -239,6 +242,7 @@ def _plan_of(values: PlanValues, arrays: dict[str, np.ndarray], robot: Robot) ->
         levels=tuple(LevelReport(**level.model_dump()) for level in values.levels),
         solve_time=values.solve_time,
         result=result,
+        clearance=None if values.clearance is None else stored_clearance(values.clearance),
         surroundings=values.surroundings,
         current=values.current,
     )

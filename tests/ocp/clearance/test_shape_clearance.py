@@ -171,12 +171,13 @@ def least(term: ShapeClearance, path: Trajectory) -> float:
     return float(term.distances(t.tolist(), SteppedMotion(term=term, trajectory=path).configurations(t)).min())
 
 
-def test_a_motion_through_a_thin_wall_between_two_nodes_is_not_certified() -> None:
+@pytest.mark.parametrize("speed", [1.0, 0.0], ids=["steady", "a jump from node to node"])
+def test_a_motion_through_a_thin_wall_between_two_nodes_is_not_certified(speed: float) -> None:
     problem, term = planar_problem([obstacle("sheet", coal.Box(0.001, 6.0, 6.0), [2.6, 0.0, 0.0])])
     free = Planner(replace(problem, constraints=(AtRest(),))).plan().trajectory
     hop = np.array([[0.0, 0, 0, 0, 0], [9.0, 0, 0, 0, 0]])
     inputs = {"a": np.zeros((1, 5)), "thrust": free.thrust[:1], "torque": free.torque[:1]}
-    path = replace(free, t=np.array([0.0, 1.0]), q=hop, v=np.repeat(hop[1:], 2, axis=0), **inputs)
+    path = replace(free, t=np.array([0.0, 1.0]), q=hop, v=speed * np.repeat(hop[1:], 2, axis=0), **inputs)
     assert term.distances([0.0, 1.0], hop).min() > 0.1
     report = certificate(term, path)
     assert not report.collision_free
@@ -188,8 +189,9 @@ def test_bounds_of_a_turning_vehicle_hold_for_every_point_of_it(robot: Robot) ->
     term = clearance(robot, [obstacle("ball", coal.Sphere(0.2), [0.9, 0.1, -0.5])])
     q = robot.configuration(rpy=(0.2, -0.3, 0.5))
     v, a = rng.normal(size=(2, robot.n_v)), rng.normal(size=(1, robot.n_v))
+    end = pin.integrate(robot.model, q, 0.8 * v[0] + 0.32 * a[0])
     path = Trajectory(
-        t=np.array([0.0, 0.8]), q=np.array([q, q]), v=v, a=a, thrust=np.zeros((1, 8)), torque=np.zeros((1, 7))
+        t=np.array([0.0, 0.8]), q=np.array([q, end]), v=v, a=a, thrust=np.zeros((1, 8)), torque=np.zeros((1, 7))
     )
     motion = SteppedMotion(term=term, trajectory=path)
     middle, half = np.linspace(0.1, 0.7, 13), np.full(13, 0.1)

@@ -1,13 +1,16 @@
 """Is the motion of a plan free of collision between its nodes too, by its own interpolation?
 
-Over a step the configuration is ``q_k (+) Omega(s)`` with ``Omega = s v + s^2/2 a``. A joint moves as fast as Omega' says.
-The vehicle turns no faster than ``|Omega'_w|``, and its origin ``p_k + R_k int_0^1 exp(u Omega_w) du Omega_v`` moves no faster
-than ``|Omega'_v| + |Omega'_w| |Omega_v| / 2``: the bounds that conservative advancement needs.
+Over a step the configuration is ``q_k (+) Omega(s)`` with ``Omega = s v + s^2/2 a``, where v is the velocity of the node but for
+what integrators other than MIDPOINT make of it: a step ends at the next node, or nothing would be known of the jump. A joint
+moves as fast as Omega' says. The vehicle turns no faster than ``|Omega'_w|``, and its origin
+``p_k + R_k int_0^1 exp(u Omega_w) du Omega_v`` moves no faster than ``|Omega'_v| + |Omega'_w| |Omega_v| / 2``: the bounds that
+conservative advancement needs.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -69,23 +72,30 @@ class SteppedMotion:
         """(n, n_q) [m, rad] at times t (n,) [s]."""
         k, s = self._steps(t)
         path, model = self.trajectory, self.robot.model
-        moved = s * path.v[k] + s * s / 2 * path.a[k]
+        moved = s * self._v[k] + s * s / 2 * path.a[k]
         q = [pin.integrate(model, path.q[i], step) for i, step in zip(k.tolist(), moved, strict=True)]
         return np.array([pin.normalize(model, row) for row in q])
 
     def bounds(self, middle: Array, half: Array) -> Array:
         """(n, n_axes) [m, rad] by which axes move at most within half (n,) [s] of middle (n,) [s]."""
         k, s = self._steps(middle)
-        path, n, delta = self.trajectory, min(self.robot.n_vehicle, 6), half[:, None]
-        speed, a = path.v[k] + s * path.a[k], path.a[k]
+        path, v, n, delta = self.trajectory, self._v, min(self.robot.n_vehicle, 6), half[:, None]
+        speed, a = v[k] + s * path.a[k], path.a[k]
         result = np.abs(speed) * delta + np.abs(a) * delta**2 / 2
         if n:
             way, turn = (_norm(speed[:, part]) * half + _norm(a[:, part]) * half**2 / 2 for part in _PARTS)
             h = np.diff(path.t)[k]
-            farthest = _norm(path.v[k, :3]) * h + _norm(a[:, :3]) * h**2 / 2
+            farthest = _norm(v[k, :3]) * h + _norm(a[:, :3]) * h**2 / 2
             result[:, :n] = 0.0
             result[:, 0], result[:, 3] = way + turn * farthest / 2, turn
         return result
+
+    @property
+    def _v(self) -> Array:
+        """(N, n_v) [m/s, rad/s] at the beginning of every step, with which it ends at the next node."""
+        path, h = self.trajectory, np.diff(self.trajectory.t)[:, None]
+        ways = np.array([pin.difference(self.robot.model, *ends) for ends in pairwise(path.q)])
+        return ways / h - h / 2 * path.a
 
     def _steps(self, t: Array) -> tuple[Indices, Array]:
         """The step of each time, and the time (n, 1) [s] since it began."""

@@ -48,6 +48,18 @@ class SolverValues(MetaValue):
     solve_time: Number
 
 
+class ClearanceValues(MetaValue):
+    """See `uvms_ocp.collision.conservative_advancement.ClearanceReport`, and `Nearest` for the last three."""
+
+    collision_free: bool
+    undecided: bool
+    n_samples: int
+    distance: float
+    """[m]"""
+    time: Number
+    pair: str
+
+
 class PlanValues(MetaValue):
     """What a file of a plan tells beside its arrays."""
 
@@ -67,6 +79,7 @@ class PlanValues(MetaValue):
     surroundings: SurroundingsMeta
     current: tuple[Number, Number, Number]
     solver: SolverValues | None = None
+    clearance: ClearanceValues | None = None
 
 
 Arrays = Mapping[str, np.ndarray]

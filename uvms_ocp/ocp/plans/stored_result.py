@@ -1,12 +1,16 @@
-"""Arrays of a trajectory and of a solver's result, by names, and back."""
+"""Arrays of a trajectory and of a solver's result, by names, what is proven of it, and back."""
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 import numpy as np
 
+from uvms_ocp.collision.collision_scene import Nearest
+from uvms_ocp.collision.conservative_advancement import ClearanceReport
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.ocp.plans.plan_file import Arrays, SolverValues
+from uvms_ocp.ocp.plans.plan_file import Arrays, ClearanceValues, SolverValues
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.solvers.nlp.level_solver import NlpPoint
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
@@ -103,3 +107,21 @@ def _point(arrays: Arrays, i: int) -> NlpPoint:
     if rows is not None and rows.ndim != 1:
         raise InvalidInput(f"multipliers of rows have shape {rows.shape}; allowed: a vector")
     return NlpPoint(x=x, x_multipliers=own, row_multipliers=rows)
+
+
+def clearance_values(report: ClearanceReport) -> ClearanceValues:
+    """What the certificate found, as values."""
+    nearest = asdict(report.nearest)
+    return ClearanceValues(
+        collision_free=report.collision_free, undecided=report.undecided, n_samples=report.n_samples, **nearest
+    )
+
+
+def stored_clearance(values: ClearanceValues) -> ClearanceReport:
+    """The report of `clearance_values`."""
+    return ClearanceReport(
+        collision_free=values.collision_free,
+        undecided=values.undecided,
+        n_samples=values.n_samples,
+        nearest=Nearest(distance=values.distance, time=values.time, pair=values.pair),
+    )

@@ -16,7 +16,9 @@ from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 
-_MISSED = 1e-3  # weighted residual of a goal level from which it counts as missed
+_MISSED = (
+    1e-3  # [unit of the row] residual of a goal level from which it counts as missed; weighted, where that is more
+)
 _LONGER = (2.0, 4.0)  # shares of the horizon that are tried to tell "too short" from "unreachable"
 _HELPS = 0.9  # share of the residual that more time must leave at most to count as a help
 
@@ -126,11 +128,15 @@ class Court:
 
     def _missed(self, result: LexicographicResult) -> int | None:
         """The first level of goals, not costs, that is not met where it is at its best."""
-        for i, level in enumerate(self.problem.levels):
-            goal = any(term.is_goal for term in level.terms)
-            if goal and result.level_status[i].optimal and result.level_residuals[i] > _MISSED:
+        for i, status in enumerate(result.level_status):
+            if status.optimal and self._is_missed(i, float(result.level_residuals[i])):
                 return i
         return None
+
+    def _is_missed(self, level: int, residual: float) -> bool:
+        """A small weight says what a goal is worth beside others, not that it is met."""
+        weights = [term.weight for term in self.problem.levels[level].terms if term.is_goal]
+        return bool(weights) and residual > _MISSED * min(1.0, *weights) ** 0.5
 
     def _why_missed(self, missed: int, result: LexicographicResult) -> tuple[OcpStatus, str]:
         """No more than what longer horizons show until the deadline; without a deadline none is tried."""
@@ -147,7 +153,7 @@ class Court:
             if trial.violation > self.feasibility or not trial.level_status[missed].optimal:
                 return OcpStatus.MISSED, f"{text}; a horizon of {_seconds(longer)} was tried in vain{held}"
             rest = float(trial.level_residuals[missed])
-            if rest <= _MISSED:
+            if not self._is_missed(missed, rest):
                 return OcpStatus.TOO_SHORT, f"{text}; {_seconds(longer)} would do{held}"
             if rest < _HELPS * residual:
                 return OcpStatus.TOO_SHORT, f"{text}; with {_seconds(longer)} it would be {rest:.4g}{held}"

@@ -151,7 +151,8 @@ class Transcription:
         rows, numbers = self.blocks[0].rows, self._fitted(problem).numbers[0]  # the steps of the first phase
         z, s = self._at_start(problem, numbers)
         broken = excess(np.array(rows.value(z, s, problem.currents[0])).ravel(), numbers.lower, numbers.upper)
-        broken[(rows.level != CONSTRAINT) | ~rows.state_only] = 0.0
+        # What is no number is nothing that another start would mend: solvers meet it, and their verdict names it.
+        broken[(rows.level != CONSTRAINT) | ~rows.state_only | np.isnan(broken)] = 0.0
         if not broken.any() or broken.max() < _ROUNDING:
             return None
         return rows.names[int(broken.argmax())], float(broken.max())
