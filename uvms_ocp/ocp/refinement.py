@@ -6,7 +6,7 @@ What their rows keep at the nodes they may miss between them: there they are tig
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Protocol, TypeAlias
 
@@ -68,6 +68,11 @@ class Written:
     tightened: Mapping[Term, np.ndarray]
     """(n_nodes, n_pairs) [m] for what is missing between nodes."""
 
+    def after(self, before: LexicographicResult) -> Written:
+        """With the iterations of an earlier result as well."""
+        spent = tuple(a + b for a, b in zip(before.iterations, self.result.iterations, strict=True))
+        return replace(self, result=replace(self.result, iterations=spent))
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Refinement:
@@ -95,7 +100,7 @@ class Refinement:
             stopped = NlpStatus.INTERRUPTED in best.result.level_status or self._left <= 0
             if stopped or (kept and self._settled(best, path.q, gained)):
                 break
-            found = self._solved(best.result, path.q, tightened)
+            found = self._solved(best.result, path.q, tightened).after(best.result)
             if found.result.violation > max(best.result.violation, _USABLE):
                 break
             best, gained = found, _gain(best.result, found.result)
