@@ -27,6 +27,7 @@ from uvms_ocp.solvers.nlp.watch import Progress
 
 _MOST_ROUNDS = 14
 _AGREES = 8e-4  # [m] between rows that decide and distances
+_NEAR = 5e-3  # [m] of these, from which on what is missing is missing between nodes, not because rows are elsewhere
 _GAIN = 1e-3  # share of a residual that is not worth another round
 _ZERO = 1e-4  # residual of a level that is met
 _USABLE = 1e-5  # violation of a point that counts
@@ -95,10 +96,11 @@ class Refinement:
         best, gained = self._solved(guess, q, {}), np.inf
         for _ in range(_MOST_ROUNDS if self._terms else 0):
             path = self.planner.transcription.unpack(best.result.x, self.given)
-            tightened = {**best.tightened, **self._missing(best, path)}
-            kept = all(tightened[term] is best.tightened.get(term) for term in tightened)
+            settled = self._settled(best, path.q, gained)
+            missing = self._missing(best, path) if settled or self._off(best, path.q) <= _NEAR else {}
+            tightened = {**best.tightened, **missing}
             stopped = NlpStatus.INTERRUPTED in best.result.level_status or self._left <= 0
-            if stopped or (kept and self._settled(best, path.q, gained)):
+            if stopped or (settled and not missing):
                 break
             found = self._solved(best.result, path.q, tightened).after(best.result)
             if found.result.violation > max(best.result.violation, _USABLE):
@@ -129,8 +131,11 @@ class Refinement:
     def _settled(self, found: Written, q: np.ndarray, gained: float) -> bool:
         if not found.result.status.optimal:
             return False
-        off = max(term.mismatch(self._times, found.near, q) for term in self._terms)
-        return off <= _AGREES or gained <= _GAIN
+        return self._off(found, q) <= _AGREES or gained <= _GAIN
+
+    def _off(self, found: Written, q: np.ndarray) -> float:
+        """[m] Between rows that decide and distances."""
+        return max(term.mismatch(self._times, found.near, q) for term in self._terms)
 
     def _missing(self, best: Written, path: Trajectory) -> dict[Term, np.ndarray]:
         """What is missing between nodes on top of what was; nothing at the last node, whose place is the goal's."""
