@@ -35,7 +35,7 @@ _SLOPE, _FLATTEST = (
     -0.02,
 )  # [-] of duration over price, in logarithms: in still water, and the least that is believed
 _TRIALS = 7
-_PATIENCE = 30.0  # [s] with a plan that keeps the robot from itself
+_PATIENCE = 60.0  # [s] with a plan that keeps the robot from itself
 OPTIONS = NlpOptions(max_iterations=400, convergence=1e-5, time_limit=120.0, barrier=1e-5)
 """Of the solver, by default: a barrier as small as what energy costs."""
 
