@@ -42,13 +42,25 @@ FORMATS = {
     "of thrusters [J]": ".0f",
     "over greedy [-]": ".2f",
     "over drag [-]": ".2f",
+    "over drag and inertia [-]": ".2f",
+    "water [m/s]": ".2f",
     "peak thrust [N]": ".1f",
     "tilt [rad]": ".3f",
     "threshold used [-]": ".3f",
+    "estimated [-]": ".3f",
     "clear of obstacles [mm]": ".0f",
+    "links apart [mm]": ".0f",
     "left": "",
 }
-PLANS = {"mission": "", "status": "", "iterations": "", "CPU [s]": ".1f", "planned [s]": ".1f", "planned [J]": ".0f"}
+PLANS = {
+    "mission": "",
+    "status": "",
+    "iterations": "",
+    "CPU [s]": ".1f",
+    "planned [s]": ".1f",
+    "planned [J]": ".0f",
+    "clear [mm]": ".0f",
+}
 _EVERY = 20  # rows of the record between two that are looked at
 PROSE = """
 Greedy: the mission as `uvms-ocp run` flies it, phase after phase, by the velocity hierarchy above the dynamic layer. As one
@@ -57,9 +69,14 @@ dynamic layer, the same mission that goes from phase to phase by what it measure
 the noise, rates and delays of the robot's file.
 
 Energy is electrical, of thrusters and joints; over drag: that of the thrusters over what a quasi-static flight of the same way
-takes at least, in the same water. Threshold used: the largest true value of a condition as its phase ended, over the limit
-that it had to be below; noise can bring it over the limit. Left: when and why the hierarchy took over. The current of
-`case1 in a current` is {current} m/s.
+takes at least, in the same water; with inertia, what it takes with the accelerations that were flown. The bound of drag says
+what a mission has to pay where the water, whose mean speed along the way stands beside it, moves; in water at rest it goes
+to nothing as the way gets slower, and what is above it are accelerations and the noise that control answers.
+
+Threshold used: the largest true value of a condition as its phase ended, over the limit that it had to be below; estimated:
+the same value as the controller knew it. Where the true one alone is over the limit, the error is the estimate's, which no
+plan can take away. Clear: the least distance on a plan between links, and to obstacles. Left: when and why the hierarchy
+took over. The current of `case1 in a current` is {current} m/s.
 """
 
 
@@ -76,14 +93,6 @@ class _Flown:
         """greedy_energy [J]"""
         record, meta = self.record, self.record.run_meta
         *_, total = resources(record)
-        bound = quasi_static_energy(
-            self.scenario.robot,
-            self.scenario.environment.current,
-            record["t"],
-            record["q"],
-            record["v"],
-            every=_EVERY,
-        )
         tilt = quantity(record, "HA.tilt")
         return {
             "mission": self.mission,
@@ -93,32 +102,54 @@ class _Flown:
             "energy [J]": total["energy_j"],
             "of thrusters [J]": total["thruster_energy_j"],
             "over greedy [-]": None if greedy_energy is None else total["energy_j"] / greedy_energy,
-            "over drag [-]": total["thruster_energy_j"] / max(bound, 1e-9),
+            "over drag [-]": total["thruster_energy_j"] / self._bound(),
+            "over drag and inertia [-]": total["thruster_energy_j"] / self._bound(inertia=True),
+            "water [m/s]": self._water(),
             "peak thrust [N]": total["peak_thrust_n"],
             "tilt [rad]": None if tilt is None else float(np.nanmax(tilt)),
             "threshold used [-]": _used(record),
-            "clear of obstacles [mm]": _clear(self.scenario, record),
+            "estimated [-]": _used(record, estimated=True),
+            "clear of obstacles [mm]": _clear(self.scenario, record) if self.scenario.environment.obstacles else None,
+            "links apart [mm]": _apart(self.scenario, record),
             "left": next((f"{a.t:.1f} s: {a.text}" for a in meta.alarms if a.text.startswith("plan left")), ""),
         }
 
+    def _bound(self, *, inertia: bool = False) -> float:
+        """[J]"""
+        record, current = self.record, self.scenario.environment.current
+        motion = (record["t"], record["q"], record["v"])
+        return max(quasi_static_energy(self.scenario.robot, current, *motion, every=_EVERY, inertia=inertia), 1e-9)
 
-def _used(record: Record) -> float | None:
-    """The largest share [-] of the limit of a condition, true and at the end of its phase."""
+    def _water(self) -> float:
+        """Mean speed [m/s] of the current around the vehicle."""
+        current, rows = self.scenario.environment.current, slice(None, None, _EVERY)
+        places, times = self.record["q"][rows, :3], self.record["t"][rows].tolist()
+        return float(
+            np.mean([np.linalg.norm(current.velocity(p[None], t)[0]) for p, t in zip(places, times, strict=True)])
+        )
+
+
+def _used(record: Record, *, estimated: bool = False) -> float | None:
+    """The largest share [-] of the limit of a condition at the end of its phase, true or as it was estimated."""
     shares = [
-        value.value / condition.limit
+        (condition.estimated if estimated else event.truth[condition.quantity]) / condition.limit
         for event in record.run_meta.events
         for condition in event.conditions
-        for value in event.true_quantities
-        if condition.sign == "<" and value.name == condition.quantity
+        if condition.sign == "<" and condition.quantity in event.truth
     ]
     return max(shares, default=None)
 
 
-def _clear(scenario: Scenario, record: Record) -> float | None:
-    if not scenario.environment.obstacles:
-        return None
-    near = closest_approach(scenario.robot, scenario.environment, record["q"][::_EVERY], floor=False)
-    return None if near is None else 1e3 * near.distance
+def _clear(scenario: Scenario, record: Record) -> float:
+    """Least [mm] to obstacles."""
+    return 1e3 * closest_approach(scenario.robot, scenario.environment, record["q"][::_EVERY], floor=False).distance
+
+
+def _apart(scenario: Scenario, record: Record) -> float:
+    """Least [mm] between links."""
+    nothing = replace(scenario.environment, obstacles=())
+    found = closest_approach(scenario.robot, nothing, record["q"][::_EVERY], floor=False, self_collision=True)
+    return 1e3 * found.distance
 
 
 def measured(name: str, scenario: Scenario, plan_of: Callable[..., MissionPlan]) -> tuple[list[Row], Row]:
@@ -132,7 +163,8 @@ def measured(name: str, scenario: Scenario, plan_of: Callable[..., MissionPlan])
         flown = _Flown(mission=name, how="one problem", scenario=scenario, record=plan.fly(scenario))
         rows.append(flown.row(first["energy [J]"]))
     told = {"mission": name, "status": plan.status.value, "iterations": plan.iterations, "CPU [s]": found.cpu}
-    return rows, {**told, "planned [s]": plan.duration, "planned [J]": plan.energy}
+    clear = None if plan.clearance is None else 1e3 * plan.clearance
+    return rows, {**told, "planned [s]": plan.duration, "planned [J]": plan.energy, "clear [mm]": clear}
 
 
 def quick_plan(scenario: Scenario, **more: Any) -> MissionPlan:

@@ -20,16 +20,21 @@ _ROUNDING = 1e-6  # [N]
 
 
 def quasi_static_energy(
-    robot: Robot, current: Current, t: np.ndarray, q: np.ndarray, v: np.ndarray, *, every: int
+    robot: Robot, current: Current, t: np.ndarray, q: np.ndarray, v: np.ndarray, *, every: int, inertia: bool = False
 ) -> float:
-    """Of thrusters [J] along q (n, n_q) [m, rad] with v (n, n_v) [m/s, rad/s] at t (n,) [s], looked at `every` rows [-]."""
-    dynamics, still = robot_dynamics(robot), np.zeros(robot.n_v)
+    """Of thrusters [J] along q (n, n_q) [m, rad] with v (n, n_v) [m/s, rad/s] at t (n,) [s], looked at `every` rows [-].
+
+    inertia: count the accelerations between the rows looked at as well.
+    """
+    dynamics, a = robot_dynamics(robot), np.zeros_like(v)
+    if inertia:
+        a[::every] = np.gradient(v[::every], t[::every], axis=0)
     rows = np.arange(0, len(t), every)
     powers = []
     for k in rows:
         water = water_at(current, q[k : k + 1, :3], float(t[k]))
         u = type(water)(velocity=water.velocity[0])
-        powers.append(least_power(robot, dynamics.inverse_dynamics(q[k], v[k], still, u)[: robot.n_vehicle]))
+        powers.append(least_power(robot, dynamics.inverse_dynamics(q[k], v[k], a[k], u)[: robot.n_vehicle]))
     return float(np.trapezoid(powers, t[rows]))
 
 

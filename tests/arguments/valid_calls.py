@@ -348,6 +348,7 @@ def whole() -> MissionPlan:
         status=ocp.OcpStatus.SOLVED,
         reason="all goals are met",
         energy=1.0,
+        clearance=0.1,
         greedy_duration=2.0,
         iterations=3,
         solve_time=0.1,

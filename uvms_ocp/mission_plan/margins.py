@@ -20,6 +20,8 @@ class Margins:
     """[rad]"""
     altitude: Magnitude = 0.01
     """[m]"""
+    links: Magnitude = 0.03
+    """[m] between the robot's own links."""
     hold: Magnitude = 0.2
     """[s] beyond the time for which conditions have to hold."""
 

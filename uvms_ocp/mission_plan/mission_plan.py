@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.arguments import Count, Magnitude, checked
+from uvms_ocp.arguments import Count, Finite, Magnitude, checked
 from uvms_ocp.control.receding.plan_guide import FollowingTuning, PlanGuide, PlannedPhase
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.mission_plan.identity import digests
@@ -39,6 +39,8 @@ class MissionPlan:
     """With the numbers behind the verdict."""
     energy: Magnitude | None
     """[J] electrical, of thrusters and joints; `None` where it is not known."""
+    clearance: Finite | None
+    """[m] Least between links, and to obstacles; `None` where there is no pair."""
     greedy_duration: Magnitude
     """[s] of the greedy mission in still water, without forces."""
     iterations: Count
@@ -72,6 +74,7 @@ class MissionPlan:
             "duration_s": self.duration,
             "greedy_duration_s": self.greedy_duration,
             "energy_j": self.energy,
+            "clearance_m": self.clearance,
             "peak_thrust_n": self.peak_thrust,
             "iterations": self.iterations,
             "solve_time_s": self.solve_time,
@@ -140,6 +143,7 @@ def _made(trajectory: Trajectory, told: dict[str, Any]) -> MissionPlan:
         status=statuses[told["status"]],
         reason=told["reason"],
         energy=told["energy_j"],
+        clearance=told["clearance_m"],
         greedy_duration=told["greedy_duration_s"],
         iterations=told["iterations"],
         solve_time=told["solve_time_s"],

@@ -13,6 +13,7 @@ from uvms_ocp.mission_plan.shapes_and_floor import clearance_terms, floor_along,
 from uvms_ocp.mission_plan.stretches import Stretch, stretches_of
 from uvms_ocp.mission_plan.translation import Terms, Weights, levels_of, terms_of
 from uvms_ocp.model.state import State
+from uvms_ocp.ocp.clearance.shape_clearance import ShapeClearance
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.trajectory import Trajectory, through
 from uvms_ocp.scenario import Scenario
@@ -30,6 +31,8 @@ class MissionProblem:
     stretches: tuple[Stretch, ...]
     """The phases of the problem."""
     terms: Terms
+    shapes: tuple[ShapeClearance, ...]
+    """That keep the robot from obstacles and from itself; constraints of the problem from the outset where obstacles are."""
     guess: Trajectory
     """The greedy way, over the nominal durations."""
     greedy_duration: float
@@ -46,6 +49,17 @@ class MissionProblem:
         changed = np.linalg.norm(u - u[0], axis=1) > _SAME
         return float(times[np.argmax(changed) - 1]) if changed.any() else np.inf
 
+    @property
+    def apart(self) -> MissionProblem:
+        """With constraints that keep the robot from itself."""
+        constraints = tuple(term for term in self.problem.constraints if term not in self.shapes)
+        return replace(self, problem=replace(self.problem, constraints=(*constraints, *self.shapes)))
+
+    @property
+    def is_apart(self) -> bool:
+        """Whether it is `apart`, as far as there is anything to keep."""
+        return all(term in self.problem.constraints for term in self.shapes)
+
     def at(self, weights: Weights, way: Trajectory, longest: float) -> OcpProblem:
         """The problem with other weights in its last level, and the water as it is along a way.
 
@@ -60,28 +74,31 @@ def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> Mis
     way = greedy_way(scenario)
     stretches = stretches_of(scenario.mission, way, margins, step=step)
     terms = terms_of(scenario.robot, scenario.mission, way.phases, stretches, margins)
+    shapes = clearance_terms(scenario, margins)
     problem = _problem(scenario, way, stretches, terms, margins)
-    return MissionProblem(
+    posed = MissionProblem(
         problem=problem,
         stretches=tuple(stretches),
         terms=terms,
+        shapes=shapes,
         guess=_guess(problem, way, stretches),
         greedy_duration=float(way.begins[-1]),
         current=scenario.environment.current,
     )
+    return posed.apart if scenario.environment.obstacles else posed
 
 
 def _problem(
     scenario: Scenario, way: GreedyWay, stretches: Sequence[Stretch], terms: Terms, margins: Margins
 ) -> OcpProblem:
     robot, floor = scenario.robot, floor_along(scenario, way)
-    shapes = (*floor_terms(scenario, stretches, floor, margins), *clearance_terms(scenario, margins))
+    above = floor_terms(scenario, stretches, floor, margins)
     return OcpProblem(
         robot=robot,
         start=State(q=np.array(scenario.start), v=np.zeros(robot.n_v)),
         phases=tuple(stretch.ocp for stretch in stretches),
         levels=levels_of(robot, terms, Weights()),
-        constraints=(*terms.constraints, *shapes),
+        constraints=(*terms.constraints, *above),
         floor=floor,
         altimeter_frame=scenario.altimeter_frame or robot.description.altimeter or "altimeter",
     )

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from uvms_ocp.collision.collision_scene import collision_scene
+from uvms_ocp.collision.collision_scene import Nearest, collision_scene
 from uvms_ocp.collision.coordinates import coordinates
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.mission_plan.above_floor import AboveFloor, rims_of
@@ -14,13 +14,18 @@ from uvms_ocp.mission_plan.greedy_way import GreedyWay
 from uvms_ocp.mission_plan.kept_tasks import active
 from uvms_ocp.mission_plan.margins import Margins
 from uvms_ocp.mission_plan.stretches import Stretch
+from uvms_ocp.ocp.clearance.certificate import SteppedMotion, shortfall
 from uvms_ocp.ocp.clearance.shape_clearance import ShapeClearance
 from uvms_ocp.ocp.terms import Term
+from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.clearance import Clearance
 
 _LEVEL = 0.05  # [m] by which a floor may differ along the way
+_MISSED = 2e-3  # [m] of a margin
+_BETWEEN = 8  # looks at each step
+_OWN_ROWS = 6  # per node
 
 
 def floor_along(scenario: Scenario, way: GreedyWay) -> float:
@@ -49,12 +54,30 @@ def floor_terms(scenario: Scenario, stretches: Sequence[Stretch], floor: float, 
     return found
 
 
-def clearance_terms(scenario: Scenario, margins: Margins) -> tuple[Term, ...]:
-    """The robot keeps away from obstacles, by as much as the mission's own tasks on clearance ask for."""
-    if not scenario.environment.obstacles:
-        return ()
-    asked = [task.threshold for task in scenario.mission.hierarchy.tasks if isinstance(task, Clearance)]
+def clearance_terms(scenario: Scenario, margins: Margins) -> tuple[ShapeClearance, ...]:
+    """The robot keeps away from obstacles, by as much as the mission's own tasks on clearance ask for, and from itself.
+
+    Links that are near each other by design keep half of what they have at rest, and at the start what they have there.
+    """
     planned = coordinates(scenario.robot, reference=scenario.start)
-    scene = collision_scene(planned, scenario.environment.obstacles, self_collision=False)
-    kept = np.full(scene.n_pairs, max([margins.position, *asked]))
-    return (ShapeClearance(scene=scene, margins=kept),) if scene.pairs else ()
+    scene = collision_scene(planned, scenario.environment.obstacles)
+    asked = [task.threshold for task in scenario.mission.hierarchy.tasks if isinstance(task, Clearance)]
+    of_links = np.isfinite(scene.room)
+    kept = np.where(of_links, np.minimum(margins.links, scene.room), max([margins.position, *asked]))
+    return (ShapeClearance(scene=scene, margins=kept, n_own_rows=_OWN_ROWS),) if scene.pairs else ()
+
+
+def is_apart(shapes: Sequence[ShapeClearance], way: Trajectory) -> bool:
+    """Whether all pairs keep their margins along a way, at its nodes and between them."""
+    return all(shortfall(term, way, 0.0).max(initial=0.0) <= _MISSED for term in shapes)
+
+
+def nearest_along(shapes: Sequence[ShapeClearance], way: Trajectory) -> Nearest | None:
+    """The least distance of any pair along a way, between its nodes too; `None` where there are no pairs."""
+    found = [_nearest(term, way) for term in shapes]
+    return min(found, key=lambda nearest: nearest.distance, default=None)
+
+
+def _nearest(term: ShapeClearance, way: Trajectory) -> Nearest:
+    t = np.interp(np.arange(_BETWEEN * len(way.a) + 1) / _BETWEEN, np.arange(len(way.t)), way.t)
+    return term.scene.nearest(t, SteppedMotion(term=term, trajectory=way).distances(t))

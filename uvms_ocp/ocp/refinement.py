@@ -6,7 +6,7 @@ What their rows keep at the nodes they may miss between them: there they are tig
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Protocol, TypeAlias
 
@@ -27,6 +27,7 @@ from uvms_ocp.solvers.nlp.watch import Progress
 
 _MOST_ROUNDS = 14
 _AGREES = 8e-4  # [m] between rows that decide and distances
+_NEAR = 5e-3  # [m] of these, from which on what is missing is missing between nodes, not because rows are elsewhere
 _GAIN = 1e-3  # share of a residual that is not worth another round
 _ZERO = 1e-4  # residual of a level that is met
 _USABLE = 1e-5  # violation of a point that counts
@@ -68,6 +69,11 @@ class Written:
     tightened: Mapping[Term, np.ndarray]
     """(n_nodes, n_pairs) [m] for what is missing between nodes."""
 
+    def after(self, before: LexicographicResult) -> Written:
+        """With the iterations of an earlier result as well."""
+        spent = tuple(a + b for a, b in zip(before.iterations, self.result.iterations, strict=True))
+        return replace(self, result=replace(self.result, iterations=spent))
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Refinement:
@@ -90,12 +96,13 @@ class Refinement:
         best, gained = self._solved(guess, q, {}), np.inf
         for _ in range(_MOST_ROUNDS if self._terms else 0):
             path = self.planner.transcription.unpack(best.result.x, self.given)
-            tightened = {**best.tightened, **self._missing(best, path)}
-            kept = all(tightened[term] is best.tightened.get(term) for term in tightened)
+            settled = self._settled(best, path.q, gained)
+            missing = self._missing(best, path) if settled or self._off(best, path.q) <= _NEAR else {}
+            tightened = {**best.tightened, **missing}
             stopped = NlpStatus.INTERRUPTED in best.result.level_status or self._left <= 0
-            if stopped or (kept and self._settled(best, path.q, gained)):
+            if stopped or (settled and not missing):
                 break
-            found = self._solved(best.result, path.q, tightened)
+            found = self._solved(best.result, path.q, tightened).after(best.result)
             if found.result.violation > max(best.result.violation, _USABLE):
                 break
             best, gained = found, _gain(best.result, found.result)
@@ -124,8 +131,11 @@ class Refinement:
     def _settled(self, found: Written, q: np.ndarray, gained: float) -> bool:
         if not found.result.status.optimal:
             return False
-        off = max(term.mismatch(self._times, found.near, q) for term in self._terms)
-        return off <= _AGREES or gained <= _GAIN
+        return self._off(found, q) <= _AGREES or gained <= _GAIN
+
+    def _off(self, found: Written, q: np.ndarray) -> float:
+        """[m] Between rows that decide and distances."""
+        return max(term.mismatch(self._times, found.near, q) for term in self._terms)
 
     def _missing(self, best: Written, path: Trajectory) -> dict[Term, np.ndarray]:
         """What is missing between nodes on top of what was; nothing at the last node, whose place is the goal's."""
