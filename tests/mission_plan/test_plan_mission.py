@@ -96,6 +96,12 @@ def test_a_solver_that_is_stopped_makes_no_plan_that_could_be_flown(mission: Sce
         stopped.fly(mission)
 
 
+def test_a_plan_that_takes_longer_than_is_allowed_is_not_called_solved(mission: Scenario) -> None:
+    hasty = plan_mission(mission, step=3.0, duration=1.0)
+    assert hasty.status is not OcpStatus.SOLVED
+    assert "1 s are allowed" in hasty.reason or not hasty.status.usable
+
+
 def ended_by(scenario: Scenario, *conditions: Condition) -> Scenario:
     """With another end of its last phase."""
     last = replace(scenario.mission.phases[-1], transitions=(Transition(to=DONE, when=conditions),))

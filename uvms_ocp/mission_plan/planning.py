@@ -59,9 +59,10 @@ def plan_mission(
     """
     begin = perf_counter()
     posed = mission_problem(scenario, margins=margins or Margins(), step=step)
-    plan, iterations = _best(posed, duration or posed.greedy_duration, options or OPTIONS)
+    longest = duration or posed.greedy_duration
+    plan, iterations = _best(posed, longest, options or OPTIONS)
     nearest = nearest_along(posed.shapes, plan.trajectory)
-    status, reason = _verdict(plan, nearest)
+    status, reason = _verdict(plan, nearest, longest)
     phases = _phases(scenario, posed.stretches, plan.trajectory.t[posed.problem.starts_of_phases()])
     return MissionPlan(
         scenario=scenario.name,
@@ -79,10 +80,14 @@ def plan_mission(
     )
 
 
-def _verdict(plan: Plan, nearest: Nearest | None) -> tuple[OcpStatus, str]:
-    """That of the plan, unless shapes overlap on it: then it is none to be flown."""
-    if not plan.status.usable or nearest is None or nearest.distance > 0:
+def _verdict(plan: Plan, nearest: Nearest | None, longest: float) -> tuple[OcpStatus, str]:
+    """That of the plan, unless it takes longer than `longest` [s], or shapes overlap on it: then it is none to be flown."""
+    if not plan.status.usable:
         return plan.status, plan.reason
+    if nearest is None or nearest.distance > 0:
+        if plan.duration <= longest:
+            return plan.status, plan.reason
+        return OcpStatus.TOO_SHORT, f"{longest:g} s are allowed, the quickest plan that was found takes {plan.duration:.4g} s"
     text = f"{nearest.pair} overlap by {-nearest.distance:.3g} m at {nearest.time:.3g} s"
     return OcpStatus.INFEASIBLE, f"no motion was found that keeps links and obstacles apart: {text}"
 
