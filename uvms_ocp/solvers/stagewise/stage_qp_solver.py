@@ -143,5 +143,5 @@ def _cost(qp: StageQp, z: tuple[Array, ...]) -> float:
     flat = np.concatenate(z)
     total = residual @ residual / 2 + flat @ (qp.flat["damping"] * flat / 2 + qp.flat["g"])
     if qp.flat["H"].any():
-        total += sum(own @ (np.tril(H, -1) @ own + np.diag(H) * own / 2) for H, own in zip(qp.H, z, strict=True))
+        total += sum(own @ H @ own / 2 for H, own in zip(qp.H, z, strict=True))
     return float(total)
