@@ -17,6 +17,8 @@
   Frontiers in Neurorobotics 16, 982505, 2022.
 - [Gilbert1988] E. G. Gilbert, D. W. Johnson, S. S. Keerthi, A fast procedure for computing the distance between complex
   objects in three-dimensional space, IEEE Journal on Robotics and Automation 4(2), 1988.
+- [Hintermueller2002] M. Hintermüller, K. Ito, K. Kunisch, The primal-dual active set strategy as a semismooth Newton
+  method, SIAM Journal on Optimization 13(3), 2002.
 - [Kanoun2011] O. Kanoun, F. Lamiraux, P.-B. Wieber, Kinematic control of redundant manipulators: generalizing the
   task-priority framework to inequality task, IEEE Transactions on Robotics 27(4), 2011.
 - [Kuffner2000] J. J. Kuffner, S. M. LaValle, RRT-Connect: an efficient approach to single-query path planning, IEEE

@@ -39,10 +39,7 @@ class Actuation(Enum):
 
 
 class HessianKind(Enum):
-    """EXACT, or GAUSS_NEWTON: cheaper and never indefinite, but blind to the curvature of the constraints.
-
-    Plugin ``stagewise`` leaves out of EXACT how forces curve with velocity and acceleration.
-    """
+    """EXACT, or GAUSS_NEWTON: cheaper and never indefinite, but blind to the curvature of the constraints."""
 
     EXACT = "exact"
     GAUSS_NEWTON = "gauss-newton"

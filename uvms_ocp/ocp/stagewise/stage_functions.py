@@ -92,9 +92,7 @@ class BlockFunctions:
         short += ca.dot(y[first:], held[first:])
         H = tangent.curvature(short, controls=step)
         if step:
-            # The rest of this one is four times as long, for one iteration in ten.
-            n, long = tangent.n_v, ca.dot(y[:first], held[:first]) + ca.dot(e, errors)
-            H[:n, :n] += tangent.bent(long)
+            H += tangent.bent(ca.dot(y[:first], held[:first]) + ca.dot(e, errors))
         whole = ca.diagcat(H, ca.SX(self.extra, self.extra))
         inputs = [model.z, z_next, rows.parameters, model.water, costates, y, e]
         return compiled(f"{rows.name}_curvature", inputs, [whole])

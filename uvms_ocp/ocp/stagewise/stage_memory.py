@@ -83,6 +83,11 @@ class StageMemory:
             for i, block in enumerate(term_blocks(self.tangent.model))
         )
 
+    def compile_curvature(self) -> None:
+        """Before any clock runs: it takes longest."""
+        for function in self.functions:
+            _ = function.curvature
+
     def groups(self, stage: Stage) -> tuple[RowGroup, ...]:
         """Rows of a stage that may be held."""
         function = self.function(stage)

@@ -6,7 +6,7 @@ where that does not help either, the proof that no small change does.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,8 @@ from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.stagewise import StageQpSolution, StageQpStatus
 
 _SMALLEST_SHARE = 1e-7
-_CUT, _MORE, _LESS = 0.5, 10.0, 2.0  # share of a step below which damping grows, by how much, and by how much it falls
+_MORE, _LESS = 10.0, 4.0  # by how much damping grows, and by how much it falls
+_KEPT = 0.25  # share of a violation down to which a step has to bring it for less damping
 _DAMPED = 1e-6  # [1/unit of z^2] from where it grows
 _NOTHING = 0.1  # share of the tolerance of a residual's norm that is not worth a step
 _STEEP = 100.0  # largest entry of the gradient at the start up to which errors are not scaled, as in IPOPT
@@ -35,7 +36,6 @@ _MODELS = (
 """Damping [1/unit of z^2], whether the cost has the curvature of constraints, and what it costs to miss levels above
 [1/unit of the row]; the next where one fails."""
 _PATIENCE, _DIGITS = 15, 1e-5  # iterations of the last level before a gain of this share of its cost is none
-_FEW = 2  # iterations of a QP in which no bound counts
 _LOUDEST = 1e4  # times the first violation
 _NO_HELP = 1e-6  # share of the violation that a step must take away to count as a help
 
@@ -99,8 +99,7 @@ class StageSqp:
         if not solution.status.usable:
             return NlpStatus.STALLED, here
         slope, error = self._level.slope_and_curvature(solution)
-        if error <= self._options.convergence * self._scale and self._worst <= self._options.convergence:
-            self._finish(here)
+        if error <= self._options.convergence * self._scale and self._is_kept(here):
             return NlpStatus.SOLVED, here
         if self._is_flat(here, slope):
             return NlpStatus.INEXACT, here
@@ -124,9 +123,7 @@ class StageSqp:
         Where curvature makes none, that of Gauss and Newton takes the place; where that leaves directions open, steps are damped.
         """
         last = self._solution
-        # A QP in which no bound counts is solved by one factor from anywhere.
-        counts = last is not None and last.status is StageQpStatus.SOLVED and last.iterations > _FEW
-        near = last if counts else None
+        near = _from_here(last) if last is not None and last.status is StageQpStatus.SOLVED else None
         solution = None
         for damping, curved, give in _MODELS[self._model :]:
             self._level.bend(last if curved else None)
@@ -139,7 +136,7 @@ class StageSqp:
         return solution
 
     def _search(self, here: Merit, slope: float) -> tuple[NlpStatus | None, Merit]:
-        share = 1.0
+        share, before = 1.0, self._worst
         while share > _SMALLEST_SHARE:
             trial = self._tried(share)
             if self._filter.accepts(trial, here, slope, share):
@@ -147,18 +144,21 @@ class StageSqp:
                     self._filter.add(here)
                 if share < 1.0:
                     self._level.linearize()
-                self._trust(share)
+                self._trust(share, before)
                 return None, trial
             share /= 2
         self._back()
         good = self._worst <= self._options.feasibility
         return NlpStatus.INEXACT if good else NlpStatus.STALLED, here
 
-    def _trust(self, share: float) -> None:
-        """Steps that had to be cut short were too long where nothing but damping makes them shorter."""
-        if share < _CUT:
+    def _trust(self, share: float, before: float) -> None:
+        """Steps that had to be cut short were too long where nothing but damping makes them shorter.
+
+        So are those that leave the rows as broken as they were before.
+        """
+        if share < 1.0:
             self._damping = max(_MORE * self._damping, _DAMPED)
-        elif share == 1.0:
+        elif self._worst <= max(_KEPT * before, self._options.feasibility):
             self._damping /= _LESS
 
     def _restore(self, here: Merit, solution: StageQpSolution) -> tuple[NlpStatus | None, Merit]:
@@ -187,14 +187,17 @@ class StageSqp:
             self._memory.evaluate()
         return self._merit()
 
-    def _finish(self, here: Merit) -> None:
-        """The last step is as good as any before it; where rounding makes it worse it is not taken."""
+    def _is_kept(self, here: Merit) -> bool:
+        """Whether all rows are, after the last step; where rounding makes that worse it is not taken."""
+        before = self._worst
         self._memory.share[0] = 1.0
         self._memory.move()
         self._memory.evaluate()
         trial = self._merit()
         if not trial.violation <= max(here.violation, self._options.convergence):
             self._back()
+            self._worst = before
+        return self._worst <= self._options.convergence
 
     def _back(self) -> None:
         self._memory.z[:] = self._memory.z_from
@@ -214,3 +217,8 @@ class StageSqp:
             cost=self._level.cost,
             solution=self._solution,
         )
+
+
+def _from_here(last: StageQpSolution) -> StageQpSolution:
+    """Its multipliers; the step that it was is taken."""
+    return replace(last, z=tuple(np.zeros_like(own) for own in last.z))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.ocp.problem import OcpProblem
+from uvms_ocp.ocp.problem import HessianKind, OcpProblem
 from uvms_ocp.ocp.stagewise.stage_levels import StageLevel, StageLevels
 from uvms_ocp.ocp.stagewise.stage_memory import StageMemory
 from uvms_ocp.ocp.transcription.transcription import Transcription
@@ -25,6 +25,8 @@ class StagewiseProgram:
         """Raises `InvalidInput` for what couples all stages: a level above others with `relax`; and for a start that is free."""
         _check(whole.problem)
         self._whole, self.levels = whole, StageLevels(StageMemory(whole))
+        if whole.problem.hessian is HessianKind.EXACT:
+            self.levels.memory.compile_curvature()
 
     @property
     def ranges(self) -> RowRanges:

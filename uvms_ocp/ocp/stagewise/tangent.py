@@ -70,11 +70,14 @@ class Tangent:
         return (H + H.T) / 2
 
     def bent(self, value: ca.SX) -> ca.SX:
-        """(n_v, n_v) the same along q alone."""
-        q = self.model.layout.q
-        slope = (ca.jacobian(value, self.model.z)[:, q] @ self._turned).T
-        H = ca.jacobian(slope, self.model.z)[:, q] @ self._turned
-        return (H + H.T) / 2
+        """(n, n) the same for a value in which nothing but q bends a and h: half as long."""
+        layout, n = self.model.layout, self.n_v
+        slope = ca.jacobian(value, self.model.z)
+        H = self.jacobian((slope[:, layout.q] @ self._turned).T)
+        fast = ca.jacobian(slope[:, layout.v], self.model.z)[:, layout.v]
+        own, rest = (H[:, :n] + H[:, :n].T) / 2, H[:, n:]
+        rest_too = ca.diagcat(fast, ca.SX(rest.shape[1] - n, rest.shape[1] - n))
+        return ca.blockcat([[own, rest], [rest.T, rest_too]])
 
     def motion(self, z_next: ca.SX) -> ca.SX:
         """By how much the state after a step is ahead of that of z_next (n_z,), in its tangent space (n_x,)."""

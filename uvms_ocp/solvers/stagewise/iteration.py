@@ -32,13 +32,13 @@ class NumpyCore:
         self._stages.fixed[:] = table.fixed
         curvature = self._stages.load(qp, costless=costless)
         method = InteriorPoint(self._stages, table, 1.0 if costless else curvature, options)
-        if start is Start.EQUALITIES:
-            return _from_equalities(method, point)
+        if start in (Start.EQUALITIES, Start.ACTIVE):
+            return _from_equalities(method, point, alone=start is Start.ACTIVE)
         begin = _warm(method, point) if start is Start.WARM else _cold(method, point)
         return _descended(method, begin)
 
 
-def _from_equalities(method: InteriorPoint, point: Point) -> End:
+def _from_equalities(method: InteriorPoint, point: Point, *, alone: bool) -> End:
     p, wrong = _equalities_alone(method, point)
     r = method.residuals(p)
     if wrong:
@@ -47,6 +47,8 @@ def _from_equalities(method: InteriorPoint, point: Point) -> End:
     exact = r.kkt.stationarity <= tolerance * r.gradient and r.kkt.primal <= tolerance * r.variable
     if exact and not _missed(method, r) > 0.0:
         return _end(method, StageQpStatus.SOLVED, p, r)
+    if alone:
+        return _end(method, StageQpStatus.ITERATION_LIMIT, p, r)
     return _descended(method, _cold(method, point))
 
 

@@ -20,6 +20,8 @@ class Start(IntEnum):
     """z, costates and multipliers, those of all rows in y, are near the optimum."""
     COLD = 2
     """The run starts from z."""
+    ACTIVE = 3
+    """The optimum without inequalities is all that is sought."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

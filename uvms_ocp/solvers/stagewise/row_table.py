@@ -1,15 +1,21 @@
-"""Rows of constraints and bounds of variables in one list, with what each of them is."""
+"""Rows of constraints and bounds of variables in one list, with what each of them is.
+
+Bounds that are reached are guessed from a QP nearby: they are equalities and all others are none, until both prove right. One
+factor where the guess is right, one more for every guess that is mended [Hintermueller2002].
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 
 from uvms_ocp.arrays import Array, Mask
+from uvms_ocp.solvers.stagewise.solution import StageQpSolution
 from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape
 
+_COUNTS = 1e-6  # [-] multiplier, beside the largest, of a bound that is reached
 SIGNS = np.array([[1.0], [-1.0]])
 """Of what is left to the lower and the upper side."""
 
@@ -91,3 +97,27 @@ def _may_be_fixed(shape: StageShape) -> Mask:
     for k, n_x in enumerate(shape.n_x[1:], start=1):
         own[k][:n_x] = False
     return np.concatenate(own)
+
+
+def reached(table: RowTable, solution: StageQpSolution) -> Mask:
+    """(2, M) sides that hold the solution of a QP nearby where it is."""
+    y = np.concatenate([*solution.y, *solution.y_z])
+    most = max(np.abs(y).max(initial=0.0), *(np.abs(own).max(initial=0.0) for own in solution.costate))
+    return np.asarray(table.side & (-SIGNS * y * table.norm > _COUNTS * most))
+
+
+def held(table: RowTable, active: Mask) -> RowTable:
+    """Active (2, M) sides as equalities, without all others."""
+    none, rows = np.zeros_like(table.side), active.any(axis=0)
+    target = np.where(rows, np.where(active, table.bound, 0.0).sum(axis=0), table.target)
+    return replace(table, side=none, equal=table.equal | rows, target=target)
+
+
+def mended(table: RowTable, active: Mask, y: Array, value: Array, tolerance: float) -> Mask:
+    """(2, M) active sides but for those that pull, and those that a row's value misses.
+
+    y (M,) [1/unit of the row] multipliers; value (M,) [unit of the row]; tolerance [-] relative to the largest variable.
+    """
+    room = tolerance * (1.0 + np.abs(value[-len(table.fixed) :]).max()) * table.norm
+    missed = table.side & (SIGNS * (table.bound - value) > room)
+    return np.asarray((active & (SIGNS * y <= 0.0)) | (missed & ~active))

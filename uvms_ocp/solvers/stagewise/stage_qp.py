@@ -96,7 +96,7 @@ class StageQp:
         self.r = self._vectors("r", n_r)
         """(n_r,)"""
         self.H = self._matrices("H", list(zip(n_z, n_z, strict=True)))
-        """(n_z, n_z) symmetric; the lower triangle is read."""
+        """(n_z, n_z) symmetric."""
         self.g = self._vectors("g", n_z)
         """(n_z,)"""
         self.damping = self._vectors("damping", n_z)

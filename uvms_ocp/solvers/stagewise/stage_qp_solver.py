@@ -14,7 +14,7 @@ from uvms_ocp.solvers.stagewise.compiled import compiled_core
 from uvms_ocp.solvers.stagewise.iteration import NumpyCore
 from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
 from uvms_ocp.solvers.stagewise.point import End, Point, Start, nothing, resting
-from uvms_ocp.solvers.stagewise.row_table import RowTable, row_table
+from uvms_ocp.solvers.stagewise.row_table import RowTable, held, mended, reached, row_table
 from uvms_ocp.solvers.stagewise.solution import StageQpSolution, StageQpStatus, stage_qp_solution
 from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape, slices
 
@@ -47,10 +47,27 @@ class StageQpSolver:
         if warm is None:
             end = self._run(qp, table, self._rest(qp, table))
         else:
-            end = self._run(qp, table, self._near(qp, table, warm), Start.WARM)
+            end = self._guessed(qp, table, warm) or self._run(qp, table, self._near(qp, table, warm), Start.WARM)
         if end.status is StageQpStatus.ITERATION_LIMIT:
             end = self._judged(qp, table, end)
         return self._solution(qp, end)
+
+    def _guessed(self, qp: StageQp, table: RowTable, near: StageQpSolution) -> End | None:
+        """The optimum where the bounds that it reaches are found soon, starting with those of a QP nearby."""
+        active, spent, before = reached(table, near), 0, table.side.size
+        while not table.elastic.any():
+            end = self._run(qp, held(table, active), self._rest(qp, table), Start.ACTIVE)
+            spent += end.iterations
+            if end.status is not StageQpStatus.SOLVED:
+                break
+            better = mended(table, active, end.point.y, _values(qp, end.point.z), self.options.tolerance)
+            changes = int((better != active).sum())
+            if changes == 0:
+                return replace(end, iterations=spent)
+            if changes >= before:
+                break
+            active, before = better, changes
+        return None
 
     def _judged(self, qp: StageQp, table: RowTable, failed: End) -> End:
         """What it means that no optimum was found: phase one tells whether there is a point at all, and where."""
@@ -126,5 +143,5 @@ def _cost(qp: StageQp, z: tuple[Array, ...]) -> float:
     flat = np.concatenate(z)
     total = residual @ residual / 2 + flat @ (qp.flat["damping"] * flat / 2 + qp.flat["g"])
     if qp.flat["H"].any():
-        total += sum(own @ (np.tril(H, -1) @ own + np.diag(H) * own / 2) for H, own in zip(qp.H, z, strict=True))
+        total += sum(own @ H @ own / 2 for H, own in zip(qp.H, z, strict=True))
     return float(total)
