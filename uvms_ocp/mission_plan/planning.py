@@ -87,7 +87,10 @@ def _verdict(plan: Plan, nearest: Nearest | None, longest: float) -> tuple[OcpSt
     if nearest is None or nearest.distance > 0:
         if plan.duration <= longest:
             return plan.status, plan.reason
-        return OcpStatus.TOO_SHORT, f"{longest:g} s are allowed, the quickest plan that was found takes {plan.duration:.4g} s"
+        return (
+            OcpStatus.TOO_SHORT,
+            f"{longest:g} s are allowed, the quickest plan that was found takes {plan.duration:.4g} s",
+        )
     text = f"{nearest.pair} overlap by {-nearest.distance:.3g} m at {nearest.time:.3g} s"
     return OcpStatus.INFEASIBLE, f"no motion was found that keeps links and obstacles apart: {text}"
 

@@ -85,7 +85,9 @@ class Nmpc:
         if problem.free_time:
             raise InvalidInput("receding-horizon control needs fixed durations; give every phase one number")
         if np.ndim(problem.current) != 1:
-            raise InvalidInput("receding-horizon control needs one current; give three numbers [m/s], not some per step")
+            raise InvalidInput(
+                "receding-horizon control needs one current; give three numbers [m/s], not some per step"
+            )
         self._robot, self.period = problem.robot, period
         self._problem = replace(problem, hessian=HessianKind.GAUSS_NEWTON)
         self._worker = started(
