@@ -48,7 +48,7 @@ class StagewiseProgram:
 
     def turning(self) -> TurningStages:
         """Its levels for steps in real time."""
-        return TurningStages(self.levels)
+        return TurningStages(self.levels.memory)
 
     def rows_at(self, x: Array, p: Array) -> tuple[Array, ...]:
         """Rows of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""

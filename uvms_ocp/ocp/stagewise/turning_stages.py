@@ -6,11 +6,16 @@ import numpy as np
 
 from uvms_ocp.arrays import Array
 from uvms_ocp.ocp.stagewise.stage_levels import StageLevels
+from uvms_ocp.ocp.stagewise.stage_memory import StageMemory
 from uvms_ocp.ocp.stagewise.stage_ranges import StageRanges, stage_places
 from uvms_ocp.solvers.nlp.acceptance import Merit
 from uvms_ocp.solvers.nlp.level_turns import Point
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds
+
+_QP_TOLERANCE = 1e-5
+"""[-] relative. An interior point that ends early keeps off the bounds: curvature then costs levels above less, and whole steps
+can be taken more often than at the exact optimum."""
 
 
 class TurningStages:
@@ -22,8 +27,8 @@ class TurningStages:
 
     slack = 0.0
 
-    def __init__(self, levels: StageLevels) -> None:
-        self._levels, self._memory = levels, levels.memory
+    def __init__(self, memory: StageMemory) -> None:
+        self._levels, self._memory = StageLevels(memory, _QP_TOLERANCE), memory
         self._raw = np.zeros(self._memory.whole.row_layout.n_rows + 1)
         self._ranges: StageRanges | None = None
         """Of the constraints alone."""
