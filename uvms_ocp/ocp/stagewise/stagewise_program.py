@@ -46,9 +46,9 @@ class StagewiseProgram:
         """One for each level."""
         return self.levels.made(options, deadline)
 
-    def turning(self) -> TurningStages:
-        """Its levels for steps in real time."""
-        return TurningStages(self.levels.memory)
+    def turning(self, slack: float) -> TurningStages:
+        """Its levels for steps in real time; slack [-] as `LevelModel` has it."""
+        return TurningStages(self.levels.memory, slack)
 
     def rows_at(self, x: Array, p: Array) -> tuple[Array, ...]:
         """Rows of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""

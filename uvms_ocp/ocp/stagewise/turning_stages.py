@@ -13,7 +13,7 @@ from uvms_ocp.solvers.nlp.level_turns import Point
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds
 
-_QP_TOLERANCE = 1e-5
+_QP_TOLERANCE = 1e-4
 """[-] relative. An interior point that ends early keeps off the bounds: curvature then costs levels above less, and whole steps
 can be taken more often than at the exact optimum."""
 
@@ -21,14 +21,12 @@ can be taken more often than at the exact optimum."""
 class TurningStages:
     """A `uvms_ocp.solvers.nlp.level_turns.LevelModel` on the memory of a horizon, whose points are those of all stages.
 
-    Frozen rows are equalities as far as they can be, because the QPs bear dependent ones: a thin slab in their place takes an
-    interior point four times as many iterations.
+    Frozen rows are slabs: where limits bind there is often no motion that keeps them as they are.
     """
 
-    slack = 0.0
-
-    def __init__(self, memory: StageMemory) -> None:
+    def __init__(self, memory: StageMemory, slack: float) -> None:
         self._levels, self._memory = StageLevels(memory, _QP_TOLERANCE), memory
+        self.slack = slack
         self._raw = np.zeros(self._memory.whole.row_layout.n_rows + 1)
         self._ranges: StageRanges | None = None
         """Of the constraints alone."""

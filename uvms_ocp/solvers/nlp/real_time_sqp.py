@@ -59,7 +59,7 @@ class StagedProgram(Protocol):
     def n_x(self) -> int: ...
     @property
     def n_p(self) -> int: ...
-    def turning(self) -> LevelModel: ...
+    def turning(self, slack: float) -> LevelModel: ...
 
 
 def _model(program: LexicographicProgram | StagedProgram, options: SqpOptions) -> LevelModel:
@@ -67,7 +67,7 @@ def _model(program: LexicographicProgram | StagedProgram, options: SqpOptions) -
         if options.plugin == STAGEWISE:
             raise InvalidInput("the program has no stages; transcribe it stage by stage, or give another plugin")
         return SparseLevels(program, options)
-    return program.turning()
+    return program.turning(options.tolerance)
 
 
 @checked
