@@ -20,8 +20,10 @@ from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
+from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
 
 LEVELS = "levels"
+STAGES = SqpOptions(plugin="stagewise")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -47,7 +49,7 @@ def conflict_rows(runs: ConflictRuns) -> Iterator[Row]:
         problems = {LEVELS: conflict.problem} | {f"weights, {w:g}": conflict.as_sum(w) for w in runs.weights}
         for seed in runs.seeds:
             for name, problem in problems.items():
-                nmpc = Nmpc(problem, dt=DT, period=PERIOD, clock=process_time)
+                nmpc = Nmpc(problem, dt=DT, period=PERIOD, clock=process_time, options=STAGES)
                 found = conflict_run(conflict, nmpc, seed, min(runs.seconds, conflict.seconds))
                 yield {"conflict": conflict.name, "priorities": name, "seed": seed, **found, **deadlines(nmpc)}
 

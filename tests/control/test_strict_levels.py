@@ -12,9 +12,11 @@ from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
 from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpProblem, single_phase
+from uvms_ocp.ocp.stagewise.stagewise_program import StagewiseProgram
 from uvms_ocp.ocp.terms import At, Effort, Posture, TaskTerm
 from uvms_ocp.ocp.trajectory import hold
 from uvms_ocp.ocp.transcription.transcription import Transcription
+from uvms_ocp.solvers.nlp.program import LexicographicProgram
 from uvms_ocp.solvers.nlp.real_time_sqp import RealTimeSqp, SqpResult
 from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
 from uvms_ocp.tasks.pose import ToolPosition
@@ -48,17 +50,19 @@ def problem(robot: Robot) -> OcpProblem:
     )
 
 
-def residuals(sqp: RealTimeSqp, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-    levels, rows = sqp.program.ranges.levels, sqp.program.values.call([x, p])
+def residuals(program: LexicographicProgram, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+    levels, rows = program.ranges.levels, program.values.call([x, p])
     return np.array(
         [np.linalg.norm(level.distance(np.array(y).ravel())) for level, y in zip(levels, rows, strict=True)]
     )
 
 
-def test_no_level_above_rises_by_more_than_the_tolerance_in_random_steps(robot: Robot) -> None:
-    own = problem(robot)
+@pytest.mark.parametrize("plugin", ["piqp", "stagewise"])
+def test_no_level_above_rises_by_more_than_the_tolerance_in_random_steps(robot: Robot, plugin: str) -> None:
+    own, options = problem(robot), replace(OPTIONS, plugin=plugin)
     transcription = Transcription(own)
-    sqp, rng, gained = RealTimeSqp(transcription.program, OPTIONS), np.random.default_rng(1), 0
+    staged, sparse = StagewiseProgram(transcription), transcription.program
+    sqp, rng, gained = RealTimeSqp(staged if plugin == "stagewise" else sparse, options), np.random.default_rng(1), 0
     lower, upper = transcription.bounds()
     for i in range(N_STEPS):
         start = State(
@@ -69,10 +73,10 @@ def test_no_level_above_rises_by_more_than_the_tolerance_in_random_steps(robot: 
         x = transcription.pack(hold(own, start))
         guess = x + 0.1 * rng.standard_normal(len(x))
         result: SqpResult = sqp.solve(guess, p=p, x_lower=lower, x_upper=upper)
-        found = residuals(sqp, result.x, p)
+        found = residuals(sparse, result.x, p)
         assert len(result.reached) == 3
-        assert (found <= np.array(result.reached) + OPTIONS.tolerance + 1e-9).all()
-        gained += found[2] < residuals(sqp, guess, p)[2]
+        assert (found <= np.array(result.reached) + options.tolerance + 1e-9).all()
+        gained += found[2] < residuals(sparse, guess, p)[2]
     assert gained > N_STEPS // 2
 
 

@@ -33,8 +33,9 @@ _QP_TOLERANCE = 1e-7  # [-] relative
 class StageLevels:
     """All levels, on one memory."""
 
-    def __init__(self, memory: StageMemory) -> None:
-        self.memory, self.point = memory, StagePoint(memory)
+    def __init__(self, memory: StageMemory, tolerance: float = _QP_TOLERANCE) -> None:
+        """tolerance [-] of the QPs, relative."""
+        self.memory, self.point, self._tolerance = memory, StagePoint(memory), tolerance
         self._levels: dict[int, LevelStages] = {}
 
     def made(self, options: NlpOptions, deadline: Deadline) -> list[StageLevel]:
@@ -44,7 +45,7 @@ class StageLevels:
     def level(self, index: int) -> LevelStages:
         """Bound to the memory when it is called for first."""
         if index not in self._levels:
-            self._levels[index] = LevelStages(self.memory, index, StageQpOptions(tolerance=_QP_TOLERANCE))
+            self._levels[index] = LevelStages(self.memory, index, StageQpOptions(tolerance=self._tolerance))
         return self._levels[index]
 
     def rows_at(self, x: Array, p: Array) -> tuple[Array, ...]:

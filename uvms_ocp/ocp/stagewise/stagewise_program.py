@@ -9,6 +9,7 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
 from uvms_ocp.ocp.stagewise.stage_levels import StageLevel, StageLevels
 from uvms_ocp.ocp.stagewise.stage_memory import StageMemory
+from uvms_ocp.ocp.stagewise.turning_stages import TurningStages
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.level_solver import Deadline
 from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
@@ -46,6 +47,10 @@ class StagewiseProgram:
     def solvers(self, options: NlpOptions, deadline: Deadline) -> Sequence[StageLevel]:
         """One for each level."""
         return self.levels.made(options, deadline)
+
+    def turning(self, slack: float) -> TurningStages:
+        """Its levels for steps in real time; slack [-] as `LevelModel` has it."""
+        return TurningStages(self.levels.memory, slack)
 
     def rows_at(self, x: Array, p: Array) -> tuple[Array, ...]:
         """Rows of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""

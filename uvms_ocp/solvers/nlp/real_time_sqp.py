@@ -15,16 +15,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from uvms_ocp.arguments import Bound, checked, late
+from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.nlp.level_turns import LevelModel, LevelTurns, TimeBudget
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
-from uvms_ocp.solvers.nlp.program import LexicographicProgram, Parameters, Variables
+from uvms_ocp.solvers.nlp.program import LexicographicProgram, Parameters, RowRanges, Variables
 from uvms_ocp.solvers.nlp.row_bounds import row_bounds
 from uvms_ocp.solvers.nlp.sparse_levels import SparseLevels
-from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
+from uvms_ocp.solvers.nlp.sqp_options import STAGEWISE, SqpOptions
 
 
 @checked
@@ -47,16 +49,38 @@ class SqpResult:
     it by `SqpOptions.tolerance`, and levels that had no turn are missing."""
 
 
+@runtime_checkable
+class StagedProgram(Protocol):
+    """A program whose levels are solved stage by stage."""
+
+    @property
+    def ranges(self) -> RowRanges: ...
+    @property
+    def n_x(self) -> int: ...
+    @property
+    def n_p(self) -> int: ...
+    def turning(self, slack: float) -> LevelModel: ...
+
+
+def _model(program: LexicographicProgram | StagedProgram, options: SqpOptions) -> LevelModel:
+    if isinstance(program, LexicographicProgram):
+        if options.plugin == STAGEWISE:
+            raise InvalidInput("the program has no stages; transcribe it stage by stage, or give another plugin")
+        return SparseLevels(program, options)
+    return program.turning(options.tolerance)
+
+
 @checked
 class RealTimeSqp:
     """Steps of one program: its QPs are built once, here.
 
-    Raises `InvalidInput` for a program without derivative functions. The Hessian must not be indefinite: Gauss-Newton.
+    Raises `InvalidInput` for a program without derivative functions, and for one that has no stages where the options ask for
+    them. The Hessian must not be indefinite: Gauss-Newton.
     """
 
-    def __init__(self, program: LexicographicProgram, options: SqpOptions | None = None) -> None:
+    def __init__(self, program: LexicographicProgram | StagedProgram, options: SqpOptions | None = None) -> None:
         self.program, self.options = program, options or SqpOptions()
-        self._model: LevelModel = SparseLevels(program, self.options)
+        self._model = _model(program, self.options)
         self._turns = LevelTurns(self._model, self.options, len(program.ranges.levels))
 
     @late

@@ -11,6 +11,7 @@ from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 
 QP_PLUGINS = ("hpipm", "proxqp", "piqp")
+STAGEWISE = "stagewise"
 
 
 @checked
@@ -22,7 +23,7 @@ class SqpOptions:
     """
 
     plugin: str = "hpipm"
-    """``hpipm``, the fastest, knows horizons only; ``proxqp`` and ``piqp`` take any program."""
+    """``hpipm`` and ``stagewise``, the fastest, know horizons only; ``proxqp`` and ``piqp`` take any program."""
     max_steps: int = 3
     """For every solve."""
     accuracy: float = 1e-2
@@ -35,9 +36,9 @@ class SqpOptions:
     """[1/unit of x^2] Least weight of the distance from where the levels above left the point; see `proximal.py`."""
 
     def __post_init__(self) -> None:
-        if self.plugin not in QP_PLUGINS:
-            raise NameNotFound("QP solver", self.plugin, QP_PLUGINS)
-        if not ca.has_conic(self.plugin):
+        if self.plugin not in (*QP_PLUGINS, STAGEWISE):
+            raise NameNotFound("QP solver", self.plugin, (*QP_PLUGINS, STAGEWISE))
+        if self.plugin != STAGEWISE and not ca.has_conic(self.plugin):
             raise InvalidInput(f"this CasADi has no QP solver {self.plugin!r}; give another of {', '.join(QP_PLUGINS)}")
         for name in self.__dataclass_fields__:
             if name != "plugin" and not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):

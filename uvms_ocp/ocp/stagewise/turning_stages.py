@@ -1,0 +1,78 @@
+"""The levels of a horizon for steps in real time, stage by stage."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from uvms_ocp.arrays import Array
+from uvms_ocp.ocp.stagewise.stage_levels import StageLevels
+from uvms_ocp.ocp.stagewise.stage_memory import StageMemory
+from uvms_ocp.ocp.stagewise.stage_ranges import StageRanges, stage_places
+from uvms_ocp.solvers.nlp.acceptance import Merit
+from uvms_ocp.solvers.nlp.level_turns import Point
+from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
+from uvms_ocp.solvers.nlp.row_bounds import RowBounds
+
+_QP_TOLERANCE = 1e-4
+"""[-] relative. An interior point that ends early keeps off the bounds: curvature then costs levels above less, and whole steps
+can be taken more often than at the exact optimum."""
+
+
+class TurningStages:
+    """A `uvms_ocp.solvers.nlp.level_turns.LevelModel` on the memory of a horizon, whose points are those of all stages.
+
+    Frozen rows are slabs: where limits bind there is often no motion that keeps them as they are.
+    """
+
+    def __init__(self, memory: StageMemory, slack: float) -> None:
+        self._levels, self._memory = StageLevels(memory, _QP_TOLERANCE), memory
+        self.slack = slack
+        self._raw = np.zeros(self._memory.whole.row_layout.n_rows + 1)
+        self._ranges: StageRanges | None = None
+        """Of the constraints alone."""
+
+    def begin(self, x: Array, p: Array, bounds: RowBounds) -> Point:
+        """As `LevelModel.begin`; x (n_x,) [unit of x], p (n_p,) [unit of the parameter]."""
+        self._levels.point.set_parameters(p)
+        self._levels.point.read(x, p)
+        self._ranges = StageRanges(self._memory, bounds, 0)
+        self._memory.evaluate()
+        return self._point()
+
+    def step(self, level: int, point: Point, bounds: RowBounds, damping: float) -> NlpStatus | None:
+        """As `LevelModel.step`; damping [1/unit of z^2]."""
+        memory, own = self._memory, self._levels.level(level)
+        memory.z[:] = point.x.reshape(memory.z.shape)
+        memory.z_from[:] = memory.z
+        own.linearize()
+        if not np.isfinite(memory.residuals(level)).all():
+            return NlpStatus.NOT_A_NUMBER
+        own.bend(None)
+        solution = own.solve(StageRanges(memory, bounds, level), damping, np.inf, None)
+        return None if solution.status.usable else NlpStatus.STALLED
+
+    def moved(self, share: float) -> Point:
+        """As `LevelModel.moved`; share [-]."""
+        self._memory.share[0] = share
+        self._memory.move()
+        self._memory.evaluate()
+        return self._point()
+
+    def variables(self, point: Point) -> Array:
+        """As `LevelModel.variables`."""
+        self._memory.z[:] = point.x.reshape(self._memory.z.shape)
+        return self._levels.point.write()
+
+    def _point(self) -> Point:
+        memory, raw = self._memory, self._raw
+        assert self._ranges is not None
+        raw[stage_places(memory).raw] = memory.held
+        rows = tuple(raw[own] for own in memory.whole.row_layout.levels)
+        pairs = zip(memory.whole.ranges().levels, rows, strict=True)
+        residuals = [float(np.linalg.norm(level.distance(y))) for level, y in pairs]
+        violation = float(self._levels.level(0).broken(self._ranges).max(initial=0.0))
+        return Point(
+            x=memory.z.ravel().copy(),
+            rows=rows,
+            merit=Merit(violation=violation if np.isfinite(violation) else np.inf, residuals=np.array(residuals)),
+        )
