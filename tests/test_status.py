@@ -6,6 +6,7 @@ import pickle
 
 import pytest
 
+from uvms_ocp.control.receding.workers import WorkerStatus
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.planning.soft_collision import PlanStatus
 from uvms_ocp.solvers.hierarchy.solution import Status
@@ -13,7 +14,9 @@ from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.stagewise import StageQpStatus
 from uvms_ocp.status import AdvisedStatus
 
-MEMBERS = [status for kind in (Status, NlpStatus, OcpStatus, PlanStatus, StageQpStatus) for status in kind]
+MEMBERS = [
+    status for kind in (Status, NlpStatus, OcpStatus, PlanStatus, StageQpStatus, WorkerStatus) for status in kind
+]
 
 
 def test_every_status_is_in_the_list() -> None:

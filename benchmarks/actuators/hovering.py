@@ -96,7 +96,7 @@ class WayPoints(KinematicController):
 
     def __init__(self, robot: Robot, hover: Hover) -> None:
         self.robot, self.dt, self.watchdog = robot, DT, Watchdog()
-        self.given_up, self.restriction = "", FREE
+        self.given_up, self.restriction, self.guide = "", FREE, None
         self._rng, self._moves = np.random.default_rng(hover.seed + 1000), hover.moves
         self._v, self._joints = np.zeros(robot.n_v), np.array(robot.home)
         self.goal, self._yaw, self._next = STATION.copy(), 0.0, float(self._rng.uniform(2.0, 6.0))

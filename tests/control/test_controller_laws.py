@@ -146,7 +146,7 @@ class Asking(KinematicController):
     """A velocity layer that asks for v0 + a t on every axis, whatever the mission."""
 
     def __init__(self, *, v0: np.ndarray, a: np.ndarray, dt: float = 0.02) -> None:
-        self.v0, self.a, self.dt = v0, a, dt
+        self.v0, self.a, self.dt, self.guide = v0, a, dt, None
 
     def observe(self, measurement: Measurement, t: float) -> SimpleNamespace:
         return SimpleNamespace(measurement=measurement, t=t, restriction=FREE)

@@ -192,7 +192,7 @@ class _Prices:
         if len(self._tried) < 2:
             return _SLOPE
         (p, d), (q, e) = self._tried[-2:]
-        return min((d - e) / (p - q), _FLATTEST)
+        return _SLOPE if p == q else min((d - e) / (p - q), _FLATTEST)
 
 
 def _phases(scenario: Scenario, stretches: Sequence[Stretch], times: np.ndarray) -> tuple[PlannedPhase, ...]:

@@ -50,7 +50,7 @@ def mission(
     out: Out = None,
     as_json: Json = False,
 ) -> None:
-    """All phases of a scenario as one problem: what ends them first, then the least energy.
+    """A whole mission as one problem of least energy.
 
     Current, obstacles, floor and all limits included; `run SCENARIO --follow DIR/plan.npz` flies it, with the same options.
     """

@@ -25,6 +25,7 @@ class TurningStages:
     """
 
     def __init__(self, memory: StageMemory, slack: float) -> None:
+        """slack [unit of the row]: half the width of what frozen rows keep."""
         self._levels, self._memory = StageLevels(memory, _QP_TOLERANCE), memory
         self.slack = slack
         self._raw = np.zeros(self._memory.whole.row_layout.n_rows + 1)

@@ -152,7 +152,9 @@ class LexicographicProgram:
         """Parameters."""
         return int(self.values.size1_in(1))
 
-    def rows_at(self, x: Variables, p: Parameters) -> tuple[np.ndarray, ...]:
+    def rows_at(
+        self, x: Annotated[np.ndarray, Shape("self.n_x")], p: Annotated[np.ndarray, Shape("self.n_p")]
+    ) -> tuple[np.ndarray, ...]:
         """Rows y of every level at x (n,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
         return tuple(np.array(y).ravel() for y in self.values.call([x, p]))
 

@@ -59,7 +59,8 @@ class StagedProgram(Protocol):
     def n_x(self) -> int: ...
     @property
     def n_p(self) -> int: ...
-    def turning(self, slack: float) -> LevelModel: ...
+    def turning(self, slack: float) -> LevelModel:
+        """slack [unit of the row]: half the width of what frozen rows keep."""
 
 
 def _model(program: LexicographicProgram | StagedProgram, options: SqpOptions) -> LevelModel:
