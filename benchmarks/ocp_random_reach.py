@@ -36,13 +36,7 @@ pose of the tool, below it least effort and acceleration, cold from a guess that
 
 {solved} of {drawn} are solved ({share:.1%}). Processor time: {median:.0f} ms at the median, {most:.0f} ms at most.
 
-| outcome | reaches |
-|---|---|
-{outcomes}
-
-| iterations | reaches |
-|---|---|
-{histogram}
+Reaches by outcome: {outcomes}. By iterations: {histogram}.
 """
 FORMATS = {
     "reach": "",
@@ -103,7 +97,7 @@ def histogram(rows: Sequence[Row]) -> str:
     iterations = [row["iterations"] for row in rows]
     counts, _ = np.histogram(iterations, bins=EDGES)
     pairs = zip(EDGES[:-1], EDGES[1:], counts.tolist(), strict=True)
-    return "\n".join(f"| {low} to {high - 1} | {n} |" for low, high, n in pairs if n)
+    return ", ".join(f"{low} to {high - 1} in {n}" for low, high, n in pairs if n)
 
 
 def prose(problem: OcpProblem, rows: Sequence[Row]) -> str:
@@ -122,7 +116,7 @@ def prose(problem: OcpProblem, rows: Sequence[Row]) -> str:
         share=outcomes["solved"] / len(rows),
         median=np.median(times),
         most=np.max(times),
-        outcomes="\n".join(f"| {status} | {n} |" for status, n in outcomes.most_common()),
+        outcomes=", ".join(f"{n} {status}" for status, n in outcomes.most_common()),
         histogram=histogram(rows),
     )
 
