@@ -15,11 +15,10 @@ from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.reasons.binding import level_prices
 from uvms_ocp.ocp.reasons.verdict import Court, Verdict
 from uvms_ocp.ocp.refinement import Refinement, Written, worst_clearance
-from uvms_ocp.ocp.stagewise.stagewise_program import StagewiseProgram
+from uvms_ocp.ocp.stagewise.stagewise_program import program_for
 from uvms_ocp.ocp.trajectory import Trajectory, hold
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicNlp, LexicographicResult, NlpOptions
-from uvms_ocp.solvers.nlp.program import LexicographicProgram
 from uvms_ocp.solvers.nlp.watch import Progress
 
 
@@ -38,7 +37,7 @@ class Planner:
         self.options = options or NlpOptions()
         self.problem = problem
         self.transcription = transcription or Transcription(problem, plugin=self.options.plugin)
-        self._nlp = LexicographicNlp(_program(self.transcription, self.options), self.options)
+        self._nlp = LexicographicNlp(program_for(self.options.plugin, self.transcription), self.options)
 
     def plan(
         self,
@@ -162,10 +161,6 @@ class Planner:
             surroundings=surroundings(given, 0.0),
             current=tuple(given.mean_current.tolist()),
         )
-
-
-def _program(transcription: Transcription, options: NlpOptions) -> LexicographicProgram | StagewiseProgram:
-    return StagewiseProgram(transcription) if options.plugin == "stagewise" else transcription.program
 
 
 @checked

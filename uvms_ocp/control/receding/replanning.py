@@ -12,12 +12,12 @@ import pinocchio as pin
 from uvms_ocp.arguments import trusted
 from uvms_ocp.model.state import State
 from uvms_ocp.ocp.problem import OcpProblem
-from uvms_ocp.ocp.stagewise.stagewise_program import StagewiseProgram
+from uvms_ocp.ocp.stagewise.stagewise_program import program_for
 from uvms_ocp.ocp.trajectory import Trajectory, hold, shifted
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.real_time_sqp import RealTimeSqp, SqpResult
-from uvms_ocp.solvers.nlp.sqp_options import STAGEWISE, SqpOptions
+from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
 
 _state = trusted(State)
 HOLD = -1
@@ -84,11 +84,10 @@ class Replanner:
         time_limit [s]: after which no further step begins. clock [s]: by which solves are timed.
         """
         self._problem, self._period, self._time_limit, self._clock = problem, period, time_limit, clock
-        staged = options is not None and options.plugin == STAGEWISE
         self._transcription = Transcription(problem)
         self._bounds = self._transcription.bounds()
-        program = StagewiseProgram(self._transcription) if staged else self._transcription.program
-        self._sqp = RealTimeSqp(program, options)
+        chosen = options or SqpOptions()
+        self._sqp = RealTimeSqp(program_for(chosen.plugin, self._transcription), chosen)
         self._plans: dict[int, Planned] = {}
         self._newest: Planned | None = None
         """Fit for use or not."""

@@ -11,7 +11,7 @@ from uvms_ocp.arrays import Array
 from uvms_ocp.ocp.stagewise.level_stages import LevelStages
 from uvms_ocp.ocp.stagewise.stage_memory import StageMemory
 from uvms_ocp.ocp.stagewise.stage_point import StagePoint
-from uvms_ocp.ocp.stagewise.stage_ranges import StageRanges, stage_places
+from uvms_ocp.ocp.stagewise.stage_ranges import Places, StageRanges
 from uvms_ocp.ocp.stagewise.stage_sqp import SqpEnd, StageSqp
 from uvms_ocp.solvers.nlp.level_solver import Deadline, NlpPoint, Outcome
 from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
@@ -35,8 +35,9 @@ class StageLevels:
 
     def __init__(self, memory: StageMemory, tolerance: float = _QP_TOLERANCE) -> None:
         """tolerance [-] of the QPs, relative."""
-        self.memory, self.point, self._tolerance = memory, StagePoint(memory), tolerance
+        self.memory, self._point, self._tolerance = memory, StagePoint(memory), tolerance
         self._levels: dict[int, LevelStages] = {}
+        self._raw = np.zeros(memory.whole.row_layout.n_rows + 1)
 
     def made(self, options: NlpOptions, deadline: Deadline) -> list[StageLevel]:
         """One for each level."""
@@ -50,16 +51,31 @@ class StageLevels:
 
     def rows_at(self, x: Array, p: Array) -> tuple[Array, ...]:
         """Rows of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
-        self.point.set_parameters(p)
-        self.point.read(x, p)
+        self.go_to(x, p)
         self.memory.evaluate()
-        raw = np.zeros(self.memory.whole.row_layout.n_rows + 1)
-        raw[self._numbers] = self.memory.held
-        return tuple(raw[rows] for rows in self.memory.whole.row_layout.levels)
+        return self.rows()
+
+    def go_to(self, x: Array, p: Array) -> None:
+        """Take variables x (n_x,) [unit of x] and parameters p (n_p,) [unit of the parameter] into the memory."""
+        self._point.set_parameters(p)
+        self._point.read(x, p)
+
+    def variables(self) -> Array:
+        """Variables (n_x,) [unit of x] of the points in the memory."""
+        return self._point.write()
+
+    def rows(self) -> tuple[Array, ...]:
+        """Rows of every level as they were evaluated last."""
+        self._raw[self._places.raw] = self.memory.held
+        return tuple(self._raw[rows] for rows in self.memory.whole.row_layout.levels)
+
+    def ranges(self, bounds: RowBounds, level: int) -> StageRanges:
+        """Of a level [-], where those above it are held as `bounds` has it."""
+        return StageRanges(self._places, bounds, level)
 
     @cached_property
-    def _numbers(self) -> Array:
-        return stage_places(self.memory).raw
+    def _places(self) -> Places:
+        return Places(self.memory)
 
 
 class StageLevel:
@@ -77,9 +93,8 @@ class StageLevel:
         if self._deadline.over:
             return Outcome(point=start, status=NlpStatus.TIME_LIMIT, iterations=0, violation=np.inf)
         levels = self._levels
-        levels.point.set_parameters(p)
-        levels.point.read(start.x, p)
-        ranges = StageRanges(levels.memory, bounds, self._index)
+        levels.go_to(start.x, p)
+        ranges = levels.ranges(bounds, self._index)
         warm = start.solution if isinstance(start, WarmStages) else None
         if warm is not None and not levels.level(self._index).fits(warm):
             warm = None
@@ -88,7 +103,7 @@ class StageLevel:
         )
 
     def _outcome(self, end: SqpEnd, start: NlpPoint) -> Outcome:
-        x = self._levels.point.write()
+        x = self._levels.variables()
         if not np.isfinite(x).all():
             return Outcome(point=start, status=NlpStatus.NOT_A_NUMBER, iterations=end.iterations, violation=np.inf)
         rows = self._levels.memory.whole.ranges().n_rows

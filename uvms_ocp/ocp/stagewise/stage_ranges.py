@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from uvms_ocp.arrays import Array
@@ -15,10 +13,10 @@ from uvms_ocp.solvers.nlp.row_bounds import RowBounds
 class StageRanges:
     """Ranges of one solve of one level."""
 
-    def __init__(self, memory: StageMemory, bounds: RowBounds, level: int) -> None:
+    def __init__(self, places: Places, bounds: RowBounds, level: int) -> None:
         """level [-]: those above it are held, as `bounds` has it."""
-        places = self._places = stage_places(memory)
-        layout, levels = memory.whole.row_layout, memory.whole.ranges().levels
+        self._places, whole = places, places.memory.whole
+        layout, levels = whole.row_layout, whole.ranges().levels
         raw = np.full((2, layout.n_rows + 1), [[-np.inf], [np.inf]])
         held = [(layout.constraints, slice(0, len(layout.constraints)))]
         held += [(layout.levels[i], levels[i].frozen) for i in range(level)]
@@ -52,7 +50,7 @@ class Places:
     """What every row and every variable of the QP is."""
 
     def __init__(self, memory: StageMemory) -> None:
-        self._memory = memory
+        self.memory = memory
         rows = [self._row_numbers(i) for i in range(len(memory.stages))]
         self.raw = np.concatenate([np.zeros(0, dtype=int), *rows])
         """(n,) [-] raw row of each row that may be held; -1 for limits of forces."""
@@ -65,12 +63,12 @@ class Places:
     @property
     def names(self) -> list[str]:
         """Of each row that may be held."""
-        forces, whole = self._memory.forces.names, self._memory.whole.row_layout.names
-        own = iter(forces * len(self._memory.steps))
+        forces, whole = self.memory.forces.names, self.memory.whole.row_layout.names
+        own = iter(forces * len(self.memory.steps))
         return [next(own) if number < 0 else whole[number] for number in self.raw]
 
     def _row_numbers(self, i: int) -> Array:
-        memory, stage = self._memory, self._memory.stages[i]
+        memory, stage = self.memory, self.memory.stages[i]
         function = memory.function(stage)
         if function is None:
             return np.zeros(0, dtype=int)
@@ -81,7 +79,7 @@ class Places:
 
     def _variables(self) -> tuple[Array, Array]:
         """Place of each variable of the QP in the points, and in x; where it has no range the latter is -1."""
-        memory, tangent, layout = self._memory, self._memory.tangent, self._memory.tangent.model.layout
+        memory, tangent, layout = self.memory, self.memory.tangent, self.memory.tangent.model.layout
         variables, robot = memory.whole.variables, memory.whole.problem.robot
         straight = np.full(tangent.n_v, -1)
         for joint in robot.joints:
@@ -106,9 +104,3 @@ class Places:
         """(2, n) of bounds x_lower and x_upper (n_x,) [unit of x]."""
         none = self._x < 0
         return np.array([np.where(none, -np.inf, x_lower[self._x]), np.where(none, np.inf, x_upper[self._x])])
-
-
-@lru_cache(maxsize=8)
-def stage_places(memory: StageMemory) -> Places:
-    """Found once."""
-    return Places(memory)

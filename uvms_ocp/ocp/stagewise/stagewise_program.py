@@ -12,8 +12,8 @@ from uvms_ocp.ocp.stagewise.stage_memory import StageMemory
 from uvms_ocp.ocp.stagewise.turning_stages import TurningStages
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.level_solver import Deadline
-from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
-from uvms_ocp.solvers.nlp.program import RowRanges
+from uvms_ocp.solvers.nlp.nlp_options import STAGEWISE, NlpOptions
+from uvms_ocp.solvers.nlp.program import LexicographicProgram, RowRanges
 
 
 class StagewiseProgram:
@@ -55,6 +55,11 @@ class StagewiseProgram:
     def rows_at(self, x: Array, p: Array) -> tuple[Array, ...]:
         """Rows of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter]."""
         return self.levels.rows_at(x, p)
+
+
+def program_for(plugin: str, whole: Transcription) -> LexicographicProgram | StagewiseProgram:
+    """The program of a transcription as a solver of that name takes it. Raises `InvalidInput` as `StagewiseProgram` does."""
+    return StagewiseProgram(whole) if plugin == STAGEWISE else whole.program
 
 
 def _check(problem: OcpProblem) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from uvms_ocp.arrays import Array
 from uvms_ocp.ocp.stagewise.stage_levels import StageLevels
 from uvms_ocp.ocp.stagewise.stage_memory import StageMemory
-from uvms_ocp.ocp.stagewise.stage_ranges import StageRanges, stage_places
+from uvms_ocp.ocp.stagewise.stage_ranges import StageRanges
 from uvms_ocp.solvers.nlp.acceptance import Merit
 from uvms_ocp.solvers.nlp.level_turns import Point
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
@@ -28,15 +28,13 @@ class TurningStages:
         """slack [unit of the row]: half the width of what frozen rows keep."""
         self._levels, self._memory = StageLevels(memory, _QP_TOLERANCE), memory
         self.slack = slack
-        self._raw = np.zeros(self._memory.whole.row_layout.n_rows + 1)
         self._ranges: StageRanges | None = None
         """Of the constraints alone."""
 
     def begin(self, x: Array, p: Array, bounds: RowBounds) -> Point:
         """As `LevelModel.begin`; x (n_x,) [unit of x], p (n_p,) [unit of the parameter]."""
-        self._levels.point.set_parameters(p)
-        self._levels.point.read(x, p)
-        self._ranges = StageRanges(self._memory, bounds, 0)
+        self._levels.go_to(x, p)
+        self._ranges = self._levels.ranges(bounds, 0)
         self._memory.evaluate()
         return self._point()
 
@@ -49,7 +47,7 @@ class TurningStages:
         if not np.isfinite(memory.residuals(level)).all():
             return NlpStatus.NOT_A_NUMBER
         own.bend(None)
-        solution = own.solve(StageRanges(memory, bounds, level), damping, np.inf, None)
+        solution = own.solve(self._levels.ranges(bounds, level), damping, np.inf, None)
         return None if solution.status.usable else NlpStatus.STALLED
 
     def moved(self, share: float) -> Point:
@@ -62,13 +60,11 @@ class TurningStages:
     def variables(self, point: Point) -> Array:
         """As `LevelModel.variables`."""
         self._memory.z[:] = point.x.reshape(self._memory.z.shape)
-        return self._levels.point.write()
+        return self._levels.variables()
 
     def _point(self) -> Point:
-        memory, raw = self._memory, self._raw
+        memory, rows = self._memory, self._levels.rows()
         assert self._ranges is not None
-        raw[stage_places(memory).raw] = memory.held
-        rows = tuple(raw[own] for own in memory.whole.row_layout.levels)
         pairs = zip(memory.whole.ranges().levels, rows, strict=True)
         residuals = [float(np.linalg.norm(level.distance(y))) for level, y in pairs]
         violation = float(self._levels.level(0).broken(self._ranges).max(initial=0.0))

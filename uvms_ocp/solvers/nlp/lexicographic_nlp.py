@@ -23,6 +23,7 @@ import numpy as np
 from uvms_ocp.arguments import Bound, checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.nlp.level_solver import Deadline, LevelSolver, NlpPoint, Outcome
+from uvms_ocp.solvers.nlp.nlp_options import STAGEWISE
 from uvms_ocp.solvers.nlp.nlp_options import NlpOptions as NlpOptions
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.program import LevelRows, LexicographicProgram, Parameters, RowRanges, Variables
@@ -110,7 +111,7 @@ class LexicographicNlp:
 
     def _solvers(self, program: LexicographicProgram | SelfSolving) -> Sequence[LevelCall]:
         if isinstance(program, LexicographicProgram):
-            if self.options.plugin == "stagewise":
+            if self.options.plugin == STAGEWISE:
                 raise InvalidInput("plugin 'stagewise' solves problems over a horizon; give 'ipopt' or 'fatrop'")
             levels = range(len(program.nlps))
             return [LevelSolver(program, i, self.options, self.deadline, self.watch) for i in levels]

@@ -11,7 +11,8 @@ import numpy as np
 from uvms_ocp.arguments import DAY, checked
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 
-PLUGINS = ("ipopt", "fatrop", "stagewise")
+STAGEWISE = "stagewise"
+PLUGINS = ("ipopt", "fatrop", STAGEWISE)
 
 
 @checked

@@ -22,11 +22,12 @@ import numpy as np
 from uvms_ocp.arguments import Bound, checked, late
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.nlp.level_turns import LevelModel, LevelTurns, TimeBudget
+from uvms_ocp.solvers.nlp.nlp_options import STAGEWISE
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.program import LexicographicProgram, Parameters, RowRanges, Variables
 from uvms_ocp.solvers.nlp.row_bounds import row_bounds
 from uvms_ocp.solvers.nlp.sparse_levels import SparseLevels
-from uvms_ocp.solvers.nlp.sqp_options import STAGEWISE, SqpOptions
+from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
 
 
 @checked

@@ -9,9 +9,9 @@ import numpy as np
 
 from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.solvers.nlp.nlp_options import STAGEWISE
 
 QP_PLUGINS = ("hpipm", "proxqp", "piqp")
-STAGEWISE = "stagewise"
 
 
 @checked
