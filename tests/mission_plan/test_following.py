@@ -102,6 +102,15 @@ def test_a_garbled_file_is_refused_in_one_line(
     assert "\n" not in str(caught.value)
 
 
+def test_a_summary_that_is_nested_without_end_is_refused_in_one_line(planned: MissionPlan, tmp_path: Path) -> None:
+    path = planned.save(tmp_path / "plan.npz")
+    arrays = dict(np.load(path)) | {"mission_plan": np.array("[" * 100_000)}
+    np.savez(path, **arrays)
+    with pytest.raises(InvalidInput, match=r"plan\.npz: a text that is no JSON") as caught:
+        MissionPlan.load(path)
+    assert "\n" not in str(caught.value)
+
+
 def test_a_record_is_no_plan(flown: Record, tmp_path: Path) -> None:
     flown.save(tmp_path / "record.npz")
     with pytest.raises(InvalidInput, match="no plan of a mission"):

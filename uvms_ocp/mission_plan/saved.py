@@ -8,39 +8,32 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.exceptions import InvalidInput, OutputError
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.ocp.plans.plan_file import Arrays, from_arrays, write_arrays
+from uvms_ocp.ocp.plans.stored_result import trajectory_arrays
 from uvms_ocp.ocp.trajectory import Trajectory
-from uvms_ocp.untrusted.array_file import read_arrays
 
 _KEY = "mission_plan"
+_NO_PLAN = "no plan of a mission; give the plan.npz that `plan mission` wrote"
 _ARRAYS = ("t", "q", "v", "a", "thrust", "torque")
 
 
 def write_plan(path: Path | str, trajectory: Trajectory, summary: dict[str, Any]) -> Path:
     """Arrays as they are, the summary as text. Raises `OutputError`."""
-    target = Path(path).with_suffix(".npz")
-    arrays = {name: getattr(trajectory, name) for name in _ARRAYS}
-    try:
-        with target.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **{_KEY: np.array(json.dumps(summary))}, **arrays)
-    except OSError as error:
-        raise OutputError(f"cannot write {target}: {error.strerror}; choose another place") from error
-    return target
+    return write_arrays(Path(path), _KEY, json.dumps(summary), trajectory_arrays(trajectory))
 
 
 def read_plan(path: Path | str) -> tuple[Trajectory, dict[str, Any]]:
-    """Of a file that anyone may have written. Raises `InvalidInput`, and `ValueError` for a summary that is no JSON."""
-    arrays = dict(read_arrays(path))
-    if _KEY not in arrays or not set(_ARRAYS) <= arrays.keys():
-        raise InvalidInput("no plan of a mission; give the plan.npz that `plan mission` wrote")
-    told = json.loads(str(arrays[_KEY]))
-    if not isinstance(told, dict):
-        raise InvalidInput("its summary is no table")
-    _check({name: arrays[name] for name in _ARRAYS})
-    return Trajectory(**{name: arrays[name] for name in _ARRAYS}, of_wrench=False), told
+    """Of a file that anyone may have written. Raises `InvalidInput`."""
+    told, arrays = from_arrays(Path(path), _KEY, _NO_PLAN)
+    if not set(_ARRAYS) <= arrays.keys():
+        raise InvalidInput(_NO_PLAN)
+    own = {name: arrays[name] for name in _ARRAYS}
+    _check(own)
+    return Trajectory(**own, of_wrench=False), told
 
 
-def _check(arrays: dict[str, np.ndarray]) -> None:
+def _check(arrays: Arrays) -> None:
     n = arrays["t"].size
     rows = {"t": n, "q": n, "v": n, "a": n - 1, "thrust": n - 1, "torque": n - 1}
     for name, array in arrays.items():

@@ -24,7 +24,6 @@ from uvms_ocp.tasks.clearance import Clearance
 
 _LEVEL = 0.05  # [m] by which a floor may differ along the way
 _MISSED = 2e-3  # [m] of a margin
-_BETWEEN = 8  # looks at each step
 _OWN_ROWS = 6  # per node
 
 
@@ -74,10 +73,5 @@ def is_apart(shapes: Sequence[ShapeClearance], way: Trajectory) -> bool:
 
 def nearest_along(shapes: Sequence[ShapeClearance], way: Trajectory) -> Nearest | None:
     """The least distance of any pair along a way, between its nodes too; `None` where there are no pairs."""
-    found = [_nearest(term, way) for term in shapes]
+    found = [SteppedMotion(term=term, trajectory=way).nearest() for term in shapes]
     return min(found, key=lambda nearest: nearest.distance, default=None)
-
-
-def _nearest(term: ShapeClearance, way: Trajectory) -> Nearest:
-    t = np.interp(np.arange(_BETWEEN * len(way.a) + 1) / _BETWEEN, np.arange(len(way.t)), way.t)
-    return term.scene.nearest(t, SteppedMotion(term=term, trajectory=way).distances(t))

@@ -102,15 +102,31 @@ class Term(ABC):
         return ()
 
 
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class OfTask(Term):
+    """Rows of a task of the velocity hierarchy, with its name, goal and environment."""
+
+    task: Task
+
+    @property
+    def name(self) -> str:
+        return self.task.name
+
+    def n_parameters(self, robot: Robot) -> int:
+        return self.task.n_parameters(robot)
+
+    def reference(self, t: float) -> np.ndarray:
+        return self.task.reference(t)
+
+
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class TaskTerm(Term):
+class TaskTerm(OfTask):
     """A task of the velocity hierarchy over the horizon, by its `Task.residual`.
 
     Raises `InvalidInput` for a tolerance that is negative or not finite.
     """
 
-    task: Task
     tolerance: float = 0.0
     """[unit of the row] By which the range of every row is widened."""
 
@@ -119,20 +135,10 @@ class TaskTerm(Term):
         if not (np.isfinite(self.tolerance) and self.tolerance >= 0):
             raise InvalidInput(f"{self.name}: tolerance = {self.tolerance}; give a finite value >= 0")
 
-    @property
-    def name(self) -> str:
-        return self.task.name
-
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         given = self.task.residual(stage.tick, parameters)
         slack = self.tolerance
         return Residual(value=given.value, lower=given.lower - slack, upper=given.upper + slack)
-
-    def n_parameters(self, robot: Robot) -> int:
-        return self.task.n_parameters(robot)
-
-    def reference(self, t: float) -> np.ndarray:
-        return self.task.reference(t)
 
 
 @checked

@@ -10,6 +10,7 @@ conservative advancement needs.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -17,12 +18,14 @@ import pinocchio as pin
 
 from uvms_ocp.arguments import checked
 from uvms_ocp.arrays import Array, Indices
+from uvms_ocp.collision.collision_scene import Nearest
 from uvms_ocp.collision.conservative_advancement import ClearanceReport, check_motion
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.ocp.clearance.shape_clearance import ShapeClearance
 from uvms_ocp.ocp.trajectory import Trajectory
 
 _PER_STEP = 2  # intervals that are looked at first
+_LOOKS = 8  # at each step, where nothing is to be proven
 
 
 @checked
@@ -35,12 +38,12 @@ def certificate(term: ShapeClearance, trajectory: Trajectory) -> ClearanceReport
 
 
 def _unproven(motion: SteppedMotion) -> ClearanceReport:
-    t = np.linspace(0.0, motion.duration, 8 * len(motion.trajectory.a) + 1)
-    nearest = motion.term.scene.nearest(t, motion.distances(t))
-    return ClearanceReport(collision_free=False, undecided=nearest.distance > 0.0, nearest=nearest, n_samples=len(t))
+    nearest = motion.nearest()
+    n = _LOOKS * len(motion.trajectory.a) + 1
+    return ClearanceReport(collision_free=False, undecided=nearest.distance > 0.0, nearest=nearest, n_samples=n)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class SteppedMotion:
     """A trajectory of constant accelerations as a `Motion` of the axes of a scene.
 
@@ -68,6 +71,12 @@ class SteppedMotion:
         """(n, n_pairs) [m] at times t (n,) [s]."""
         return self.term.distances(t.tolist(), self.configurations(t))
 
+    def nearest(self) -> Nearest:
+        """The least distance that is met, looked for at every node and between them."""
+        path = self.trajectory
+        t = np.interp(np.arange(_LOOKS * len(path.a) + 1) / _LOOKS, np.arange(len(path.t)), path.t)
+        return self.term.scene.nearest(t, self.distances(t))
+
     def configurations(self, t: Array) -> Array:
         """(n, n_q) [m, rad] at times t (n,) [s]."""
         k, s = self._steps(t)
@@ -90,7 +99,7 @@ class SteppedMotion:
             result[:, 0], result[:, 3] = way + turn * farthest / 2, turn
         return result
 
-    @property
+    @cached_property
     def _v(self) -> Array:
         """(N, n_v) [m/s, rad/s] at the beginning of every step, with which it ends at the next node."""
         path, h = self.trajectory, np.diff(self.trajectory.t)[:, None]

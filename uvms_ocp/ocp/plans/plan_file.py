@@ -20,6 +20,7 @@ from uvms_ocp.untrusted.regular_file import read_text
 from uvms_ocp.validation import one_line, shown
 
 _TEXT = "summary"
+_NO_PLAN = f"no text {_TEXT!r}; give the plan.npz that `Plan.save` wrote"
 _LARGEST = 256 << 20  # [B] of a text
 
 
@@ -94,11 +95,20 @@ def write_plan(target: Path, values: PlanValues, arrays: Arrays) -> Path:
             lists = {name: array.tolist() for name, array in arrays.items()}
             target.write_text(json.dumps(json.loads(text) | lists), encoding="utf-8")
             return target
-        target = target.with_suffix(".npz")
-        np.savez(target, allow_pickle=False, **{_TEXT: np.array(text)}, **arrays)
     except OSError as error:
         raise OutputError(f"cannot write {target}: {error.strerror}; choose another place") from error
-    return target
+    return write_arrays(target, _TEXT, text, arrays)
+
+
+def write_arrays(target: Path, key: str, text: str, arrays: Arrays) -> Path:
+    """Write a text under a key beside arrays as ``.npz``, with that ending; returns the path. Raises `OutputError`."""
+    place = target.with_suffix(".npz")
+    try:
+        with place.open("wb") as file:
+            np.savez(file, allow_pickle=False, **{key: np.array(text)}, **arrays)
+    except OSError as error:
+        raise OutputError(f"cannot write {place}: {error.strerror}; choose another place") from error
+    return place
 
 
 def read_plan(source: Path) -> tuple[PlanValues, dict[str, np.ndarray]]:
@@ -107,7 +117,7 @@ def read_plan(source: Path) -> tuple[PlanValues, dict[str, np.ndarray]]:
     Raises `InvalidInput`, in one line, for what is no such file, is damaged or too large.
     """
     try:
-        values, arrays = _from_text(source) if source.suffix == ".json" else _from_arrays(source)
+        values, arrays = _from_text(source) if source.suffix == ".json" else from_arrays(source, _TEXT, _NO_PLAN)
         for name, array in arrays.items():
             if array.dtype != np.float64 or not np.isfinite(array).all():
                 raise InvalidInput(f"array {name[:60]!r} is {array.dtype} or not finite; allowed: finite float64")
@@ -120,11 +130,15 @@ def read_plan(source: Path) -> tuple[PlanValues, dict[str, np.ndarray]]:
         raise InvalidInput(f"{shown(str(source))}: not a plan written by uvms_ocp: {error}") from error
 
 
-def _from_arrays(source: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def from_arrays(source: Path, key: str, missing: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """The object in the text under a key, and the arrays beside it, of a file that anyone may have written.
+
+    missing: what to say where there is none. Raises `InvalidInput`.
+    """
     arrays = dict(read_arrays(source))
-    text = arrays.pop(_TEXT, np.zeros(0))
+    text = arrays.pop(key, np.zeros(0))
     if text.dtype.kind != "U" or text.shape != ():
-        raise InvalidInput(f"no text {_TEXT!r}; give the plan.npz that `Plan.save` wrote")
+        raise InvalidInput(missing)
     return _object(str(text)), arrays
 
 
