@@ -9,8 +9,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from horizon.conflict_runs import LEVELS, ConflictRuns, conflict_rows, worst
+from horizon.conflict_runs import LEVELS, ConflictRuns, conflict_rows
 from horizon.receding_conflicts import MARGIN, SETTLING, SPEED, WAY
+from horizon.worst_of_seeds import worst_of_seeds
 from recording.processes import hide_compiler
 from recording.report import Report, Row, Table, begin, parser_of
 
@@ -71,7 +72,7 @@ def main() -> None:
         table.append(row)
         sys.stderr.write(f"{row['conflict']}, {row['priorities']}, seed {row['seed']}\n")
     title = "Strict levels and weights in receding horizon"
-    tables = [Table(rows=worst(table))]
+    tables = [Table(rows=worst_of_seeds(table, "conflict", "priorities"))]
     run.write(
         Report(name="nmpc_levels", title=title, prose=prose(runs, table), tables=tables, data={"nmpc_levels": table})
     )

@@ -9,13 +9,9 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
+from curves.segments import segment_distance, symbolic_segment_distance
 from uvms_ocp.arrays import Array, Indices
-from uvms_ocp.collision.capsules import (
-    Capsule,
-    capsule_of,
-    segment_distance,
-    symbolic_segment_distance,
-)
+from uvms_ocp.collision.capsules import Capsule, capsule_of
 from uvms_ocp.collision.coal_distances import NearPairs, nothing_near
 from uvms_ocp.collision.collision_scene import CollisionScene
 from uvms_ocp.model.symbolic.bodies import Pose

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from time import process_time
 from typing import Any
@@ -76,24 +76,3 @@ def conflict_run(conflict: RecedingConflict, nmpc: Nmpc, seed: int, seconds: flo
         "smallest gap [mm]": min(gaps),
         "energy [J]": float(np.sum(spent["thruster_energy"])) + float(spent["joint_energy"]),
     }
-
-
-def worst(table: Sequence[Row]) -> list[Row]:
-    """One row for each conflict and way to rank: the worst of all seeds, sums of counts, means of energy and times."""
-    kept: dict[tuple[str, str], list[Row]] = {}
-    for row in table:
-        kept.setdefault((row["conflict"], row["priorities"]), []).append(row)
-    return [{"conflict": one, "priorities": two, **_combined(group)} for (one, two), group in kept.items()]
-
-
-def _combined(group: Sequence[Row]) -> dict[str, Any]:
-    names = [name for name in group[0] if name not in ("conflict", "priorities", "seed")]
-    return {name: _of(name, [row[name] for row in group]) for name in names}
-
-
-def _of(name: str, values: Sequence[Any]) -> Any:
-    if name in ("solves", "late", "unfit"):
-        return sum(values)
-    if name.startswith("smallest"):
-        return min(values)
-    return max(values) if name.startswith("largest") or "p99" in name else float(np.mean(values))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from time import process_time
 from typing import Any, TypeAlias
@@ -228,22 +228,3 @@ def rows(experiment: Experiment) -> Iterator[Row]:
                 found = run(robot, plant, controller, goal_of(first), experiment.seconds)
                 late = deadlines(controller) if isinstance(controller, Nmpc) else {}
                 yield {"case": case, "controller": name, "seed": seed, **found, **late}
-
-
-def summary(table: Sequence[Row]) -> list[Row]:
-    """One row for each case and controller: means over seeds; largest and counts over all of them."""
-    kept: dict[tuple[str, str], list[Row]] = {}
-    for row in table:
-        kept.setdefault((row["case"], row["controller"]), []).append(row)
-    return [{"case": case, "controller": name, **_summed(group)} for (case, name), group in kept.items()]
-
-
-def _summed(group: Sequence[Row]) -> dict[str, Any]:
-    names = [name for name in group[0] if name not in ("case", "controller", "seed")]
-    return {name: _combined(name, [row[name] for row in group]) for name in names}
-
-
-def _combined(name: str, values: Sequence[Any]) -> Any:
-    if name in ("solves", "late", "unfit"):
-        return sum(values)
-    return max(values) if name.startswith(("largest", "peak")) or "p99" in name else float(np.mean(values))

@@ -5,15 +5,13 @@ Run in an environment of its own.
 
 from __future__ import annotations
 
-import argparse
-import json
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import crocoddyl
 import numpy as np
 import pinocchio as pin
+from recording.peer import run_peer
 from recording.timing import once, timed
 
 MAX_ITERATIONS = 200
@@ -98,15 +96,5 @@ def calls(problem: Any, xs: list[np.ndarray], us: list[np.ndarray], repeats: int
     return {"wall": found.wall, "cpu": found.cpu, "iterations": solver.iter, "converged": converged}, solver
 
 
-def main() -> None:
-    """Solve the problem of a file into another."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("problem", type=Path)
-    parser.add_argument("result", type=Path)
-    parser.add_argument("--repeats", type=int, required=True)
-    given = parser.parse_args()
-    given.result.write_text(json.dumps(solve(json.loads(given.problem.read_text()), given.repeats)))
-
-
 if __name__ == "__main__":
-    main()
+    run_peer(__doc__, solve)

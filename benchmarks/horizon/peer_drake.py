@@ -5,15 +5,13 @@ By its KinematicTrajectoryOptimization. Run in an environment of its own.
 
 from __future__ import annotations
 
-import argparse
-import json
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydrake.planning import KinematicTrajectoryOptimization
 from pydrake.solvers import IpoptSolver, SnoptSolver
+from recording.peer import run_peer
 from recording.timing import once, timed
 
 CONTROL_POINTS = (12, 24)
@@ -60,16 +58,5 @@ def _row(solver: Any, given: dict[str, Any], n_points: int, repeats: int) -> dic
     }
 
 
-def main() -> None:
-    """Solve the problem of a file into another."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("problem", type=Path)
-    parser.add_argument("result", type=Path)
-    parser.add_argument("--repeats", type=int, required=True)
-    given = parser.parse_args()
-    runs = solve(json.loads(given.problem.read_text()), given.repeats)
-    given.result.write_text(json.dumps({"versions": {"drake": version("drake")}, "runs": runs}))
-
-
 if __name__ == "__main__":
-    main()
+    run_peer(__doc__, lambda problem, n: {"versions": {"drake": version("drake")}, "runs": solve(problem, n)})

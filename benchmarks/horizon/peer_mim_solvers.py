@@ -5,15 +5,13 @@ Run in the environment of crocoddyl, whose models it solves.
 
 from __future__ import annotations
 
-import argparse
-import json
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import crocoddyl
 import mim_solvers
 import numpy as np
+from recording.peer import run_peer
 from recording.timing import once, timed
 
 from horizon.peer_crocoddyl import costs, weightless
@@ -81,15 +79,5 @@ def solve(given: dict[str, Any], repeats: int) -> dict[str, Any]:
     }
 
 
-def main() -> None:
-    """Solve the problem of a file into another."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("problem", type=Path)
-    parser.add_argument("result", type=Path)
-    parser.add_argument("--repeats", type=int, required=True)
-    given = parser.parse_args()
-    given.result.write_text(json.dumps(solve(json.loads(given.problem.read_text()), given.repeats)))
-
-
 if __name__ == "__main__":
-    main()
+    run_peer(__doc__, solve)

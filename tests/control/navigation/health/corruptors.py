@@ -10,9 +10,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.model.state import Reading, Readings
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.state import Command, Measurement, Reading, Readings, State
+from uvms_ocp.sim.sensors import SensorSuite
 
 Corrupt = Callable[[Reading[Any], float], Reading[Any]]
+DT = 0.02
+"""[s] between readings of `told_on_a_way`."""
 
 STEPS: dict[str, Any] = {
     "position": np.array([50.0, 0.0, 0.0]),
@@ -121,6 +125,24 @@ DEFECTS: dict[str, Callable[[str], Corrupt]] = {
     "lost": lost,
     "late": late,
 }
+
+
+def told_on_a_way(
+    guard: Callable[[Readings, float, Command], Measurement],
+    robot: Robot,
+    suite: SensorSuite,
+    channel: str,
+    defect: str,
+) -> list[Measurement]:
+    """Of a robot that moves on straight, with a defect of one channel after 2 s."""
+    corrupt, told = DEFECTS[defect](channel), []
+    q, v = robot.configuration(position=(0.0, 0.0, -36.0)), np.full(robot.n_v, 0.01)
+    for k in range(200):
+        readings, t = suite.read(State(q=q, v=v), k * DT), k * DT
+        q = np.concatenate([q[:3] + DT * v[:3], q[3:]])
+        bad = t > 2.0 and getattr(readings, channel) is not None
+        told.append(guard(with_defect(readings, channel, corrupt, t) if bad else readings, t, Command(v=v)))
+    return told
 
 
 def with_defect(readings: Readings, name: str, corrupt: Corrupt, t: float) -> Readings:

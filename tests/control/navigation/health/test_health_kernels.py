@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from corruptors import DEFECTS, STEPS, with_defect
+from corruptors import STEPS, told_on_a_way
 
 from uvms_ocp.control.navigation.estimator import Estimator
 from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
@@ -32,11 +32,8 @@ from uvms_ocp.functions.kernels.layout import structure_of
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import SensorSpecs
-from uvms_ocp.model.state import Command, State
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import SensorSuite
-
-DT = 0.02
 
 
 @pytest.fixture(scope="module")
@@ -47,15 +44,9 @@ def robot() -> Robot:
 def _guarded(robot: Robot, channel: str, defect: str, *, compiled: bool) -> tuple[HealthMonitor, list[Any]]:
     """A robot that moves on straight, with a defect after a while."""
     monitor = HealthMonitor(robot, compiled=compiled)
-    guard, corrupt = GuardedEstimator(Estimator(robot), robot, monitor=monitor), DEFECTS[defect](channel)
-    suite, told = SensorSuite(robot, FlatSeafloor(z=-40.0), SensorSpecs(), seed=4), []
-    q, v = robot.configuration(position=(0.0, 0.0, -36.0)), np.full(robot.n_v, 0.01)
-    for k in range(200):
-        readings, t = suite.read(State(q=q, v=v), k * DT), k * DT
-        q = np.concatenate([q[:3] + DT * v[:3], q[3:]])
-        bad = t > 2.0 and getattr(readings, channel) is not None
-        told.append(guard(with_defect(readings, channel, corrupt, t) if bad else readings, t, Command(v=v)))
-    return monitor, told
+    guard = GuardedEstimator(Estimator(robot), robot, monitor=monitor)
+    suite = SensorSuite(robot, FlatSeafloor(z=-40.0), SensorSpecs(), seed=4)
+    return monitor, told_on_a_way(guard, robot, suite, channel, defect)
 
 
 CASES = dict(zip(STEPS, ["jump", "bias", "late", "nan", "bias", "frozen", "jump"], strict=True))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from corruptors import DEFECTS, with_defect
+from corruptors import told_on_a_way
 from health_run import FLOOR
 
 from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
@@ -15,10 +15,9 @@ from uvms_ocp.control.navigation.health.monitor import HealthMonitor
 from uvms_ocp.control.navigation.pass_through import PassThrough
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpec
-from uvms_ocp.model.state import Command, Measurement, State
+from uvms_ocp.model.state import Measurement
 from uvms_ocp.sim.sensors import SensorSuite
 
-DT = 0.02
 SPECS = replace(IDEAL_SENSORS, joint_positions=SensorSpec(rate=50.0), position=SensorSpec(rate=5.0, delay=0.1))
 
 
@@ -28,15 +27,9 @@ class Another(PassThrough):
 
 def _told(kind: type[PassThrough], channel: str, defect: str) -> tuple[list[Measurement], HealthMonitor]:
     """What is measured of a robot on its way, with a defect after a while."""
-    robot, corrupt, told = load_robot("girona_maris7"), DEFECTS[defect](channel), []
+    robot = load_robot("girona_maris7")
     guard, suite = GuardedEstimator(kind(robot, SPECS), robot, SPECS), SensorSuite(robot, FLOOR, SPECS)
-    q, v = robot.configuration(position=(0.0, 0.0, -36.0)), np.full(robot.n_v, 0.01)
-    for k in range(200):
-        readings, t = suite.read(State(q=q, v=v), k * DT), k * DT
-        q = np.concatenate([q[:3] + DT * v[:3], q[3:]])
-        bad = t > 2.0 and getattr(readings, channel) is not None
-        told.append(guard(with_defect(readings, channel, corrupt, t) if bad else readings, t, Command(v=v)))
-    return told, guard.monitor
+    return told_on_a_way(guard, robot, suite, channel, defect), guard.monitor
 
 
 @pytest.mark.parametrize("defect", ["jump", "nan", "frozen", "late"])
