@@ -11,6 +11,8 @@ from uvms_ocp.viz.series import axis_names, has_vehicle
 from uvms_ocp.viz.style import AXES_XYZ, BLUE, LINES, VERMILLION, shown, stacked, styled
 from uvms_ocp.viz.time_marks import mark_time
 
+_ROOM = 0.2  # above all torques, for their names
+
 
 @checked
 @styled
@@ -31,6 +33,8 @@ def figure_efforts(record: Record) -> Figure | None:
     axes[2].plot(t, record["joint_energy"], color=VERMILLION, label="joints")
     for axis, label in zip(axes, ("thrust [N]", "torque [N m]", "energy [J]"), strict=True):
         axis.set_ylabel(label)
+    bottom, top = axes[1].get_ylim()
+    axes[1].set_ylim(bottom, top + _ROOM * (top - bottom))
     axes[1].legend(ncols=7, fontsize=6, loc="upper right")
     axes[2].legend(loc="upper left")
     axes[-1].set_xlabel("time [s]")
