@@ -6,7 +6,8 @@ Every number comes back as it was: arrays are stored as they are, texts hold the
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
@@ -90,25 +91,28 @@ Arrays = Mapping[str, np.ndarray]
 def write_plan(target: Path, values: PlanValues, arrays: Arrays) -> Path:
     """Write ``.json`` where the name ends so, else ``.npz``; returns the path. Raises `OutputError`."""
     text = values.model_dump_json()
-    try:
-        if target.suffix == ".json":
-            lists = {name: array.tolist() for name, array in arrays.items()}
-            target.write_text(json.dumps(json.loads(text) | lists), encoding="utf-8")
-            return target
-    except OSError as error:
-        raise OutputError(f"cannot write {target}: {error.strerror}; choose another place") from error
-    return write_arrays(target, _TEXT, text, arrays)
+    if target.suffix != ".json":
+        return write_arrays(target, _TEXT, text, arrays)
+    lists = {name: array.tolist() for name, array in arrays.items()}
+    with _writing(target):
+        target.write_text(json.dumps(json.loads(text) | lists), encoding="utf-8")
+    return target
 
 
 def write_arrays(target: Path, key: str, text: str, arrays: Arrays) -> Path:
     """Write a text under a key beside arrays as ``.npz``, with that ending; returns the path. Raises `OutputError`."""
     place = target.with_suffix(".npz")
-    try:
-        with place.open("wb") as file:
-            np.savez(file, allow_pickle=False, **{key: np.array(text)}, **arrays)
-    except OSError as error:
-        raise OutputError(f"cannot write {place}: {error.strerror}; choose another place") from error
+    with _writing(place), place.open("wb") as file:
+        np.savez(file, allow_pickle=False, **{key: np.array(text)}, **arrays)
     return place
+
+
+@contextmanager
+def _writing(target: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"cannot write {target}: {error.strerror}; choose another place") from error
 
 
 def read_plan(source: Path) -> tuple[PlanValues, dict[str, np.ndarray]]:
