@@ -15,7 +15,8 @@ from uvms_ocp.ocp.trajectory import Trajectory
 
 _KEY = "mission_plan"
 _NO_PLAN = "no plan of a mission; give the plan.npz that `plan mission` wrote"
-_ARRAYS = ("t", "q", "v", "a", "thrust", "torque")
+_ARRAYS = {"t": 0, "q": 0, "v": 0, "a": 1, "thrust": 1, "torque": 1}
+"""By how many rows each is shorter than there are times."""
 
 
 def write_plan(path: Path | str, trajectory: Trajectory, summary: dict[str, Any]) -> Path:
@@ -35,10 +36,9 @@ def read_plan(path: Path | str) -> tuple[Trajectory, dict[str, Any]]:
 
 def _check(arrays: Arrays) -> None:
     n = arrays["t"].size
-    rows = {"t": n, "q": n, "v": n, "a": n - 1, "thrust": n - 1, "torque": n - 1}
     for name, array in arrays.items():
         flat = array.ndim == 1 + (name != "t") and array.dtype.kind == "f"
-        if not flat or len(array) != rows[name] or not np.isfinite(array).all():
+        if not flat or len(array) != n - _ARRAYS[name] or not np.isfinite(array).all():
             raise InvalidInput(f"{name} of shape {array.shape} does not fit {n} times, or is not finite")
     if n < 2 or not (np.diff(arrays["t"]) > 0).all():
         raise InvalidInput("its times do not increase")
