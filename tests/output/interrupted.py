@@ -188,6 +188,7 @@ def refused(folder: Path, *, stays: bool) -> Any:
 
 
 def commands(folder: Path) -> Any:
+    os.cpu_count = lambda: 1  # a copy of this process beside it would be out of the watch's sight, and not wait for it
     return {name: command(folder / name, arguments) for name, arguments in COMMANDS.items()}
 
 
@@ -198,7 +199,6 @@ def command(folder: Path, arguments: list[str]) -> Any:
     """
     from uvms_ocp.cli import app
 
-    os.cpu_count = lambda: 1  # a copy of this process beside it would be out of the watch's sight, and not wait for it
     written = {"report.json": "old", "controller.h": "old", "scene.html": "old", "figures/path.png": "old"}
     target = prepared(folder, written)
     old, seen = state(target), []
