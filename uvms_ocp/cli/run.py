@@ -22,6 +22,7 @@ from uvms_ocp.cli.options import (
     CurrentVelocity,
     Duration,
     Faults,
+    Hydrodynamics,
     Json,
     Name,
     Noise,
@@ -34,6 +35,7 @@ from uvms_ocp.cli.options import (
     build_scenario,
     default_folder,
     given,
+    label,
     require_taken,
     solver_name,
 )
@@ -53,6 +55,7 @@ _STUDY_FILES = ("report.json", "runs.csv")
 def run(
     name: Name = "case1",
     robot: RobotName = None,
+    hydrodynamics: Hydrodynamics = None,
     plant: PlantName = None,
     solver: SolverName = None,
     current: CurrentVelocity = None,
@@ -74,7 +77,8 @@ def run(
     Raises `InvalidInput` for what pre-flight refuses, unless forced, and for --n with a scenario.
     """
     console = console_of(stderr=as_json)
-    options = given(robot=robot, plant=plant, current=current, seabed=seabed, noise=noise, seed=seed, duration=duration)
+    options = given(robot=robot, hydrodynamics=hydrodynamics, plant=plant, current=current, seabed=seabed)
+    options |= given(noise=noise, seed=seed, duration=duration)
     if name in STUDIES:
         chosen = given(n=n, force=force or None, solver=solver, fault=fault or None)
         _run_study(name, options | chosen, out, console, as_json)
@@ -83,7 +87,7 @@ def run(
         raise InvalidInput(f"{name} is no study: leave out --n")
     options |= {"faults": parse_faults(fault)} if fault else {}
     scenario = build_scenario(name, options, solver)
-    parts = (name, scenario.plant, solver_name(scenario.solver))
+    parts = (label(name), scenario.plant, solver_name(scenario.solver))
     others = {key: value for key, value in options.items() if key != "plant"}
     with claimed(out or default_folder(parts, others), _files()) as claim:
         preflight = scenario.check()
