@@ -15,6 +15,8 @@ from typing import Any
 from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput, NameNotFound, UvmsError, plain_line
 
+_PREFIX = "uvms_own_"  # of modules
+
 
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -89,7 +91,7 @@ def _imported(name: str) -> ModuleType:
 def _of_file(path: Path) -> ModuleType:
     """The module of a file, run anew where the file has changed since."""
     content = path.read_bytes()
-    name = f"uvms_own_{hashlib.sha256(str(path).encode() + content).hexdigest()[:16]}"
+    name = f"{_PREFIX}{hashlib.sha256(str(path).encode() + content).hexdigest()[:16]}"
     if name in sys.modules:
         return sys.modules[name]
     spec = importlib.util.spec_from_file_location(name, path)
@@ -120,3 +122,9 @@ def _failed(what: str, error: Exception) -> UvmsError:
 
 def _is_module(value: Any) -> bool:
     return isinstance(value, ModuleType)
+
+
+def forget() -> None:
+    """Run files of one's own anew when they are loaded the next time."""
+    for name in [name for name in sys.modules if name.startswith(_PREFIX)]:
+        del sys.modules[name]
