@@ -9,25 +9,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from uvms_ocp.arguments import AtLeastOne, Count, checked
-from uvms_ocp.campaign.execution.cluster import connected, dask
-from uvms_ocp.campaign.execution.dispatch import Dispatch
+from uvms_ocp.campaign.execution.carry_out import Progress, carry_out
 from uvms_ocp.campaign.runs.code_source import CodeSource
 from uvms_ocp.campaign.runs.mission_runs import MissionRuns, built
 from uvms_ocp.campaign.runs.work import columns_of
-from uvms_ocp.campaign.store.folder import opened
 from uvms_ocp.campaign.store.identity import SOURCES, Identity, read_identity
-from uvms_ocp.campaign.store.parts import arrow
+from uvms_ocp.campaign.store.table import read_table
 from uvms_ocp.campaign.variations.samplers import Design
 from uvms_ocp.campaign.variations.variation import Variation, require_known
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.version import __version__
 
-Progress = Callable[[int, int, int], None]
-"""Told how many runs are done, how many of them failed, and of how many."""
 _MOST_RUNS = 10_000_000
 
 
@@ -85,15 +79,8 @@ class Campaign:
         Raises `InvalidInput` where another campaign is in the folder, `OutputError` where it cannot be written, and
         `NotInstalled` without the extra ``uvms-ocp[campaign]``.
         """
-        from uvms_ocp.campaign.store.table import read_table
-
-        dask(), arrow()
-        with opened(out, self.identity(), self.sources()) as folder:
-            tell = _teller(folder, self.runs, progress)
-            tell()
-            if len(folder.left):
-                with connected(scheduler, workers) as client:
-                    Dispatch(client, self.work, folder).run(folder.left.tolist(), tell)
+        cluster = {"workers": workers, "scheduler": scheduler, "progress": progress}
+        carry_out(out, self.identity(), self.work, sources=self.sources(), **cluster)
         return read_table(out)
 
     def scenario_of(self, run: Count) -> Scenario:
@@ -186,10 +173,3 @@ def _digest(function: Any) -> str:
         text = repr(type(function))
     return hashlib.sha256(text.encode()).hexdigest()
 
-
-def _teller(folder: Any, runs: int, progress: Progress | None) -> Callable[[], None]:
-    def tell() -> None:
-        if progress is not None:
-            progress(int(np.sum(folder.finished)), folder.failed, runs)
-
-    return tell

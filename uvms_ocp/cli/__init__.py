@@ -1,4 +1,4 @@
-"""Command line: ``run``, ``check``, ``mission``, ``compare``, ``plan``, ``list``, ``check-robot``, ``schema``, ``export``.
+"""Command line: ``run``, ``check``, ``mission``, ``compare``, ``campaign``, ``plan``, ``list``, ``check-robot``, ``schema``, ``export``.
 
 Exit codes: 0 done, 1 internal error, 2 bad input or refused by pre-flight, 3 mission not completed or no plan free of
 collision.
@@ -13,7 +13,7 @@ from typing import Annotated
 
 import typer
 
-from uvms_ocp.cli import check, compare, export, listing, plan, robots, run
+from uvms_ocp.cli import campaign, check, compare, export, listing, plan, robots, run
 from uvms_ocp.cli.options import BAD_INPUT
 from uvms_ocp.cli.printing import console_of
 from uvms_ocp.exceptions import UvmsError, plain_line
@@ -29,6 +29,7 @@ app = typer.Typer(
 app.command(name="run")(run.run)
 app.command(name="check")(check.check)
 app.command(name="mission")(check.mission)
+app.command(name="campaign")(campaign.campaign)
 app.command(name="compare")(compare.compare_runs)
 app.command(name="list")(listing.list_all)
 app.command(name="check-robot")(robots.check_robot)

@@ -89,23 +89,31 @@ def run(
     scenario = build_scenario(name, options, solver)
     parts = (label(name), scenario.plant, solver_name(scenario.solver))
     others = {key: value for key, value in options.items() if key != "plant"}
-    with claimed(out or default_folder(parts, others), _files()) as claim:
+    report = produce(scenario, out or default_folder(parts, others), console, force=force)
+    if as_json:
+        print_json(report)
+    if not report["completed"]:
+        raise typer.Exit(NOT_COMPLETED)
+
+
+def produce(scenario: Scenario, out: Path, console: Console, *, force: bool = True) -> dict[str, Any]:
+    """Run a scenario, write all that comes of it into a folder, and print a summary; returns its report.
+
+    Raises `InvalidInput` for what pre-flight refuses, unless forced.
+    """
+    with claimed(out, _files()) as claim:
         preflight = scenario.check()
         print_findings(console, preflight)
         if not (preflight.accepted or force):
-            raise InvalidInput(
-                f"pre-flight refuses {name} ({len(preflight.errors)} errors); --force runs it all the same"
-            )
+            text = f"pre-flight refuses {scenario.name} ({len(preflight.errors)} errors)"
+            raise InvalidInput(f"{text}; --force runs it all the same")
         record = _simulate(scenario, console)
         report = summarize(record) | {"preflight": preflight.to_dict()}
         with console.status("writing record, report, figures and scene"), claim.staged() as staging:
             _write(scenario, record, report, staging)
         written = claim.written()
     _print_summary(console, report, written)
-    if as_json:
-        print_json(report)
-    if not report["completed"]:
-        raise typer.Exit(NOT_COMPLETED)
+    return report
 
 
 def _run_study(name: str, options: dict[str, Any], out: Path | None, console: Console, as_json: bool) -> None:

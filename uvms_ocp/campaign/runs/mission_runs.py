@@ -40,7 +40,7 @@ class MissionRuns(Work):
     def __post_init__(self) -> None:
         if self.records not in KEPT:
             raise NameNotFound("choice of records", self.records, KEPT)
-        own = {"seed": int, **dict.fromkeys(self.names, float), **dict.fromkeys(MERITS, float)}
+        own = {"seed": int, **dict.fromkeys(self.names, float), **dict.fromkeys(MERITS, float), "finished": bool}
         object.__setattr__(self, "_columns", own)
 
     @property
@@ -70,6 +70,7 @@ class MissionRuns(Work):
         cause = cause_of_end(record)
         success = cause["kind"] == COMPLETED
         told = {"outcome": cause["kind"], "success": success, "cause": cause["text"]}
+        told |= {"finished": record.run_meta.completed}
         keep = self.records == "all" or (self.records == "failures" and not success)
         row = {**self.head(run), **merits(scenario, record), **told}
         return Done(row=row, attachment=_packed(record) if keep else b"")
