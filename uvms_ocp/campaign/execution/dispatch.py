@@ -89,11 +89,12 @@ class Dispatch:
         return found
 
     def _take(self, futures: Sequence[Any]) -> None:
-        whole = [future for future in futures if future.status == "finished"]
-        for future, done in zip(whole, self._client.gather(whole, errors="skip"), strict=False):
-            for item in done:
-                self._keep(item)
-            self._running.pop(future)
+        whole = {future: future for future in futures if future.status == "finished"}
+        for future, found in self._client.gather(whole, errors="skip").items():
+            if found is not None:  # else its worker has gone since, and with it the rows
+                for done in found:
+                    self._keep(done)
+                self._running.pop(future)
         for future in futures:
             if future in self._running:
                 self._judge(future, self._running.pop(future))
