@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import math
 import queue
 from collections import deque
 from collections.abc import Iterable, Sequence
@@ -16,6 +18,7 @@ from uvms_ocp.campaign.runs.work import KILLED, Done, Work, failed_row
 from uvms_ocp.campaign.store.folder import CampaignFolder
 from uvms_ocp.exceptions import OutputError
 
+_log = logging.getLogger(__name__)
 _AHEAD = 3  # tasks for every thread of the cluster
 _TASK = 0.3  # [s] that a task of several short runs takes
 _MOST = 50  # runs of a task
@@ -34,7 +37,7 @@ class Dispatch:
         self._alone: deque[int] = deque()
         self._arrived: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._wall, self._made = 0.0, 0
-        self._busy_since = monotonic()
+        self._alone_since: float | None = None
 
     def run(self, runs: Iterable[int], progress: Any) -> None:
         """Make all of these runs [-]; progress: called without arguments whenever rows have come.
@@ -84,9 +87,20 @@ class Dispatch:
                 found.append(self._arrived.get_nowait())
         except queue.Empty:
             pass
-        if not found and self._client.status not in ("running", "connecting"):
-            raise OutputError("the Dask scheduler is gone; start it, then give the same command again to go on")
+        if not found:
+            self._require_cluster()
+            self._tell_of_no_workers()
         return found
+
+    def _tell_of_no_workers(self) -> None:
+        """Once, as a cluster may still be waiting for its machines."""
+        if self._client.nthreads():
+            self._alone_since = None
+        elif self._alone_since is None:
+            self._alone_since = monotonic()
+        elif monotonic() - self._alone_since > _ALONE:
+            self._alone_since = math.inf
+            _log.warning("the cluster has had no worker for %g s; they need this version of uvms_ocp, too", _ALONE)
 
     def _take(self, futures: Sequence[Any]) -> None:
         whole = {future: future for future in futures if future.status == "finished"}
