@@ -231,7 +231,7 @@ class Scenario:
             return KinematicPlant(self.robot, self.start, self.faults)
         real = self.plant_robot or self.robot
         dynamics = robot_dynamics(real)
-        options = {"dynamics": dynamics, "environment": self.environment, "faults": self.faults}
+        options: dict[str, Any] = {"dynamics": dynamics, "environment": self.environment, "faults": self.faults}
         return DynamicPlant(real, self.start, **options, shared=real is not self.robot)
 
     def _sensor_suite(self) -> SensorSuite:

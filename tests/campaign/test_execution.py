@@ -11,7 +11,9 @@ from uvms_ocp.campaign.execution.carry_out import carry_out
 from uvms_ocp.campaign.store.table import read_table
 from uvms_ocp.exceptions import InvalidInput, OutputError
 
-pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning")
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"
+)
 
 
 def test_a_raising_run_is_a_row_with_its_text_and_a_deadly_one_too_and_none_else_is_blamed(tmp_path: Path) -> None:
@@ -52,7 +54,9 @@ def test_a_cluster_at_an_address_loses_a_worker_and_gets_another(tmp_path: Path)
     assert len(processes.workers) == 3
 
 
-def test_an_address_where_nobody_answers_is_an_error_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_address_where_nobody_answers_is_an_error_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("uvms_ocp.campaign.execution.cluster._PATIENCE", 1.0)
     work = TrivialRuns()
     with pytest.raises(OutputError, match="no Dask scheduler answers at tcp://127.0.0.1:9"):

@@ -72,7 +72,9 @@ class Cluster:
 
 
 def _started(words: list[str]) -> subprocess.Popen[bytes]:
-    found = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])  # where workers find this module
+    found = os.pathsep.join(
+        [str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]
+    )  # where workers find this module
     environment = os.environ | {"PYTHONPATH": found}
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     return subprocess.Popen([sys.executable, *words], env=environment, **quiet)

@@ -58,9 +58,7 @@ class Campaign:
         values = _checked_values(built(variations))
         design = Design(sampler=self.sampler, runs=self.runs, parameters=len(values), seed=self.seed)
         names = tuple(variation.name for variation in values)
-        work = MissionRuns(
-            scenario=scenario, variations=variations, names=names, design=design, records=self.records
-        )
+        work = MissionRuns(scenario=scenario, variations=variations, names=names, design=design, records=self.records)
         require_known(values, work.base())
         object.__setattr__(self, "work", work)
 
@@ -79,8 +77,15 @@ class Campaign:
         Raises `InvalidInput` where another campaign is in the folder, `OutputError` where it cannot be written, and
         `NotInstalled` without the extra ``uvms-ocp[campaign]``.
         """
-        cluster = {"workers": workers, "scheduler": scheduler, "progress": progress}
-        carry_out(out, self.identity(), self.work, sources=self.sources(), **cluster)
+        carry_out(
+            out,
+            self.identity(),
+            self.work,
+            sources=self.sources(),
+            workers=workers,
+            scheduler=scheduler,
+            progress=progress,
+        )
         return read_table(out)
 
     def scenario_of(self, run: Count) -> Scenario:
@@ -124,10 +129,14 @@ def kept_campaign(folder: Path) -> Campaign:
     """
     known = read_identity(folder)
     if "words" not in known.scenario:
-        raise InvalidInput(f"{folder}: its scenario was a function in Python, which is not kept; use Campaign.scenario_of there")
+        raise InvalidInput(
+            f"{folder}: its scenario was a function in Python, which is not kept; use Campaign.scenario_of there"
+        )
     variations: Any = known.variations
     if variations.get("values", ()):
-        raise InvalidInput(f"{folder}: its variations were values in Python, which are not kept; use Campaign.scenario_of there")
+        raise InvalidInput(
+            f"{folder}: its variations were values in Python, which are not kept; use Campaign.scenario_of there"
+        )
     return Campaign(
         scenario=CodeSource.restored(known.scenario, folder / SOURCES / "scenario"),
         variations=CodeSource.restored(variations, folder / SOURCES / "variations") if "words" in variations else (),
@@ -172,4 +181,3 @@ def _digest(function: Any) -> str:
     except (OSError, TypeError):
         text = repr(type(function))
     return hashlib.sha256(text.encode()).hexdigest()
-

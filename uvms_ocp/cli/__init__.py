@@ -1,4 +1,5 @@
-"""Command line: ``run``, ``check``, ``mission``, ``compare``, ``campaign``, ``plan``, ``list``, ``check-robot``, ``schema``, ``export``.
+"""Command line: ``run``, ``check``, ``mission``, ``compare``, ``campaign``, ``plan``, ``list``, ``check-robot``, ``schema``,
+``new-robot``, ``new-mission``, ``export``.
 
 Exit codes: 0 done, 1 internal error, 2 bad input or refused by pre-flight, 3 mission not completed or no plan free of
 collision.
@@ -13,7 +14,8 @@ from typing import Annotated
 
 import typer
 
-from uvms_ocp.cli import campaign, check, compare, export, listing, plan, robots, run
+from uvms_ocp.cli import check, compare, export, listing, plan, robots, run
+from uvms_ocp.cli.campaigns import campaign, new_files
 from uvms_ocp.cli.options import BAD_INPUT
 from uvms_ocp.cli.printing import console_of
 from uvms_ocp.exceptions import UvmsError, plain_line
@@ -34,6 +36,8 @@ app.command(name="compare")(compare.compare_runs)
 app.command(name="list")(listing.list_all)
 app.command(name="check-robot")(robots.check_robot)
 app.command(name="schema")(robots.schema)
+app.command(name="new-robot")(new_files.new_robot)
+app.command(name="new-mission")(new_files.new_mission)
 
 export_app = typer.Typer(help="Write what runs without Python.", no_args_is_help=True)
 export_app.command(name="controller")(export.controller)

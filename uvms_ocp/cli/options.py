@@ -131,7 +131,9 @@ def _word(name: str, value: Any) -> str:
 def label(words: str) -> str:
     """A name for folders, of a name, a file or code of one's own."""
     place, _, attribute = words.partition(":")
-    plain = re.sub(r"[^\w.]+", "_", "-".join(filter(None, (Path(place).stem if "." in place else Path(place).name, attribute))))
+    plain = re.sub(
+        r"[^\w.]+", "_", "-".join(filter(None, (Path(place).stem if "." in place else Path(place).name, attribute)))
+    )
     return plain.strip("_") or "run"
 
 

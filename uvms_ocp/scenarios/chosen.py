@@ -24,9 +24,7 @@ _OF_A_VALUE = ("plant", "solver", "current", "seabed", "seed", "noise", "duratio
 
 
 @checked
-def chosen_scenario(
-    words: str, options: Mapping[str, Any], makers: Mapping[str, Callable[..., Scenario]]
-) -> Scenario:
+def chosen_scenario(words: str, options: Mapping[str, Any], makers: Mapping[str, Callable[..., Scenario]]) -> Scenario:
     """The scenario of these words: one of the `makers` by name, ``file.py``, ``file.py:name`` or ``package.module:name``.
 
     Code of one's own gives a `Scenario`, or a function that makes one and takes those options that it wants to. robot and
@@ -65,7 +63,7 @@ def with_robot(options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def robot_of(words: str, hydrodynamics: Path | str | None = None) -> Robot:
-    """The robot of a URDF, of a folder with robot.urdf and hydrodynamics.yaml, or of a name, with other hydrodynamics if given."""
+    """The robot of a URDF, a folder with robot.urdf and hydrodynamics.yaml, or a name; with other hydrodynamics if given."""
     path = Path(words)
     is_name = words == path.name and not path.suffix and not path.exists()
     if is_name:

@@ -131,7 +131,7 @@ def run_options(
 
 
 def field_of(given: Current | Sequence[float] | None) -> Current:
-    """A current as it is, or the uniform one of a velocity (3,) [m/s] in W; still water for none."""
+    """A current as it is; of a velocity given (3,) [m/s] in W the uniform one, still water for none."""
     if given is None:
         return StillWater()
     return UniformCurrent(given) if isinstance(given, Sequence | np.ndarray) else given

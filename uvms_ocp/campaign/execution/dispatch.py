@@ -62,7 +62,9 @@ class Dispatch:
             self._send(chunk)
 
     def _threads(self) -> int:
-        return max(1, sum(worker["nthreads"] for worker in self._client.scheduler_info(n_workers=-1)["workers"].values()))
+        return max(
+            1, sum(worker["nthreads"] for worker in self._client.scheduler_info(n_workers=-1)["workers"].values())
+        )
 
     def _next(self, todo: Any) -> list[int]:
         """Runs of the next task: those under suspicion one by one, others together as far as they are short."""

@@ -12,7 +12,7 @@ from uvms_ocp.campaign.runs.work import Done, Work, attempted
 try:
     from distributed import WorkerPlugin, get_worker
 except ImportError:  # which `uvms_ocp.campaign.execution.cluster` tells of
-    WorkerPlugin = object  # type: ignore[assignment, misc]
+    WorkerPlugin = object
 
 
 class WorkHere(WorkerPlugin):

@@ -17,7 +17,12 @@ def cause_table(table: Any) -> list[dict[str, Any]]:
     kinds = failed["cause"].fillna("").map(_kind)
     groups = failed.assign(kind=kinds).groupby(["outcome", "kind"], sort=False)["run"]
     rows = [
-        {"outcome": outcome, "cause": kind, **Rate(number=len(runs), runs=len(table)).to_dict(), "run": int(runs.iloc[0])}
+        {
+            "outcome": outcome,
+            "cause": kind,
+            **Rate(number=len(runs), runs=len(table)).to_dict(),
+            "run": int(runs.iloc[0]),
+        }
         for (outcome, kind), runs in groups
     ]
     return sorted(rows, key=lambda row: -row["number"])[:_MOST]

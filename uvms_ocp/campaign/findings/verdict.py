@@ -43,7 +43,9 @@ def _parse(text: str) -> Bound:
         name, sign, limit = found.groups() if found else ("", "", "")
         value = float(limit)
     except ValueError:
-        raise InvalidInput(f"success {text!r}; give a figure, < or > and a number: tool_position_error_m<0.01") from None
+        raise InvalidInput(
+            f"success {text!r}; give a figure, < or > and a number: tool_position_error_m<0.01"
+        ) from None
     if name not in MERITS:
         raise NameNotFound("figure of merit", name, MERITS)
     return Bound(merit=name, sign=sign, limit=value)

@@ -68,7 +68,9 @@ class CodeSource:
         if not self.files or _is_intact(Path(self.root), self.files):
             return self
         folder = _unpacked(self.digest(), tuple(self.files.items()))
-        options = {name: self._moved(value, folder) if name in _PLACES else value for name, value in self.options.items()}
+        options = {
+            name: self._moved(value, folder) if name in _PLACES else value for name, value in self.options.items()
+        }
         return replace(self, words=self._moved(self.words, folder), options=options, files={})
 
     def digest(self) -> str:

@@ -53,7 +53,7 @@ class MissionRuns(Work):
 
     def values(self, run: int) -> dict[str, float]:
         """Values [unit of each] of the parameters of a run [-], by name."""
-        return quantiles(self._variations(), self.design.row(run))
+        return quantiles(self._variations(), self.design.row(run).tolist())
 
     def scenario_of(self, run: int) -> Scenario:
         """What a run [-] simulates."""

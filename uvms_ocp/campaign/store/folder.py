@@ -45,7 +45,7 @@ class CampaignFolder:
         return np.flatnonzero(~self.finished)
 
     def add(self, done: Done) -> None:
-        """Keep a row, and the record that comes with it, which is written first."""
+        """Keep a row, and the record that comes with it, which is written first. Raises `OutputError` where the disk refuses."""
         run = int(done.row["run"])
         if self.finished[run]:
             return
@@ -123,5 +123,3 @@ def _write_whole(path: Path, content: bytes) -> None:
         discard(fresh)
         raise OutputError(f"{path}: cannot write there ({error.strerror or error}); free some space") from error
     sync_folders([path.parent])
-
-

@@ -36,7 +36,9 @@ class Uniform(Distribution):
 
     def __post_init__(self) -> None:
         if not self.lower < self.upper:
-            raise InvalidInput(f"Uniform({self.lower:g}, {self.upper:g}); give the lower bound first, then a larger one")
+            raise InvalidInput(
+                f"Uniform({self.lower:g}, {self.upper:g}); give the lower bound first, then a larger one"
+            )
 
     def quantile(self, u: Share) -> float:
         """The value [unit of the parameter] below which a share u [-] lies."""

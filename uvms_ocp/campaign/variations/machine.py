@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -51,7 +52,9 @@ def _of_robot(name: str, unit: str, meaning: str, change: Callable[[Robot, float
 def _dragged(robot: Robot, factor: float) -> Robot:
     if not factor >= 0.0:
         raise InvalidInput(f"water.drag = {factor:g}; give a factor of 0 or more")
-    return _wet(robot, lambda link: {"linear_drag": factor * link.linear_drag, "quadratic": factor * link.quadratic_drag})
+    return _wet(
+        robot, lambda link: {"linear_drag": factor * link.linear_drag, "quadratic": factor * link.quadratic_drag}
+    )
 
 
 def _with_added_mass(robot: Robot, factor: float) -> Robot:
@@ -82,7 +85,7 @@ def _described(link: LinkHydrodynamics, changes: dict[str, np.ndarray]) -> LinkD
     return LinkDescription(coefficients=coefficients)
 
 
-def _rows(matrix: np.ndarray) -> tuple[tuple[float, ...], ...]:
+def _rows(matrix: np.ndarray) -> Any:
     return tuple(map(tuple, matrix.tolist()))
 
 

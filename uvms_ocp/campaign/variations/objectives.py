@@ -41,7 +41,9 @@ def objective_parameters(scenario: Scenario) -> Iterator[Parameter]:
     if scenario.plant == "dynamic":
         for item in fields(VelocityGains):
             meaning = f"{item.name} of VelocityGains"
-            yield Parameter(name=f"gains.{item.name}", unit="as there", meaning=meaning, apply=partial(_gain, item.name))
+            yield Parameter(
+                name=f"gains.{item.name}", unit="as there", meaning=meaning, apply=partial(_gain, item.name)
+            )
 
 
 def _is_point(goal: Any) -> bool:
@@ -54,7 +56,7 @@ def _numbers(task: Task) -> list[str]:
 
 def _with_goal(name: str, axis: int, scenario: Scenario, value: float) -> Scenario:
     """Of the task itself and of the phases that give it a goal of their own."""
-    mission = _changed(scenario.mission, name, lambda task: task.with_goal(_shifted(task.goal, axis, value)))  # type: ignore[attr-defined]
+    mission = _changed(scenario.mission, name, lambda task: task.with_goal(_shifted(task.goal, axis, value)))
     phases = tuple(
         replace(phase, goals={**phase.goals, name: _shifted(phase.goals[name], axis, value)})
         if name in phase.goals

@@ -16,3 +16,4 @@ class Parameter:
     unit: str
     meaning: str
     apply: Callable[[Scenario, float], Scenario]
+    """The scenario with a value [unit]."""

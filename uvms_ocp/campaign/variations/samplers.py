@@ -35,7 +35,7 @@ class Design:
             self._require_blocks()
 
     def row(self, run: int) -> np.ndarray:
-        """Numbers (parameters,) [-] of a run [-], from 0 to 1."""
+        """Numbers (parameters,) [-] of a run [-], from 0 to 1. Raises `NotInstalled` for indices without SALib."""
         if not self.parameters:
             return np.zeros(0)
         if self.sampler == "random":

@@ -27,7 +27,7 @@ class Variation:
     distribution: Any
     """Of its values: one of ours, or a frozen one of scipy.stats."""
     apply: Callable[[Scenario, float], Scenario] | None = field(default=None, kw_only=True)
-    """For a parameter of your own: the scenario with this value of it."""
+    """For a parameter of your own: the scenario with this value [its unit] of it."""
 
     def __post_init__(self) -> None:
         if not self.name.strip():

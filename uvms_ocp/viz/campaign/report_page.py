@@ -32,7 +32,8 @@ def report_page(report: Mapping[str, Any], figures: Mapping[str, bytes]) -> str:
         "<h2>Causes of failure</h2>" + (_table(report["causes"]) if report["causes"] else "<p>No run failed.</p>"),
         "<h2>Distributions</h2>" + _table(report["distributions"]),
         "<h2>Sensitivity</h2><p>Spearman's rank correlation is a first look; a PAWN index that is not clearly above its "
-        "floor says nothing; s1 and st are Sobol' indices, of their own design only.</p>" + _table(report["sensitivity"]),
+        "floor says nothing; s1 and st are Sobol' indices, of their own design only.</p>"
+        + _table(report["sensitivity"]),
         "<h2>The ten worst runs</h2>" + _table(report["worst"], code=("repeat",)),
         "<h2>What was varied</h2>"
         + _table([{"parameter": name, "distribution": text} for name, text in report["parameters"].items()]),

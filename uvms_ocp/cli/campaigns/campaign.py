@@ -14,7 +14,7 @@ from uvms_ocp.campaign.findings.verdict import Bound, parse_bounds
 from uvms_ocp.campaign.store.identity import FILE
 from uvms_ocp.campaign.variations.known_parameters import known_parameters
 from uvms_ocp.campaign.variations.samplers import SAMPLERS
-from uvms_ocp.cli.campaign_output import print_comparison, progress_bar, write_report
+from uvms_ocp.cli.campaigns.campaign_output import print_comparison, progress_bar, write_report
 from uvms_ocp.cli.compiling import told_of_compiling
 from uvms_ocp.cli.options import (
     CurrentVelocity,
@@ -46,14 +46,19 @@ def campaign(
     what: Annotated[str, typer.Argument(metavar="SCENARIO|DIR", help=_WHAT)],
     vary: Annotated[
         str | None,
-        typer.Option(metavar="FILE.py", help="Defines `variations`, a list of Variation(NAME, DISTRIBUTION). It is run."),
+        typer.Option(
+            metavar="FILE.py", help="Defines `variations`, a list of Variation(NAME, DISTRIBUTION). It is run."
+        ),
     ] = None,
     runs: Annotated[int, typer.Option(metavar="N", help="Number of runs.")] = 100,
     out: Annotated[Path | None, typer.Option(metavar="DIR", parser=folder, help="Folder of the campaign.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of all that is drawn.")] = 0,
-    sampler: Annotated[str, typer.Option(help=f"{', '.join(SAMPLERS)}; indices: the design of Sobol' indices.")] = "sobol",
+    sampler: Annotated[
+        str, typer.Option(help=f"{', '.join(SAMPLERS)}; indices: the design of Sobol' indices.")
+    ] = "sobol",
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Dask cluster, such as tcp://host:8786; default: this machine.")
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Dask cluster, such as tcp://host:8786; default: this machine."),
     ] = None,
     workers: Annotated[int | None, typer.Option(metavar="N", help="Processes of this machine; default: all.")] = None,
     records: Annotated[str, typer.Option(help="Whole records to keep: none, failures or all.")] = "none",
@@ -68,11 +73,15 @@ def campaign(
     force: Annotated[bool, typer.Option("--force", help="Run even if pre-flight finds errors.")] = False,
     parameters: Annotated[bool, typer.Option("--parameters", help="List what can be varied, and do no more.")] = False,
     report: Annotated[bool, typer.Option("--report", help="Write report.html and report.json of a folder.")] = False,
-    rerun: Annotated[int | None, typer.Option(metavar="K", help="Repeat run K of a folder, with record and scene.")] = None,
+    rerun: Annotated[
+        int | None, typer.Option(metavar="K", help="Repeat run K of a folder, with record and scene.")
+    ] = None,
     against: Annotated[Path | None, typer.Option(metavar="DIR2", help="Compare a folder with that of another.")] = None,
     success: Annotated[
         list[str] | None,
-        typer.Option(metavar="BOUND", help="In reports, what finished runs must keep: tool_position_error_m<0.01; repeatable."),
+        typer.Option(
+            metavar="BOUND", help="In reports, what finished runs must keep: tool_position_error_m<0.01; repeatable."
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:
