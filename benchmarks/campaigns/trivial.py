@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -16,13 +14,6 @@ from uvms_ocp.version import __version__
 class Trivial(Work):
     """A row of the run's own number."""
 
-    pause: float = 0.0
-    """[s] that a run takes."""
-    deadly: frozenset[int] = frozenset()
-    """[-] runs that end their process."""
-    broken: frozenset[int] = frozenset()
-    """[-] runs that raise."""
-
     @property
     def columns(self) -> Mapping[str, type]:
         return {"square": int, "share": float}
@@ -33,11 +24,6 @@ class Trivial(Work):
 
     def make(self, run: int) -> Done:
         """The row of a run [-]."""
-        time.sleep(self.pause)
-        if run in self.deadly:
-            os._exit(1)
-        if run in self.broken:
-            raise ValueError(f"run {run} was\nnever to be")
         return Done(row={**self.head(run), "square": run * run, "outcome": "completed", "success": True, "cause": ""})
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from uvms_ocp.campaign.findings.rates import Rate
 
 _NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w])")
-_MOST = 20
+_MOST, _LONGEST = 20, 200  # causes, letters of one
 
 
 def cause_table(table: Any) -> list[dict[str, Any]]:
@@ -35,6 +35,6 @@ def outcome_table(table: Any) -> list[dict[str, Any]]:
 
 
 def _kind(text: str) -> str:
-    """Without numbers, and without what comes after the first statement."""
-    first = re.split(r"; (?:last alarm|phase )", text)[0]
-    return _NUMBER.sub("#", first)[:160]
+    """Without numbers, and without what comes after the first two statements."""
+    told = text.partition("; last alarm")[0].split("; ")[:2]
+    return _NUMBER.sub("#", "; ".join(told))[:_LONGEST]
