@@ -22,9 +22,8 @@ PROSE = """
 {runs} runs on the {plant} plant at 50 Hz; drawn by a Sobol' sequence of seed {seed}: {parameters}. The controller knows the
 nominal robot and sensors.
 
-Counted strictly, with every goal of every phase truly reached: {strict}. Of these failures most are by a hair: a phase ends when
-the estimate is below its limit, and the truth is then above it half of the time. Counted as a mission that is finished with the
-tool truly within 1 cm: {useful}.
+Counted strictly, with every goal of every phase truly reached: {strict}. A phase ends when the estimate is below its limit, on
+whichever side the truth is. Counted as a mission that is finished with the tool truly within 1 cm: {useful}.
 
 {took}
 
@@ -87,7 +86,9 @@ def main() -> None:
         took = f"It took {perf_counter() - begun:.0f} s with {workers} workers."
         if not run.quick:
             one, two = (throughput(variations, 100, folder / f"workers{n}", n) for n in (1, 2))
-            took += f" Two workers make {two / one:.2f} times as many runs in a second as one ({two:.2f} and {one:.2f})."
+            took += (
+                f" Two workers make {two / one:.2f} times as many runs in a second as one ({two:.2f} and {one:.2f})."
+            )
         report = campaign_report(folder / "campaign", parse_bounds([_USEFUL]))
         strict = campaign_report(folder / "campaign")
         table = read_table(folder / "campaign").drop(columns=["worker"])

@@ -20,7 +20,7 @@ from uvms_ocp.campaign.store.table import read_table
 pytestmark = pytest.mark.filterwarnings(
     "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"
 )
-RUNS, KILLS = 60, 3
+RUNS, KILLS = 90, 2
 MISSION = """
 import uvms_ocp as uo
 
@@ -74,12 +74,12 @@ def _killed(
     worker: bool,
 ) -> set[int]:
     """Runs that are on the disk after the client was killed, at some moment after more of them got there."""
-    while process.poll() is None and len(finished(folder)) < len(known) + 4:
+    while process.poll() is None and len(finished(folder)) < len(known) + 1:
         time.sleep(0.2)
     if worker:
         processes.workers[0].kill()
         processes.add_worker()
-    time.sleep(draw.uniform(0.0, 0.5))
+    time.sleep(draw.uniform(0.0, 0.3))
     assert process.poll() is None, "the campaign was over before it could be killed"
     process.send_signal(signal.SIGKILL)
     process.communicate()

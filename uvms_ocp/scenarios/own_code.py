@@ -16,6 +16,7 @@ from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput, NameNotFound, UvmsError, plain_line
 
 _PREFIX = "uvms_own_"  # of modules
+_HELPERS: dict[str, Path] = {}  # modules that files of one's own have imported, with the folder of the file
 
 
 @checked
@@ -98,6 +99,8 @@ def _of_file(path: Path) -> ModuleType:
     if spec is None or spec.loader is None:
         raise InvalidInput(f"{path}: cannot be loaded; give a Python file")
     module = importlib.util.module_from_spec(spec)
+    _drop_helpers(path.parent)
+    before = set(sys.modules)
     sys.modules[name] = module  # where dataclasses look for it
     sys.path.insert(0, str(path.parent))
     try:
@@ -109,7 +112,16 @@ def _of_file(path: Path) -> ModuleType:
         raise
     finally:
         sys.path.remove(str(path.parent))
+        _HELPERS.update({new: path.parent for new in set(sys.modules) - before if not new.startswith(_PREFIX)})
     return module
+
+
+def _drop_helpers(folder: Path) -> None:
+    """Modules of other folders would stand in for those of the same name in this one."""
+    for name, home in list(_HELPERS.items()):
+        file = getattr(sys.modules.get(name), "__file__", None)
+        if home != folder and file and Path(file).resolve().is_relative_to(home):
+            del sys.modules[name], _HELPERS[name]
 
 
 def _failed(what: str, error: Exception) -> UvmsError:

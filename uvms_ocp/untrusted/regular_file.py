@@ -9,7 +9,6 @@ from pathlib import Path
 
 from uvms_ocp.exceptions import InvalidInput
 
-
 _READ: ContextVar[list[Path] | None] = ContextVar("files_read", default=None)
 
 

@@ -109,9 +109,9 @@ class Choice(Distribution):
     """[unit of the parameter]"""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "values", tuple(map(float, self.values)))
         if not self.values:
             raise InvalidInput("Choice of no values; give one or more")
-        object.__setattr__(self, "values", tuple(self.values))
 
     def quantile(self, u: Share) -> float:
         """The value [unit of the parameter] that a number u [-] stands for."""

@@ -18,7 +18,9 @@ _BESIDE = 'uo.load_robot(urdf=ROBOT / "robot.urdf", hydrodynamics=ROBOT / "hydro
 
 
 def new_robot(
-    out: Annotated[Path, typer.Argument(metavar="DIR", parser=folder, help="Folder for robot.urdf and hydrodynamics.yaml.")],
+    out: Annotated[
+        Path, typer.Argument(metavar="DIR", parser=folder, help="Folder for robot.urdf and hydrodynamics.yaml.")
+    ],
 ) -> None:
     """Write a robot to begin with: a box of a vehicle with an arm of three joints, with comments.
 
