@@ -60,7 +60,7 @@ def causes(report: dict[str, Any]) -> list[Row]:
 
 def sensitivities(report: dict[str, Any]) -> list[Row]:
     """Of success and of the main figures, the parameters that matter most."""
-    rows = []
+    rows: list[Row] = []
     for figure in ("success", "tool_position_error_m", "energy_j", "duration_s"):
         own = [row for row in report["sensitivity"] if row["figure"] == figure]
         for row in sorted(own, key=lambda row: -row["pawn"])[:_TOP]:

@@ -59,7 +59,7 @@ def test_an_address_where_nobody_answers_is_an_error_in_one_line(
 ) -> None:
     monkeypatch.setattr("uvms_ocp.campaign.execution.cluster._PATIENCE", 1.0)
     work = TrivialRuns()
-    with pytest.raises(OutputError, match="no Dask scheduler answers at tcp://127.0.0.1:9"):
+    with pytest.raises(OutputError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         carry_out(tmp_path, identity_of(work, 3), work, scheduler="tcp://127.0.0.1:9")
 
 

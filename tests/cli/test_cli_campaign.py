@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -150,7 +151,7 @@ def test_the_path_that_readme_shows_works_as_printed(tmp_path: Path) -> None:
     lines = [line for line in block.strip().splitlines() if line]
     assert len(lines) <= 15
     for line in lines:
-        command = line.partition("#")[0].split()
+        command = shlex.split(line, comments=True)
         assert command[0] == "uvms-ocp"
         words = [sys.executable, "-m", "uvms_ocp", *command[1:]]
         told = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)

@@ -23,7 +23,8 @@ def sensitivity_table(table: Any, parameters: Sequence[str], *, indices: bool) -
 
     rank_correlation [-1, 1] is Spearman's with its p-value. pawn [0, 1] is the median over slices of the distance between the
     distribution of the figure and that where the parameter is known; pawn_floor is that of a number of no effect: what is not
-    clearly above it says nothing. s1 and st are the shares of variance that a parameter has alone and with all others. Raises `NotInstalled` without SALib.
+    clearly above it says nothing. s1 and st are the shares of variance that a parameter has alone and with all others.
+    Raises `NotInstalled` without SALib.
     """
     if not parameters:
         return []

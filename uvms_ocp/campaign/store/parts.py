@@ -51,7 +51,7 @@ class Parts:
                 self.join()
 
     def join(self) -> None:
-        """One file in place of many. Cut off at any moment, some rows are there twice, which readers know. Raises `OutputError`."""
+        """One file in place of many. Cut off, some rows are there twice, which readers know. Raises `OutputError`."""
         paths = self.paths()
         if len(paths) > 1:
             self._write(read_rows(self._folder.parent, self._columns))

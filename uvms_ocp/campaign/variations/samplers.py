@@ -18,7 +18,7 @@ _DRAWN, _SEED = 0, 1  # streams of a run
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Design:
-    """Which numbers the runs of a campaign have. Raises `NameNotFound` for an unknown sampler, `InvalidInput` for too few runs."""
+    """Which numbers the runs have. Raises `NameNotFound` for an unknown sampler, `InvalidInput` for a wrong number of runs."""
 
     sampler: str
     runs: int
