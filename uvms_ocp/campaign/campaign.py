@@ -97,7 +97,7 @@ class Campaign:
         """By which the folder knows it again."""
         values = built(self.work.variations)
         return Identity(
-            name=self.scenario if isinstance(self.scenario, str) else _title(self.work.scenario),
+            name=_title(self.work.scenario),
             package=__version__,
             runs=self.runs,
             seed=self.seed,
@@ -172,7 +172,11 @@ def _identity(source: Any) -> dict[str, Any]:
 
 
 def _title(source: Any) -> str:
-    return source.words if isinstance(source, CodeSource) else getattr(source, "__qualname__", type(source).__name__)
+    return (
+        Path(source.words).name
+        if isinstance(source, CodeSource)
+        else getattr(source, "__qualname__", type(source).__name__)
+    )
 
 
 def _digest(function: Any) -> str:

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from uvms_ocp.campaign.execution.cluster import connected, dask
-from uvms_ocp.campaign.execution.dispatch import Dispatch
 from uvms_ocp.campaign.runs.work import Work
 from uvms_ocp.campaign.store.folder import CampaignFolder, opened
 from uvms_ocp.campaign.store.identity import Identity
@@ -37,6 +36,8 @@ def carry_out(
         tell = _teller(folder, progress)
         tell()
         if len(folder.left):
+            from uvms_ocp.campaign.execution.dispatch import Dispatch  # with Dask, which takes a second
+
             with connected(scheduler, workers) as client:
                 Dispatch(client, work, folder).run(folder.left.tolist(), tell)
 

@@ -7,12 +7,9 @@ import os
 from collections.abc import Sequence
 from typing import Any
 
-from uvms_ocp.campaign.runs.work import Done, Work, attempted
+from distributed import WorkerPlugin, get_worker
 
-try:
-    from distributed import WorkerPlugin, get_worker
-except ImportError:  # which `uvms_ocp.campaign.execution.cluster` tells of
-    WorkerPlugin = object
+from uvms_ocp.campaign.runs.work import Done, Work, attempted
 
 
 class WorkHere(WorkerPlugin):
