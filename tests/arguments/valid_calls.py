@@ -760,6 +760,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "Variation": lambda: {"name": "start.x", "distribution": Uniform(0.0, 1.0)},
     "campaign_report": lambda: {"folder": _campaign_folder()},
     "compare_campaigns": lambda: {"first": _campaign_folder(), "second": _campaign_folder()},
+    "Record.from_parquet": lambda: {"path": _parquet()},
     "read_table": lambda: {"folder": _campaign_folder()},
     "Fault": lambda: {"target": "depth", "kind": "lost"},
     "parse_fault": lambda: {"text": "depth:lost@1"},
@@ -768,6 +769,11 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "scale_to_limits": dict,
 }
 """What a call needs beyond the pool."""
+
+
+def _parquet() -> Path:
+    run_record().to_parquet("record.parquet")
+    return Path("record.parquet").resolve()
 
 
 def _campaign_folder() -> Path:

@@ -36,9 +36,7 @@ class Uniform(Distribution):
 
     def __post_init__(self) -> None:
         if not self.lower < self.upper:
-            raise InvalidInput(
-                f"Uniform({self.lower:g}, {self.upper:g}); give the lower bound first, then a larger one"
-            )
+            raise InvalidInput(f"Uniform: lower = {self.lower:g}, upper = {self.upper:g}; give a larger upper bound")
 
     def quantile(self, u: Share) -> float:
         """The value [unit of the parameter] below which a share u [-] lies."""
