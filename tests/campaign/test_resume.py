@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import signal
 import subprocess
@@ -34,10 +35,11 @@ variations = [Variation("start.x", Normal(0.0, 0.1)), Variation("goals.TP.x", Un
 """
 
 
-def client(folder: Path, address: str) -> subprocess.Popen[str]:
+def client(folder: Path, *cluster: str, **options: bool) -> subprocess.Popen[str]:
     words = ["campaign", "mission.py", "--vary", "variations.py", "--runs", str(RUNS), "--force"]
-    command = [sys.executable, "-m", "uvms_ocp", *words, "--out", "killed", "--scheduler", address]
-    return subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    command = [sys.executable, "-m", "uvms_ocp", *words, "--out", "killed", *cluster]
+    told = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    return subprocess.Popen(command, cwd=folder, **told, **options)
 
 
 def finished(folder: Path) -> set[int]:
@@ -50,9 +52,9 @@ def test_a_campaign_killed_again_and_again_equals_one_that_was_not(tmp_path: Pat
     draw, known = random.Random(16), set[int]()
     with cluster(tmp_path) as processes:
         for kill in range(KILLS):
-            process = client(tmp_path, processes.address)
+            process = client(tmp_path, "--scheduler", processes.address)
             known = _killed(process, processes, tmp_path / "killed", known, draw, worker=kill == 1)
-        last = client(tmp_path, processes.address)
+        last = client(tmp_path, "--scheduler", processes.address)
         told, _ = last.communicate(timeout=300)
         assert last.returncode == 0, told
     whole = Campaign(scenario=str(tmp_path / "mission.py"), variations=str(tmp_path / "variations.py"), runs=RUNS).run(
@@ -88,15 +90,14 @@ def _killed(
     return after
 
 
-def test_an_interrupt_ends_the_command_cleanly_and_says_how_to_go_on(tmp_path: Path) -> None:
+def test_an_interrupt_of_the_whole_terminal_ends_the_command_cleanly_and_says_how_to_go_on(tmp_path: Path) -> None:
     (tmp_path / "mission.py").write_text(MISSION)
     (tmp_path / "variations.py").write_text(VARIATIONS)
-    with cluster(tmp_path, workers=1) as processes:
-        process = client(tmp_path, processes.address)
-        while process.poll() is None and not finished(tmp_path / "killed"):
-            time.sleep(0.2)
-        process.send_signal(signal.SIGINT)
-        told, _ = process.communicate(timeout=60)
+    process = client(tmp_path, "--workers", "1", start_new_session=True)
+    while process.poll() is None and not finished(tmp_path / "killed"):
+        time.sleep(0.2)
+    os.killpg(process.pid, signal.SIGINT)
+    told, _ = process.communicate(timeout=60)
     assert process.returncode == 130, told
     assert "the same command goes on" in told.replace("\n", " ")
     assert "Traceback" not in told

@@ -60,6 +60,7 @@ def _of_this_machine(workers: int) -> Iterator[Any]:
             dashboard_address=":0",
             local_directory=folder,
             silence_logs=50,
+            preload=["uvms_ocp.campaign.execution.unstirred"],
         )
         with cluster, distributed.Client(cluster) as client:
             yield client
