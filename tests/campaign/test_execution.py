@@ -54,6 +54,19 @@ def test_a_cluster_at_an_address_loses_a_worker_and_gets_another(tmp_path: Path)
     assert len(processes.workers) == 3
 
 
+def test_on_a_cluster_of_others_only_the_run_that_ends_processes_by_itself_is_blamed(tmp_path: Path) -> None:
+    work = TrivialRuns(pause=0.4, deadly=frozenset({2}))
+    with cluster(tmp_path, workers=1) as processes:
+
+        def replace_the_dead(done: int, failed: int, total: int) -> None:
+            if all(worker.poll() is not None for worker in processes.workers):
+                processes.add_worker()
+
+        out = tmp_path / "campaign"
+        carry_out(out, identity_of(work, 5), work, scheduler=processes.address, progress=replace_the_dead)
+    assert read_table(out)["outcome"].tolist() == ["completed", "completed", "killed", "completed", "completed"]
+
+
 def test_an_address_where_nobody_answers_is_an_error_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -15,7 +15,7 @@ from rich.progress import Progress as ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from uvms_ocp.campaign import STUDIES
+from uvms_ocp.campaign import STUDIES, StudyResult
 from uvms_ocp.cli.compiling import told_of_compiling
 from uvms_ocp.cli.options import (
     NOT_COMPLETED,
@@ -125,13 +125,18 @@ def _run_study(name: str, options: dict[str, Any], out: Path | None, console: Co
         with claim.staged() as staging:
             (staging / "report.json").write_text(json.dumps(result.to_dict(), indent=2) + "\n")
             result.write_csv(staging / "runs.csv")
+    print_study(result, console)
+    print_paths(console, [folder])
+    if as_json:
+        print_json(result.to_dict())
+
+
+def print_study(result: StudyResult, console: Console) -> None:
+    """The table that sums a study up."""
     rows = result.table
     if len(rows) == 1:  # one wide row reads better downwards
         rows = tuple({"figure": name, "value": value} for name, value in rows[0].items())
     console.print(table_of(result.title, rows, tuple(rows[0])))
-    print_paths(console, [folder])
-    if as_json:
-        print_json(result.to_dict())
 
 
 def _simulate(scenario: Scenario, console: Console) -> Record:

@@ -39,7 +39,7 @@ def carry_out(
             from uvms_ocp.campaign.execution.dispatch import Dispatch  # with Dask, which takes a second
 
             with connected(scheduler, workers) as client:
-                Dispatch(client, work, folder).run(folder.left.tolist(), tell)
+                Dispatch(client, work, folder, exclusive=scheduler is None).run(folder.left.tolist(), tell)
 
 
 def _teller(folder: CampaignFolder, progress: Progress | None) -> Callable[[], None]:

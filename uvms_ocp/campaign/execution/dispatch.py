@@ -29,12 +29,13 @@ _ALONE = 60.0  # [s] without any worker, after which it is said
 class Dispatch:
     """Of one campaign on one cluster."""
 
-    def __init__(self, client: Any, work: Work, folder: CampaignFolder) -> None:
-        """client: a `distributed.Client`."""
+    def __init__(self, client: Any, work: Work, folder: CampaignFolder, *, exclusive: bool = False) -> None:
+        """client: a `distributed.Client`. exclusive: whether its workers have one run at a time, which alone is to blame."""
         self._client, self._work, self._folder = client, work, folder
         self._name = f"runs-{uuid4().hex}"
         self._running: dict[Any, Sequence[int]] = {}
         self._alone: deque[int] = deque()
+        self._exclusive, self._suspects, self._tried = exclusive, deque[int](), set[int]()
         self._arrived: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._wall, self._made = 0.0, 0
         self._alone_since: float | None = None
@@ -60,6 +61,8 @@ class Dispatch:
         threads = max(1, sum(self._client.nthreads().values()) if len(self._running) == 0 else self._threads())
         while len(self._running) < _AHEAD * threads and (chunk := self._next(todo)):
             self._send(chunk)
+        if self._suspects and not self._running:
+            self._send([self._suspects.popleft()])  # with nothing beside it
 
     def _threads(self) -> int:
         return max(
@@ -125,6 +128,9 @@ class Dispatch:
         if error is None or len(chunk) > 1:
             self._require_cluster()
             self._alone.extend(chunk)
+        elif isinstance(error, dask().KilledWorker) and not self._exclusive and chunk[0] not in self._tried:
+            self._tried.add(chunk[0])
+            self._suspects.append(chunk[0])
         else:
             outcome = KILLED if isinstance(error, dask().KilledWorker) else "error"
             text = f"the process of the run ended: {error}" if outcome == KILLED else f"{type(error).__name__}: {error}"

@@ -56,7 +56,11 @@ def campaign_report(folder: Path, success: Sequence[Bound] = ()) -> dict[str, An
 
 
 def judged_table(folder: Path, success: Sequence[Bound] = ()) -> Any:
-    """All finished runs with their success. Raises `InvalidInput` where there are none."""
+    """All finished runs with their success. Raises `InvalidInput` where there are none, and for a study."""
+    if "study" in read_identity(folder).scenario:
+        raise InvalidInput(
+            f"{folder}: the campaign of a study; give the name of the study with this --out for its table"
+        )
     table = read_table(folder)
     if not len(table):
         raise InvalidInput(f"{folder}: no run of its campaign is finished yet; start it, or wait a few seconds")

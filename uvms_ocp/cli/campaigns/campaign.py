@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 
+from uvms_ocp.campaign import STUDIES
 from uvms_ocp.campaign.campaign import Campaign, kept_campaign
 from uvms_ocp.campaign.findings.paired import compare_campaigns
 from uvms_ocp.campaign.findings.verdict import Bound, parse_bounds
 from uvms_ocp.campaign.store.identity import FILE
+from uvms_ocp.campaign.study_runs import carry_out_study
 from uvms_ocp.campaign.variations.known_parameters import known_parameters
 from uvms_ocp.campaign.variations.samplers import SAMPLERS
 from uvms_ocp.cli.campaigns.campaign_output import print_comparison, progress_bar, write_report
@@ -31,15 +35,14 @@ from uvms_ocp.cli.options import (
     folder,
     given,
     label,
+    require_taken,
 )
 from uvms_ocp.cli.printing import console_of, print_findings, print_json, table_of
-from uvms_ocp.cli.run import produce
+from uvms_ocp.cli.run import print_study, produce
 from uvms_ocp.exceptions import InvalidInput
 
 INTERRUPTED = 130
-_WHAT = (
-    "A scenario as for `run` (your own file is run to load it: give only what you trust), or the folder of a campaign."
-)
+_WHAT = "A scenario as for `run` (your own file is run to load it: give only what you trust), a study, or a campaign's folder."
 
 
 def campaign(
@@ -50,7 +53,7 @@ def campaign(
             metavar="FILE.py", help="Defines `variations`, a list of Variation(NAME, DISTRIBUTION). It is run."
         ),
     ] = None,
-    runs: Annotated[int, typer.Option(metavar="N", help="Number of runs.")] = 100,
+    runs: Annotated[int | None, typer.Option(metavar="N", help="Number of runs; default: 100.")] = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", parser=folder, help="Folder of the campaign.")] = None,
     seed: Annotated[int, typer.Option(help="Seed of all that is drawn.")] = 0,
     sampler: Annotated[
@@ -98,6 +101,10 @@ def campaign(
         return
     if report or rerun is not None or against is not None:
         raise InvalidInput(f"{what}: no campaign is there; --report, --rerun and --against need the folder of one")
+    if what in STUDIES:
+        chosen = given(n=runs, seed=seed or None, plant=plant, force=force or None)
+        _make_study(what, chosen, out, {"workers": workers, "scheduler": scheduler}, console, as_json)
+        return
     options = given(robot=robot, hydrodynamics=hydrodynamics, plant=plant, current=current, seabed=seabed)
     options |= given(noise=noise, duration=duration, faults=tuple(fault) if fault else None)
     if parameters:
@@ -107,7 +114,7 @@ def campaign(
     wanted = Campaign(
         scenario=what,
         variations=vary or (),
-        runs=runs,
+        runs=100 if runs is None else runs,
         seed=seed,
         sampler=sampler,
         options={name: list(value) if isinstance(value, tuple) else value for name, value in options.items()},
@@ -121,13 +128,30 @@ def campaign(
 
 
 def _make(wanted: Campaign, target: Path, cluster: dict[str, Any], console: Console) -> None:
+    with _interruptible(target, console), progress_bar(console) as tell:
+        wanted.run(target, progress=tell, **cluster)
+
+
+@contextmanager
+def _interruptible(target: Path, console: Console) -> Iterator[None]:
     try:
-        with progress_bar(console) as tell:
-            wanted.run(target, progress=tell, **cluster)
+        yield
     except KeyboardInterrupt:
         text = f"stopped; what is finished is in {target}, and the same command goes on with the rest"
         console.print(text, style="yellow", highlight=False, soft_wrap=True)
         raise typer.Exit(INTERRUPTED) from None
+
+
+def _make_study(
+    name: str, options: dict[str, Any], out: Path | None, cluster: dict[str, Any], console: Console, as_json: bool
+) -> None:
+    require_taken(name, STUDIES[name], options)
+    target = out or default_folder(("campaign", name), options)
+    with _interruptible(target, console), progress_bar(console) as tell:
+        result = carry_out_study(STUDIES[name](**options), target, progress=tell, **cluster)
+    print_study(result, console)
+    if as_json:
+        print_json(result.to_dict())
 
 
 def _look(
