@@ -75,7 +75,8 @@ def _started(words: list[str]) -> subprocess.Popen[bytes]:
     found = os.pathsep.join(
         [str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]
     )  # where workers find this module
-    environment = os.environ | {"PYTHONPATH": found}
+    quick_to_blame = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}  # whatever was on a worker that ended
+    environment = os.environ | {"PYTHONPATH": found} | quick_to_blame
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     return subprocess.Popen([sys.executable, *words], env=environment, **quiet)
 
