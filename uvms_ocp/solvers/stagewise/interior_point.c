@@ -15,7 +15,7 @@ typedef struct {
   double *elasticity, *point, *best, *step, *affine, *trial;
   double *weight, *soft, *left, *gap, *pull, *rhs, *t_side, *t_elastic; /* of direction() */
   Residuals now, other;
-  double curvature, tolerance, warm_mu;
+  double curvature, tolerance, warm_mu, slow;
   int max_iterations, iterations, corrections, status, start;
 } Problem;
 
@@ -83,10 +83,12 @@ static void find_residuals(Problem *q, const double *p, Residuals *r) {
 /* Weights of the sides at p, and the factor with them. */
 static int find_factor(Problem *q, const double *p, int sides) {
   const int M = q->M;
+  const double slow = sides ? q->slow * q->now.gradient / q->now.variable : 0.0;
   double *total = q->pull;
   ++q->iterations;
   for (int i = 0; i < M; ++i) {
     total[i] = q->equal[i] != 0.0 ? 1.0 / (q->elasticity[i] + q->compliance[i]) : 0.0;
+    if (i >= q->m) total[i] += slow;
     for (int j = i; j < 2 * M; j += M) {
       const double e = E(p)[j], f = F(p)[j], multiplier = MULTIPLIER(p)[j];
       q->soft[j] = q->weight[j] = 0.0;
