@@ -83,7 +83,7 @@ class _Problem(ctypes.Structure):
         *_pointers(*_TABLE, *_WORK, *_DIRECTION, "bounded"),
         ("now", _Residuals),
         ("other", _Residuals),
-        *_numbers("curvature", "tolerance", "warm_mu"),
+        *_numbers("curvature", "tolerance", "warm_mu", "slow"),
         *_integers("n_bounded", "max_iterations", "iterations", "corrections", "status", "start"),
     )
 
@@ -106,7 +106,15 @@ class CompiledCore:
         _point(self._problem.other, self._other)
 
     def run(
-        self, qp: StageQp, table: RowTable, point: Point, options: StageQpOptions, *, start: Start, costless: bool
+        self,
+        qp: StageQp,
+        table: RowTable,
+        point: Point,
+        options: StageQpOptions,
+        *,
+        start: Start,
+        costless: bool,
+        damped: bool,
     ) -> End:
         """As `NumpyCore.run`."""
         problem = self._problem
@@ -117,7 +125,7 @@ class CompiledCore:
         self._work["point"][:] = point.flat()
         problem.tolerance, problem.max_iterations = options.tolerance, options.max_iterations
         problem.start, problem.warm_mu = int(start), options.warm_mu
-        self._library.solve_qp(ctypes.byref(problem), int(costless))
+        self._library.solve_qp(ctypes.byref(problem), int(costless), int(damped))
         return self._end()
 
     def _end(self) -> End:

@@ -16,7 +16,7 @@ typedef struct {
   double *weight, *soft, *left, *gap, *pull, *rhs, *t_side, *t_elastic; /* of direction() */
   int *bounded; /* rows with a bound, n_bounded of them */
   Residuals now, other;
-  double curvature, tolerance, warm_mu;
+  double curvature, tolerance, warm_mu, slow;
   int n_bounded;
   int max_iterations, iterations, corrections, status, start;
 } Problem;
@@ -107,6 +107,7 @@ static void find_residuals(Problem *q, const double *p, Residuals *r) {
 /* Weights of the sides at p, and the factor with them. */
 static int find_factor(Problem *q, const double *p, int sides) {
   const int M = q->M;
+  const double slow = sides ? q->slow * q->now.gradient / q->now.variable : 0.0;
   double *total = q->pull;
   ++q->iterations;
   for (int k = 0; k < q->n_bounded; ++k) {
@@ -122,7 +123,7 @@ static int find_factor(Problem *q, const double *p, int sides) {
       total[i] += q->weight[j];
     }
   }
-  return factor_stages(&q->stages, total, total + q->m);
+  return factor_stages(&q->stages, total, total + q->m, slow);
 }
 
 /* Of Newton's method, towards products that differ by t_side and t_elastic from those at p; 0 for no change. */

@@ -134,10 +134,11 @@ static int start_from_equalities(Problem *q) {
   return wrong;
 }
 
-/* Status, iterations, `point` and the residuals `now`, from what `point` holds: z, where fixed variables have their values, and for a warm start costates and multipliers too; without its cost if it is costless. */
-void solve_qp(Problem *q, int costless) {
+/* Status, iterations, `point` and the residuals `now`, from what `point` holds: z, where fixed variables have their values, and for a warm start costates and multipliers too; without its cost if it is costless, with steps that are damped. */
+void solve_qp(Problem *q, int costless, int damped) {
   load_stages(&q->stages, costless);
   q->curvature = costless ? 1.0 : q->stages.most;
+  q->slow = damped ? SLOW : 0.0;
   q->iterations = q->corrections = 0;
   find_bounded(q);
   for (int i = 0; i < q->M; ++i) q->elasticity[i] = ELASTICITY * q->norm[i] * q->norm[i] / q->curvature;

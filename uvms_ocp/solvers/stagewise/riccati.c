@@ -44,15 +44,15 @@ static void load_stages(Stages *s, int costless) {
   s->least = SMALLEST_CURVATURE * s->most;
 }
 
-/* Factor with `weight` on constraint rows and then on variables; 1 where no step is a minimum, 2 for NaN, else 0. */
-static int factor_stages(Stages *s, const double *weight, const double *weight_z) {
+/* Factor with `weight` on constraint rows, weight_z and `all` on variables; 1 where no step is a minimum, 2 for NaN, else 0. */
+static int factor_stages(Stages *s, const double *weight, const double *weight_z, double all) {
   for (int k = s->N; k >= 0; --k) {
     const int n = n_z(s, k), ld = PADDED(n), after = k < s->N ? s->n_x[k + 1] : 0;
     const double *fixed = s->fixed + s->z[k];
     double *L = s->L + s->M[k];
     memcpy(L, s->Q + s->M[k], sizeof(double) * (size_t)(ld * ld));
     add_gram(s->n_c[k], n, s->constraints + s->C[k], weight + s->c[k], L, s->list);
-    for (int i = 0; i < n; ++i) L[i * ld + i] += weight_z[s->z[k] + i];
+    for (int i = 0; i < n; ++i) L[i * ld + i] += weight_z[s->z[k] + i] + all;
     if (after) add_transformed(after, n, s->dynamics + s->F[k], s->L + s->M[k + 1], PADDED(n_z(s, k + 1)), L, s->W);
     for (int i = 0; i < n; ++i)
       if (fixed[i] != 0.0) {
