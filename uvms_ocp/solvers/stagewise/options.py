@@ -52,6 +52,8 @@ class StageTolerances:
     """[-] compliance of equalities in one step, relative to that of the stiffest variable; what it leaves, the next one takes."""
     side_elasticity: float = 1e-5
     """[-] that of inequalities, relative to the one of equalities."""
+    slow: float = 1e-7
+    """[-] curvature that steps of a second run reckon with in every direction, relative to gradient over variables."""
     phase_one: float = 1e-6
     """[-] curvature in phase one, beside a cost of 1 for what is missed."""
     to_boundary: float = 0.995
