@@ -57,7 +57,7 @@ class StageQpSolver:
     def _guessed(self, qp: StageQp, table: RowTable, near: StageQpSolution) -> End | None:
         """The optimum where the bounds that it reaches are found soon, starting with those of a QP nearby."""
         active, spent, before = reached(table, near), 0, table.side.size
-        while not table.elastic.any():
+        while self.options.guess and not table.elastic.any():
             end = self._run(qp, held(table, active), self._rest(qp, table), Start.ACTIVE)
             spent += end.iterations
             if end.status is not StageQpStatus.SOLVED:
