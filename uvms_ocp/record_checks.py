@@ -23,8 +23,6 @@ _UNKNOWN = ("thruster_energy",)
 """Where NaN means that it is not known."""
 _ENDLESS = ("altimeter_range", "altimeter_spread", "activity", "residual", "quantities")
 """Where infinity too may stand, such as for a range without an echo, and at ticks whose input the solver refused."""
-MEANT = frozenset((*_REAL, "t", "phase", "status", "health", "saturated"))
-"""Series that mean something to reports and figures."""
 _VEHICLE_Q, _VEHICLE_V = 7, 6
 _WORST_HEALTH = 2
 """Codes of health: 0 good, 1 suspect, 2 lost."""

@@ -82,6 +82,8 @@ class Scenario:
     """``dynamic``, ``kinematic``, or what makes a plant of a user's own, a `uvms_ocp.parts.PlantMaker`."""
     sensors: SensorSpecs | Callable[..., Any] = IDEAL_SENSORS
     """What those of the toolkit are like, or what makes others, a `uvms_ocp.parts.SensorsMaker`."""
+    real_sensors: SensorSpecs | None = None
+    """What the sensors are truly like, where that differs from what the estimator knows."""
     estimator: Callable[..., Any] = our_estimator
     """What makes an estimator for a run, a `uvms_ocp.parts.EstimatorMaker`; by default the toolkit's filter.
 
@@ -243,7 +245,8 @@ class Scenario:
             return KinematicPlant(self.robot, self.start, self.faults)
         real = self.plant_robot or self.robot
         dynamics = robot_dynamics(real)
-        return DynamicPlant(real, self.start, dynamics=dynamics, environment=self.environment, faults=self.faults)
+        options: dict[str, Any] = {"dynamics": dynamics, "environment": self.environment, "faults": self.faults}
+        return DynamicPlant(real, self.start, **options, shared=real is not self.robot)
 
     def _sensors(self) -> Sensors:
         if isinstance(self.sensors, SensorSpecs):
@@ -252,7 +255,8 @@ class Scenario:
 
     def _sensor_suite(self) -> SensorSuite:
         floor = self.environment.seafloor
-        return SensorSuite(self.robot, floor, self.specs, self.seed, self.altimeter_frame, self.faults)
+        specs = self.real_sensors or self.specs
+        return SensorSuite(self.robot, floor, specs, self.seed, self.altimeter_frame, self.faults)
 
     def _true_measurement(self, state: State) -> Measurement:
         floor, frame = self.environment.seafloor, self.altimeter_frame

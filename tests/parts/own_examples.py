@@ -96,7 +96,8 @@ class Bursts:
 class BurstySensors:
     def __init__(self, settings: Bursts, scenario: Scenario) -> None:
         floor = scenario.environment.seafloor
-        self.suite = SensorSuite(scenario.robot, floor, settings.specs, scenario.seed, scenario.altimeter_frame)
+        specs = scenario.real_sensors or settings.specs
+        self.suite = SensorSuite(scenario.robot, floor, specs, scenario.seed, scenario.altimeter_frame)
         self.share, self.random = settings.share, np.random.default_rng([scenario.seed, 7])
         self.second, self.blind = -1, False
         self.last: Reading[np.ndarray] | None = None

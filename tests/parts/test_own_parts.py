@@ -15,6 +15,11 @@ import numpy as np
 import pytest
 from own_examples import Bursts, ComplementaryFilter, CopiedFilter, CopiedKinematics, DoubleIntegrator, ExtraDrag, Pid
 
+from uvms_ocp.campaign.runs.mission_runs import MissionRuns
+from uvms_ocp.campaign.variations.distributions import Uniform
+from uvms_ocp.campaign.variations.known_parameters import known_parameters
+from uvms_ocp.campaign.variations.samplers import Design
+from uvms_ocp.campaign.variations.variation import Variation
 from uvms_ocp.record import Record
 from uvms_ocp.report import summarize
 from uvms_ocp.scenario import Scenario, our_controller, our_estimator
@@ -160,3 +165,21 @@ def test_pre_flight_says_of_every_part_what_it_cannot_tell() -> None:
     ]
     assert "cannot be exported" in found[-1].text
     assert flown().check().of_check("parts") == ()
+
+
+def a_slowed_mission() -> Scenario:
+    return replace(flown(duration=0.5), plant=ExtraDrag(rate=0.1))
+
+
+def test_campaigns_vary_the_numbers_of_parts_of_ones_own() -> None:
+    drag = Variation("parts.plant.rate", Uniform(1.0, 2.0))
+    design = Design(sampler="random", runs=2, parameters=1, seed=3)
+    work = MissionRuns(scenario=a_slowed_mission, variations=[drag], names=(drag.name,), design=design)
+    sent = pickle.loads(pickle.dumps(work))
+    for run in range(2):
+        plant = sent.scenario_of(run).plant
+        assert isinstance(plant, ExtraDrag)
+        assert plant.rate == work.make(run).row["parts.plant.rate"]
+        assert 1.0 < plant.rate < 2.0
+    assert sent.make(1).row == work.make(1).row
+    assert not [name for name in known_parameters(flown()) if name.startswith("parts.")]

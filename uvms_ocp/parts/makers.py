@@ -20,7 +20,9 @@ class PlantMaker(Protocol):
     """Of ``Scenario(plant=...)``, where it is none of the names ``dynamic`` and ``kinematic``.
 
     It may have `suffers`, a tuple of ``thruster``, ``joint``, ``current`` and ``payload``: the faults that its plant has of
-    itself when the scenario lists them; others are refused, those of sensors are none of its business.
+    itself when the scenario lists them; others are refused, those of sensors are none of its business. Campaigns vary
+    `scenario.plant_robot` and `scenario.environment`, and of a maker that is a dataclass every float by its name, such as
+    ``parts.plant.rate``: what a plant does not read is not varied.
     """
 
     takes_forces: bool
@@ -34,7 +36,7 @@ class SensorsMaker(Protocol):
     """Of ``Scenario(sensors=...)``, where it is no `SensorSpecs`.
 
     It may have `suffers`, a tuple of channels: the faults that its sensors have of themselves when the scenario lists them;
-    others are refused.
+    others are refused. Campaigns vary `scenario.real_sensors`, what they are truly like where that is not as `specs` say.
     """
 
     @property

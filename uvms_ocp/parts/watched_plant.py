@@ -11,11 +11,12 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, State
 from uvms_ocp.parts.watched_estimator import require_normalized
-from uvms_ocp.record_checks import MEANT
 from uvms_ocp.sim.plant import EFFORTS, Plant
+from uvms_ocp.tables.series_table import SERIES
 
 _REAL = "biuf"
 _MAYBE_UNKNOWN = "thruster_energy"
+_TAKEN = SERIES.keys() - {"contact"}  # which is the plant's to tell
 
 
 class WatchedPlant(Plant):
@@ -67,7 +68,7 @@ class WatchedPlant(Plant):
                 f"{whose} has {name} of shape {array.shape} and type {array.dtype}; give numbers (n,), or one"
             )
         if name not in EFFORTS:
-            if name in MEANT:
+            if name in _TAKEN:
                 raise InvalidInput(f"{whose} has {name!r}, which means something else in records; rename it")
             return array
         known = array[~np.isnan(array)] if name == _MAYBE_UNKNOWN else array
