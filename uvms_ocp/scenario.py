@@ -67,8 +67,8 @@ class Scenario:
     """Everything that one simulation needs.
 
     Raises `InvalidInput` for a start outside the joint limits or below the seafloor, for a bad period, duration, seed or
-    solver, for what makes no part, or for a fault that robot or plant cannot have, `NameNotFound` for an unknown plant and `FrameNotFound` for an
-    unknown altimeter frame. Goals are judged by `check`.
+    solver, for what makes no part, or for a fault that robot or plant cannot have, `NameNotFound` for an unknown plant and
+    `FrameNotFound` for an unknown altimeter frame. Goals are judged by `check`.
     """
 
     name: str
