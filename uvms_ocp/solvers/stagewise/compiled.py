@@ -14,9 +14,9 @@ import numpy as np
 from uvms_ocp.arrays import Array
 from uvms_ocp.functions.compile import compile_library, loaded_library
 from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
-from uvms_ocp.solvers.stagewise.point import End, Near, Point, Products, Start, point_of
+from uvms_ocp.solvers.stagewise.point import End, Point, Start, point_of
 from uvms_ocp.solvers.stagewise.row_table import RowTable, may_be_fixed
-from uvms_ocp.solvers.stagewise.solution import StageQpStatus, kkt_residual
+from uvms_ocp.solvers.stagewise.solution import Near, Products, StageQpStatus, kkt_residual
 from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape, places
 
 _INCLUDES = "#include <math.h>\n#include <stddef.h>\n#include <string.h>\n"

@@ -9,10 +9,10 @@ import numpy as np
 from uvms_ocp.arrays import Array
 from uvms_ocp.solvers.stagewise.interior_point import InteriorPoint, Residuals
 from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
-from uvms_ocp.solvers.stagewise.point import End, Near, Point, Products, Start, nothing, resting
+from uvms_ocp.solvers.stagewise.point import End, Point, Start, nothing, resting
 from uvms_ocp.solvers.stagewise.riccati import NumpyStages
 from uvms_ocp.solvers.stagewise.row_table import SIGNS, RowTable, held, mended, reached, row_table
-from uvms_ocp.solvers.stagewise.solution import StageQpStatus
+from uvms_ocp.solvers.stagewise.solution import Near, Products, StageQpStatus
 from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape, is_valid, slices
 
 _WRONG = {1: StageQpStatus.NOT_CONVEX, 2: StageQpStatus.NOT_A_NUMBER}
