@@ -127,16 +127,26 @@ class LevelStages:
 
         give [1/unit of the row]: what it costs to miss levels above. near: where the QP starts.
         """
-        memory, flat = self.memory, self.qp.flat
+        flat = self.qp.flat
         flat["damping"][:], flat["l1"][self._above] = damping, give
+        self._load(ranges)
+        found = self._solver.find(self.qp, near)
+        self.keep(found)
+        return found
+
+    def _load(self, ranges: StageRanges) -> None:
+        """What values and ranges say of the QP."""
+        memory, flat = self.memory, self.qp.flat
         flat["b"][:] = memory.gaps.ravel()
         flat["r"][:] = memory.residuals(self.level)
         held = memory.held[self._held]
         flat["lower"][:], flat["upper"][:] = ranges.lower[self._held] - held, ranges.upper[self._held] - held
         ranges.write_z(memory.z, flat["z_lower"], flat["z_upper"])
-        found = self._solver.find(self.qp, near)
-        self.keep(found)
-        return found
+
+    def error(self, ranges: StageRanges, found: Found) -> float:
+        """Of the optimality conditions, where it is linearised now, with the multipliers of the last QP."""
+        self._load(ranges)
+        return self._solver.error(self.qp, found.near())
 
     def keep(self, found: Found) -> None:
         """Its step is that of the memory."""

@@ -103,7 +103,14 @@ class StageSqp:
             return NlpStatus.SOLVED, here
         if self._is_flat(here, slope):
             return NlpStatus.INEXACT, here
-        return self._search(here, slope)
+        status, here = self._search(here, slope)
+        return (NlpStatus.SOLVED if status is None and self._is_optimal(solution) else status), here
+
+    def _is_optimal(self, found: Found) -> bool:
+        """Whether the multipliers of the step are those of the point that it led to."""
+        if self._worst > self._options.convergence:
+            return False
+        return self._level.error(self._ranges, found) <= self._options.convergence * self._scale
 
     def _is_flat(self, here: Merit, slope: float) -> bool:
         """No step promises what is worth one: of a level that others follow, what its tolerance would notice.

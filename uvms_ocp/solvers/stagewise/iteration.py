@@ -82,6 +82,15 @@ class NumpyCore:
     def _run(self, qp: StageQp, table: RowTable, point: Point, options: StageQpOptions, start: Start) -> End:
         return self.run(qp, table, point, options, start=start, costless=False, damped=False)
 
+    def stationarity(self, qp: StageQp, near: Near) -> float:
+        """Largest entry [1/unit of z] of the gradient of a QP's Lagrangian at 0 with the multipliers of another, but for what
+        is fixed."""
+        m, stages = len(qp.flat["lower"]), self._stages
+        stages.load(qp)
+        zero = np.zeros_like(near.z)
+        grad, *_ = stages.evaluate(zero, near.costate, near.y[:m], near.y[m:])
+        return float(np.abs(np.where(stages.fixed > 0.0, 0.0, grad)).max(initial=0.0))
+
     def products(self, qp: StageQp, z: Array) -> Products:
         """At z (n,) [unit of z]."""
         parts = [z[own] for own in slices(qp.shape.n_z)]

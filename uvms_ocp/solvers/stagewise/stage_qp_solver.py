@@ -54,6 +54,17 @@ class StageQpSolver:
             end = self._judged(qp, row_table(qp), end)
         return self._found(qp, end)
 
+    def error(self, qp: StageQp, near: Near) -> float:
+        """By how much the multipliers of the QP that was solved last miss the optimality conditions of another one at 0.
+
+        Largest entry [1/unit of z] of the gradient of its Lagrangian, or [-] product with what is left to a bound.
+        """
+        y, flat = near.y, qp.flat
+        lower, upper = (np.concatenate([flat[name], flat[f"z_{name}"]]) for name in ("lower", "upper"))
+        counts = y != 0.0
+        left = y[counts] * np.where(y > 0.0, upper, lower)[counts]
+        return max(self._core.stationarity(qp, near), float(np.abs(left).max(initial=0.0)))
+
     def _judged(self, qp: StageQp, table: RowTable, failed: End) -> End:
         """What it means that no optimum was found: phase one tells whether there is a point at all, and where."""
         if failed.worst <= self._inexact and failed.status is StageQpStatus.ITERATION_LIMIT:
