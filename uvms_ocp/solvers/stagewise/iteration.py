@@ -9,10 +9,10 @@ import numpy as np
 from uvms_ocp.arrays import Array
 from uvms_ocp.solvers.stagewise.interior_point import InteriorPoint, Residuals
 from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
-from uvms_ocp.solvers.stagewise.point import End, Near, Point, Products, Start, nothing, resting
+from uvms_ocp.solvers.stagewise.point import End, Point, Start, nothing, resting
 from uvms_ocp.solvers.stagewise.riccati import NumpyStages
 from uvms_ocp.solvers.stagewise.row_table import SIGNS, RowTable, held, mended, reached, row_table
-from uvms_ocp.solvers.stagewise.solution import StageQpStatus
+from uvms_ocp.solvers.stagewise.solution import Near, Products, StageQpStatus
 from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape, is_valid, slices
 
 _WRONG = {1: StageQpStatus.NOT_CONVEX, 2: StageQpStatus.NOT_A_NUMBER}
@@ -81,6 +81,15 @@ class NumpyCore:
 
     def _run(self, qp: StageQp, table: RowTable, point: Point, options: StageQpOptions, start: Start) -> End:
         return self.run(qp, table, point, options, start=start, costless=False, damped=False)
+
+    def stationarity(self, qp: StageQp, near: Near) -> float:
+        """Largest entry [1/unit of z] of the gradient of a QP's Lagrangian at 0 with the multipliers of another, but for what
+        is fixed."""
+        m, stages = len(qp.flat["lower"]), self._stages
+        stages.load(qp)
+        zero = np.zeros_like(near.z)
+        grad, *_ = stages.evaluate(zero, near.costate, near.y[:m], near.y[m:])
+        return float(np.abs(np.where(stages.fixed > 0.0, 0.0, grad)).max(initial=0.0))
 
     def products(self, qp: StageQp, z: Array) -> Products:
         """At z (n,) [unit of z]."""

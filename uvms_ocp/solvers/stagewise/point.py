@@ -74,32 +74,6 @@ def resting(z: Array, n_x: int, m: int) -> Point:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Products:
-    """Of a QP's residuals along z."""
-
-    slope: float
-    """[-] r' J z"""
-    square: float
-    """[-] of J z"""
-    change: float
-    """[1/unit of z] largest entry of J' J z."""
-    bend: float
-    """[-] z' H z"""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Near:
-    """The solution of a QP nearby."""
-
-    z: Array
-    """(n,) [unit of z]"""
-    costate: Array
-    """(n_x,) [1/unit of x]"""
-    y: Array
-    """(M,) [1/unit of the row] of rows and variables."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class End:
     """Of one run."""
 
