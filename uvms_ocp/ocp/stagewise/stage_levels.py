@@ -17,14 +17,14 @@ from uvms_ocp.solvers.nlp.level_solver import Deadline, NlpPoint, Outcome
 from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds
-from uvms_ocp.solvers.stagewise import StageQpOptions, StageQpSolution
+from uvms_ocp.solvers.stagewise import Found, StageQpOptions
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class WarmStages(NlpPoint):
     """With the QP that ended there; its multipliers, by the rows of stages, are NaN by those of the program."""
 
-    solution: StageQpSolution | None = None
+    solution: Found | None = None
 
 
 _EXACT = StageQpOptions(tolerance=1e-7)

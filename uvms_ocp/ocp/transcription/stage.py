@@ -193,7 +193,7 @@ class StageModel:
 
     @cached_property
     def force(self) -> ca.SX:
-        """(n_v,) [N, N m] `wanted`; where forces are `eliminated` a symbol for it, so that it is differentiated once for all rows."""
+        """(n_v,) [N, N m] `wanted`; where forces are `eliminated` a symbol for it: differentiated once for all rows."""
         return ca.SX.sym("f", self.robot.n_v) if self._eliminated else self.wanted
 
     @cached_property
@@ -208,7 +208,8 @@ class StageModel:
     @cached_property
     def inputs_function(self) -> ca.Function:
         """``z, water -> thrust, torque`` in shares of their limits."""
-        return ca.Function("inputs", [self.z, self.water], [ca.densify(part) for part in self.inputs])
+        function = ca.Function("inputs", [self.z, self.water], [ca.densify(part) for part in self.inputs])
+        return function if self.decides_forces else compile_function(function)
 
     def moved(self, q: ca.SX, v: ca.SX, a: ca.SX, h: ca.SX) -> ca.SX:
         """Configuration after the time h of constant acceleration."""
