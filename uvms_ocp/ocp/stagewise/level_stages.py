@@ -152,12 +152,3 @@ class LevelStages:
         """Largest entry of the gradient of the cost."""
         pairs = zip(self.qp.J, self.memory.residual_parts(self.level), strict=True)
         return max((float(np.abs(r @ J).max(initial=0.0)) for J, r in pairs), default=0.0)
-
-    def slope_and_curvature(self, solution: StageQpSolution) -> tuple[float, float]:
-        """Directional derivative of the cost along the step, and the largest entry of the Hessian times it."""
-        slope, most = 0.0, 0.0
-        for J, r, z in zip(self.qp.J, self.qp.r, solution.z, strict=True):
-            Jz = J @ z
-            slope += float(r @ Jz)
-            most = max(most, float(np.abs(J.T @ Jz).max(initial=0.0)))
-        return slope, most

@@ -99,8 +99,8 @@ class StageSqp:
             return self._restore(here, solution)
         if not solution.status.usable:
             return NlpStatus.STALLED, here
-        slope, error = self._level.slope_and_curvature(solution)
-        if error <= self._options.convergence * self._scale and self._is_kept(here):
+        slope = solution.slope
+        if solution.change <= self._options.convergence * self._scale and self._is_kept(here):
             return NlpStatus.SOLVED, here
         if self._is_flat(here, slope):
             return NlpStatus.INEXACT, here

@@ -74,6 +74,32 @@ def resting(z: Array, n_x: int, m: int) -> Point:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Products:
+    """Of a QP's residuals along z."""
+
+    slope: float
+    """[-] r' J z"""
+    square: float
+    """[-] of J z"""
+    change: float
+    """[1/unit of z] largest entry of J' J z."""
+    bend: float
+    """[-] z' H z"""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Near:
+    """The solution of a QP nearby."""
+
+    z: Array
+    """(n,) [unit of z]"""
+    costate: Array
+    """(n_x,) [1/unit of x]"""
+    y: Array
+    """(M,) [1/unit of the row] of rows and variables."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class End:
     """Of one run."""
 
@@ -81,6 +107,8 @@ class End:
     """SOLVED, NOT_CONVEX, NOT_A_NUMBER, ITERATION_LIMIT, or UNBOUNDED where steps are, which proves nothing."""
     point: Point
     """The best."""
+    value: Array
+    """(M,) [unit of the row] of rows and variables."""
     held: Array
     """(n,) [1/unit of z] gradient along fixed variables, which their bounds take."""
     kkt: KktResidual
@@ -94,5 +122,5 @@ class End:
 def nothing(point: Point) -> End:
     """Of a run that was not made, at a point."""
     endless = kkt_residual(stationarity=np.inf, primal=np.inf, complementarity=np.inf)
-    held = np.zeros_like(point.z)
-    return End(status=StageQpStatus.NOT_A_NUMBER, point=point, held=held, kkt=endless, worst=np.inf, iterations=0)
+    held, value = np.zeros_like(point.z), np.full_like(point.y, np.nan)
+    return End(status=StageQpStatus.NOT_A_NUMBER, point=point, value=value, held=held, kkt=endless, worst=np.inf, iterations=0)

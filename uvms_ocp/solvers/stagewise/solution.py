@@ -73,6 +73,10 @@ class StageQpSolution:
     """Of the point."""
     cost: float
     """[-] without what soft rows cost."""
+    slope: float
+    """[-] derivative of the residuals' half square from 0 along z."""
+    change: Bound
+    """[1/unit of z] largest entry of what that half square's gradient changes by on the way to z: of ``J' J z``."""
 
 
 kkt_residual = trusted(KktResidual)
