@@ -23,7 +23,8 @@ class LevelStages:
         self.memory, self.level = memory, level
         self.shape = self._shape()
         self.qp, self._solver = StageQp(self.shape), StageQpSolver(self.shape, options)
-        self._held = self._held_numbers()
+        self.held = self._held_numbers()
+        """(m,) [-] which rows that may be held are those of the QP."""
         self.multipliers = Multipliers(memory, level)
         self.linearize, self._above = self._linearization(), self._frozen()
         self.qp.fix_initial_state(np.zeros(self.shape.n_x[0]))
@@ -40,7 +41,6 @@ class LevelStages:
         )
 
     def _held_numbers(self) -> Array:
-        """Which rows that may be held are those of the QP."""
         numbers, first = [], 0
         for stage, n in zip(self.memory.stages, self.shape.n_c, strict=True):
             numbers.append(np.arange(first, first + n))
@@ -107,7 +107,7 @@ class LevelStages:
     def broken(self, ranges: StageRanges) -> Array:
         """How far gaps, rows and variables are outside their ranges, one after the other."""
         memory = self.memory
-        rows = excess(memory.held, ranges.lower, ranges.upper)[self._held]
+        rows = excess(memory.held, ranges.lower, ranges.upper)[self.held]
         return np.concatenate([np.abs(memory.gaps.ravel()), rows, ranges.z_excess(memory.z)])
 
     def _frozen(self) -> Array:
@@ -139,8 +139,8 @@ class LevelStages:
         memory, flat = self.memory, self.qp.flat
         flat["b"][:] = memory.gaps.ravel()
         flat["r"][:] = memory.residuals(self.level)
-        held = memory.held[self._held]
-        flat["lower"][:], flat["upper"][:] = ranges.lower[self._held] - held, ranges.upper[self._held] - held
+        held = memory.held[self.held]
+        flat["lower"][:], flat["upper"][:] = ranges.lower[self.held] - held, ranges.upper[self.held] - held
         ranges.write_z(memory.z, flat["z_lower"], flat["z_upper"])
 
     def error(self, ranges: StageRanges, found: Found) -> float:

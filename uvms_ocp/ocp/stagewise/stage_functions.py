@@ -31,6 +31,8 @@ class ForceRows:
     """(m,) [-]"""
     names: tuple[str, ...]
     """(m,)"""
+    inputs: np.ndarray
+    """(m,) [-] thruster, or behind them joint, of each row; -1 for wrenches."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -132,6 +134,7 @@ def force_rows(model: StageModel) -> ForceRows:
         lower=np.concatenate([lower[kept], none]),
         upper=np.concatenate([upper[kept], none]),
         names=(*(names[i] for i in kept), *["forces"] * len(none)),
+        inputs=np.concatenate([kept, np.full(len(none), -1)]),
     )
 
 

@@ -36,6 +36,7 @@ _MODELS = (
 """Damping [1/unit of z^2], whether the cost has the curvature of constraints, and what it costs to miss levels above
 [1/unit of the row]; the next where one fails."""
 _PATIENCE, _DIGITS = 15, 1e-5  # iterations of the last level before a gain of this share of its cost is none
+_MENDS, _STIFF = 3, 1e6  # ways back to the rows, and what makes them short [1/unit of z^2]
 _LOUDEST = 1e4  # times the first violation
 _NO_HELP = 1e-6  # share of the violation that a step must take away to count as a help
 
@@ -145,7 +146,7 @@ class StageSqp:
     def _search(self, here: Merit, slope: float) -> tuple[NlpStatus | None, Merit]:
         share, before = 1.0, self._worst
         while share > _SMALLEST_SHARE:
-            trial = self._tried(share)
+            trial = self._mended(self._tried(share), share)
             if self._filter.accepts(trial, here, slope, share):
                 if not self._filter.descends(here, slope, share):
                     self._filter.add(here)
@@ -157,6 +158,35 @@ class StageSqp:
         self._back()
         good = self._worst <= self._options.feasibility
         return NlpStatus.INEXACT if good else NlpStatus.STALLED, here
+
+    def _mended(self, trial: Merit, share: float) -> Merit:
+        """The point after a share of the step, brought back by the shortest ways to rows that it breaks by too much.
+
+        Rows that are held bend: without it steps along them are as short as the root of what may be broken.
+        """
+        if trial.violation <= self._filter.most:
+            return trial
+        begin = self._memory.z_from.copy()
+        if share < 1.0:
+            self._level.linearize()
+        trial = self._brought_back(trial, self._filter.most)
+        if self._solution is not None:
+            self._level.keep(self._solution)
+        self._memory.z_from[:] = begin
+        return trial
+
+    def _brought_back(self, here: Merit, most: float) -> Merit:
+        """By short steps, until no more than `most` is broken in sum, or they do not help."""
+        for _ in range(_MENDS):
+            self._memory.z_from[:] = self._memory.z
+            if not (here.violation > most and self._level.solve(self._ranges, _STIFF, np.inf, None).status.usable):
+                break
+            trial = self._tried(1.0)
+            if not trial.violation < here.violation:
+                self._back()
+                break
+            here = trial
+        return here
 
     def _trust(self, share: float, before: float) -> None:
         """Steps that had to be cut short were too long where nothing but damping makes them shorter.
@@ -216,6 +246,10 @@ class StageSqp:
         return Merit(cost=self._level.cost, violation=float(broken.sum()))
 
     def _end(self, status: NlpStatus, iterations: int) -> SqpEnd:
+        here = self._merit()
+        # What levels above lose by rounding, and by steps that were taken while little was broken, is given back.
+        if self._level.level and self._worst <= self._options.feasibility:
+            self._brought_back(here, self._options.convergence)
         self._merit()
         return SqpEnd(
             status=status,

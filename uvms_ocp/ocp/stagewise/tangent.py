@@ -74,7 +74,7 @@ class Tangent:
 
     def expanded(self, expressions: Sequence[ca.SX]) -> list[ca.SX]:
         """Expressions with forces as what they are in z."""
-        return ca.substitute(list(expressions), [self.model.force], [self.model.wanted])  # type: ignore[no-any-return]
+        return ca.substitute(list(expressions), [self.model.force], [self.model.wanted])
 
     def jacobian(self, rows: ca.SX, *, controls: bool = True) -> ca.SX:
         """(m, n_x + n_u) derivative of rows (m,) in z; (m, n_x) without the controls."""
