@@ -9,6 +9,7 @@ import numpy as np
 from uvms_ocp.exceptions import InvalidInput, plain_line
 from uvms_ocp.record import Record
 from uvms_ocp.record import quantity as quantity
+from uvms_ocp.tables.series_table import unit_of
 
 _N_VEHICLE = 6  # velocity degrees of freedom of a free-flyer
 
@@ -58,6 +59,11 @@ def fault_spans(record: Record) -> tuple[FaultSpan, ...]:
         for fault in faults
         if fault.t <= last
     )
+
+
+def labelled(text: str, name: str, part: str = "", prefix: str = "") -> str:
+    """What stands on an axis: a text, and the unit of a series, or of one of its parts, or of a quantity; prefix: such as m."""
+    return f"{text} [{' or '.join(prefix + unit for unit in unit_of(name, part).split(' or '))}]"
 
 
 def as_known(record: Record) -> str:
