@@ -46,6 +46,7 @@ from uvms_ocp.exceptions import InvalidInput, plain_line
 from uvms_ocp.mission_plan import MissionPlan
 from uvms_ocp.model.state import Command
 from uvms_ocp.output import claimed
+from uvms_ocp.parts.given import plant_name
 from uvms_ocp.record import Record
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenario import Scenario
@@ -97,7 +98,7 @@ def run(
     options |= {"faults": parse_faults(fault)} if fault else {}
     scenario = build_scenario(name, options, solver)
     plan = None if follow is None else _plan_of(scenario, follow)
-    parts = (label(name), scenario.plant, solver_name(scenario.solver), *(("followed",) if plan else ()))
+    parts = (label(name), plant_name(scenario.plant), solver_name(scenario.solver), *(("followed",) if plan else ()))
     others = {key: value for key, value in options.items() if key != "plant"}
     report = produce(scenario, out or default_folder(parts, others), console, force=force, plan=plan)
     if as_json:
