@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,11 @@ from uvms_ocp.record import Record
 from uvms_ocp.record import quantity as quantity
 
 _N_VEHICLE = 6  # velocity degrees of freedom of a free-flyer
+_UNITS = {
+    "m": ("position_error", "horizontal_error", "altitude", "clearance", "distance"),
+    "rad": ("orientation_error", "posture_error", "misalignment", "tilt", "angle", "margin"),
+}
+"""By what tasks of this package call their quantities."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -65,6 +71,12 @@ def as_known(record: Record) -> str:
     return " (estimated)" if record.meta.kind == "run" and record.meta.noise else ""
 
 
+def unit_of(name: str) -> str:
+    """Unit of a quantity such as ``T.position_error`` by its last word; empty where that is not one of ours."""
+    what = name.rpartition(".")[2]
+    return next((unit for unit, words in _UNITS.items() if what in words), "")
+
+
 def require_rows(record: Record) -> None:
     """Raises `InvalidInput` where there is nothing to draw."""
     if len(record) < 2:
@@ -77,10 +89,15 @@ def phase_spans(record: Record) -> tuple[PhaseSpan, ...]:
     Raises `InvalidInput` where there is nothing to draw.
     """
     require_rows(record)
-    t, phase = record["t"], _phase_series(record)
-    first = np.flatnonzero(np.diff(phase, prepend=-1))
-    last = [*first[1:], len(t) - 1]
-    return tuple(_span(record, int(phase[i]), t[i], t[j]) for i, j in zip(first, last, strict=True))
+    t = record["t"]
+    return tuple(_span(record, code, t[i], t[j]) for i, j, code in stays(_phase_series(record)))
+
+
+def stays(codes: np.ndarray) -> Iterator[tuple[int, int, int]]:
+    """Stretches of equal codes (n,) [-]: where each begins, where the next one does, or the last row, and its code."""
+    first = np.flatnonzero(np.diff(codes, prepend=-1))
+    for i, j in zip(first, [*first[1:], len(codes) - 1], strict=True):
+        yield int(i), int(j), int(codes[i])
 
 
 def _phase_series(record: Record) -> np.ndarray:
