@@ -103,6 +103,8 @@ class Scenario:
     solver: HierarchySolver = field(default_factory=LexicographicActiveSet)
     plant: str = "dynamic"
     sensors: SensorSpecs = IDEAL_SENSORS
+    real_sensors: SensorSpecs | None = None
+    """What the sensors are truly like, where that differs from what the estimator knows."""
     controller: Callable[..., Any] = our_controller
     """What makes a controller for a run: takes the scenario, returns a callable ``(Measurement, t) -> Command``.
 
@@ -234,11 +236,13 @@ class Scenario:
             return KinematicPlant(self.robot, self.start, self.faults)
         real = self.plant_robot or self.robot
         dynamics = robot_dynamics(real)
-        return DynamicPlant(real, self.start, dynamics=dynamics, environment=self.environment, faults=self.faults)
+        options: dict[str, Any] = {"dynamics": dynamics, "environment": self.environment, "faults": self.faults}
+        return DynamicPlant(real, self.start, **options, shared=real is not self.robot)
 
     def _sensor_suite(self) -> SensorSuite:
         floor = self.environment.seafloor
-        return SensorSuite(self.robot, floor, self.sensors, self.seed, self.altimeter_frame, self.faults)
+        specs = self.real_sensors or self.sensors
+        return SensorSuite(self.robot, floor, specs, self.seed, self.altimeter_frame, self.faults)
 
     def _unguarded(self) -> StateEstimator:
         if self.sensors == IDEAL_SENSORS:

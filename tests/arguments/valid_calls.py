@@ -19,6 +19,7 @@ import pinocchio as pin
 from public_surface import Call
 
 from uvms_ocp import collision, control, mission, ocp, planning, report, sim, solvers, tasks, trajectories, without_arm
+from uvms_ocp.campaign import Choice, LogNormal, Normal, Triangular, Uniform
 from uvms_ocp.collision.conservative_advancement import ClearanceReport
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.control.receding.plan_guide import PlannedPhase
@@ -462,6 +463,12 @@ NAMED: dict[str, Callable[[], Any]] = {
 """Right values by the name of a parameter."""
 
 POOL: dict[str, Callable[[], Any]] = {
+    "Campaign": lambda: _campaign(),
+    "Choice": lambda: Choice((1.0, 2.0)),
+    "LogNormal": LogNormal,
+    "Normal": lambda: Normal(0.0, 1.0),
+    "Triangular": lambda: Triangular(0.0, 0.5, 1.0),
+    "Uniform": lambda: Uniform(0.0, 1.0),
     "str": lambda: "HA",
     "float": lambda: 1.0,
     "Finite": lambda: 1.0,
@@ -795,6 +802,19 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "hold": dict,
     "lexicographic_program": lambda: lexicographic(),
     "random_limits": lambda: {"n": 2},
+    "Campaign": lambda: {"scenario": scenario, "runs": 2},
+    "Campaign.run": lambda: {"out": _campaign_folder()},
+    "Campaign.scenario_of": lambda: {"run": 0},
+    "Choice": lambda: {"values": (1.0, 2.0)},
+    "Uniform": lambda: {"lower": 0.0, "upper": 1.0},
+    "Normal": lambda: {"mean": 0.0, "sigma": 1.0},
+    "Triangular": lambda: {"lower": 0.0, "mode": 0.5, "upper": 1.0},
+    **{f"{name}.quantile": lambda: {"u": 0.5} for name in ("Choice", "LogNormal", "Normal", "Triangular", "Uniform")},
+    "Variation": lambda: {"name": "start.x", "distribution": Uniform(0.0, 1.0)},
+    "campaign_report": lambda: {"folder": _campaign_folder()},
+    "compare_campaigns": lambda: {"first": _campaign_folder(), "second": _campaign_folder()},
+    "Record.from_parquet": lambda: {"path": _parquet()},
+    "read_table": lambda: {"folder": _campaign_folder()},
     "Fault": lambda: {"target": "depth", "kind": "lost"},
     "parse_fault": lambda: {"text": "depth:lost@1"},
     "random_missions": lambda: {"n": 2},
@@ -802,6 +822,31 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "scale_to_limits": dict,
 }
 """What a call needs beyond the pool."""
+
+
+def _parquet() -> Path:
+    run_record().to_parquet("record.parquet")
+    return Path("record.parquet").resolve()
+
+
+def _campaign_folder() -> Path:
+    """Of a campaign with one run that is finished; it has no rows of others."""
+    from tempfile import mkdtemp
+
+    from uvms_ocp.campaign.runs.work import attempted
+    from uvms_ocp.campaign.store.folder import opened
+
+    campaign, folder = _campaign(), Path(mkdtemp())
+    with opened(folder, campaign.identity(), {}) as kept:
+        kept.add(attempted(campaign.work, 0, "here"))
+    return folder
+
+
+@cache
+def _campaign() -> Any:
+    from uvms_ocp.campaign import Campaign
+
+    return Campaign(scenario=scenario, runs=1)
 
 
 def _study() -> Any:

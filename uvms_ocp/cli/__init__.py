@@ -1,4 +1,5 @@
-"""Command line: `run`, `check`, `mission`, `compare`, `show`, `plan`, `list`, `check-robot`, `schema`, `export`.
+"""Command line: `run`, `check`, `mission`, `compare`, `campaign`, `show`, `plan`, `list`, `check-robot`, `schema`, `new-robot`,
+`new-mission`, `export`.
 
 Exit codes: 0 done, 1 internal error, 2 bad input or refused by pre-flight, 3 mission not completed or no plan free of
 collision.
@@ -14,6 +15,7 @@ from typing import Annotated
 import typer
 
 from uvms_ocp.cli import check, compare, export, listing, robots, run, show
+from uvms_ocp.cli.campaigns import campaign, new_files
 from uvms_ocp.cli.options import BAD_INPUT
 from uvms_ocp.cli.plans import plan
 from uvms_ocp.cli.printing import console_of
@@ -30,11 +32,14 @@ app = typer.Typer(
 app.command(name="run")(run.run)
 app.command(name="check")(check.check)
 app.command(name="mission")(check.mission)
+app.command(name="campaign")(campaign.campaign)
 app.command(name="compare")(compare.compare_runs)
 app.command(name="show")(show.show_scene)
 app.command(name="list")(listing.list_all)
 app.command(name="check-robot")(robots.check_robot)
 app.command(name="schema")(robots.schema)
+app.command(name="new-robot")(new_files.new_robot)
+app.command(name="new-mission")(new_files.new_mission)
 
 export_app = typer.Typer(help="Write what runs without Python.", no_args_is_help=True)
 export_app.command(name="controller")(export.controller)

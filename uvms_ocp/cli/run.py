@@ -16,7 +16,7 @@ from rich.progress import Progress as ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from uvms_ocp.campaign import STUDIES
+from uvms_ocp.campaign import STUDIES, StudyResult
 from uvms_ocp.cli.beside import Job, share
 from uvms_ocp.cli.compiling import told_of_compiling
 from uvms_ocp.cli.options import (
@@ -24,6 +24,7 @@ from uvms_ocp.cli.options import (
     CurrentVelocity,
     Duration,
     Faults,
+    Hydrodynamics,
     Json,
     Name,
     Noise,
@@ -36,6 +37,7 @@ from uvms_ocp.cli.options import (
     build_scenario,
     default_folder,
     given,
+    label,
     require_taken,
     solver_name,
 )
@@ -59,6 +61,7 @@ _STUDY_FILES = ("report.json", "runs.csv")
 def run(
     name: Name = "case1",
     robot: RobotName = None,
+    hydrodynamics: Hydrodynamics = None,
     plant: PlantName = None,
     solver: SolverName = None,
     current: CurrentVelocity = None,
@@ -82,7 +85,8 @@ def run(
     another mission's plan.
     """
     console = console_of(stderr=as_json)
-    options = given(robot=robot, plant=plant, current=current, seabed=seabed, noise=noise, seed=seed, duration=duration)
+    options = given(robot=robot, hydrodynamics=hydrodynamics, plant=plant, current=current, seabed=seabed)
+    options |= given(noise=noise, seed=seed, duration=duration)
     if name in STUDIES:
         if follow is not None:
             raise InvalidInput(f"{name} is a study of many missions: leave out --follow")
@@ -94,15 +98,28 @@ def run(
     options |= {"faults": parse_faults(fault)} if fault else {}
     scenario = build_scenario(name, options, solver)
     plan = None if follow is None else _plan_of(scenario, follow)
-    parts = (name, scenario.plant, solver_name(scenario.solver), *(("followed",) if plan else ()))
+    parts = (label(name), scenario.plant, solver_name(scenario.solver), *(("followed",) if plan else ()))
     others = {key: value for key, value in options.items() if key != "plant"}
-    with claimed(out or default_folder(parts, others), _files()) as claim:
+    report = produce(scenario, out or default_folder(parts, others), console, force=force, plan=plan)
+    if as_json:
+        print_json(report)
+    if not report["completed"]:
+        raise typer.Exit(NOT_COMPLETED)
+
+
+def produce(
+    scenario: Scenario, out: Path, console: Console, *, force: bool = True, plan: MissionPlan | None = None
+) -> dict[str, Any]:
+    """Run a scenario, by a plan if given, write all that comes of it into a folder, print a summary; returns its report.
+
+    Raises `InvalidInput` for what pre-flight refuses, unless forced.
+    """
+    with claimed(out, _files()) as claim:
         preflight = scenario.check()
         print_findings(console, preflight)
         if not (preflight.accepted or force):
-            raise InvalidInput(
-                f"pre-flight refuses {name} ({len(preflight.errors)} errors); --force runs it all the same"
-            )
+            text = f"pre-flight refuses {scenario.name} ({len(preflight.errors)} errors)"
+            raise InvalidInput(f"{text}; --force runs it all the same")
         record = _simulate(scenario, plan, console)
         report = summarize(record) | {"preflight": preflight.to_dict()}
         with claim.staged() as staging:
@@ -112,10 +129,7 @@ def run(
             )
         written = claim.written()
     _print_summary(console, report, written)
-    if as_json:
-        print_json(report)
-    if not report["completed"]:
-        raise typer.Exit(NOT_COMPLETED)
+    return report
 
 
 def _run_study(name: str, options: dict[str, Any], out: Path | None, console: Console, as_json: bool) -> None:
@@ -127,13 +141,18 @@ def _run_study(name: str, options: dict[str, Any], out: Path | None, console: Co
         with claim.staged() as staging:
             (staging / "report.json").write_text(json.dumps(result.to_dict(), indent=2) + "\n")
             result.write_csv(staging / "runs.csv")
+    print_study(result, console)
+    print_paths(console, [folder])
+    if as_json:
+        print_json(result.to_dict())
+
+
+def print_study(result: StudyResult, console: Console) -> None:
+    """The table that sums a study up."""
     rows = result.table
     if len(rows) == 1:  # one wide row reads better downwards
         rows = tuple({"figure": name, "value": value} for name, value in rows[0].items())
     console.print(table_of(result.title, rows, tuple(rows[0])))
-    print_paths(console, [folder])
-    if as_json:
-        print_json(result.to_dict())
 
 
 def _plan_of(scenario: Scenario, place: Path) -> MissionPlan:

@@ -95,7 +95,7 @@ class BlockFunctions:
             H += tangent.bent(ca.dot(y[:first], held[:first]) + ca.dot(e, errors))
         whole = ca.diagcat(H, ca.SX(self.extra, self.extra))
         inputs = [model.z, z_next, rows.parameters, model.water, costates, y, e]
-        return compiled(f"{rows.name}_curvature", inputs, [whole])
+        return compiled(f"{rows.name}_curvature", inputs, tangent.expanded([whole]))
 
     def _jacobian(self, rows: ca.SX) -> ca.SX:
         J = self.tangent.jacobian(rows, controls=self.forces is not None)
@@ -104,7 +104,7 @@ class BlockFunctions:
     def _function(self, kind: str, outputs: Sequence[ca.SX]) -> ca.Function:
         rows = self.block.rows
         inputs = [rows.model.z, rows.parameters, rows.model.water]
-        return compiled(f"{rows.name}_{kind}", inputs, outputs)
+        return compiled(f"{rows.name}_{kind}", inputs, self.tangent.expanded(outputs))
 
 
 def _group(rows: TermRows, level: int, before: Sequence[ca.SX]) -> RowGroup:
@@ -125,7 +125,7 @@ def force_rows(model: StageModel) -> ForceRows:
     upper = np.concatenate([actuators.thrust_upper, actuators.torque_limit])
     kept = np.flatnonzero((np.isfinite(lower) | np.isfinite(upper)) & limited)
     names = (*["thrust"] * len(actuators.thrust_lower), *["torque"] * len(actuators.torque_limit))
-    beyond = ca.DM(actuators.beyond.T / actuators.force_unit[:n]) @ model.wanted[:n]
+    beyond = ca.DM(actuators.beyond.T / actuators.force_unit[:n]) @ model.force[:n]
     none = np.zeros(beyond.numel())
     return ForceRows(
         rows=ca.vertcat(chosen(shares, kept), beyond),

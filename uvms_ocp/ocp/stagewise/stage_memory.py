@@ -126,7 +126,7 @@ class StageMemory:
 
     def _inputs(self) -> BoundCalls:
         calls, model = BoundCalls(), self.tangent.model
-        function = compiled("inputs", [model.z, model.water], list(model.inputs))
+        function = compiled("inputs", [model.z, model.water], self.tangent.expanded(model.inputs))
         for k, i in enumerate(self.steps):
             calls.add(function, [self.z[i], self.water[k]], [self.thrust[k], self.torque[k]])
         return calls

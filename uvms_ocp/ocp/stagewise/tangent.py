@@ -6,6 +6,7 @@ of the step h [s]. Controls: the acceleration a [m/s2, rad/s2], and the thrust t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -55,9 +56,29 @@ class Tangent:
         moved = self.symbolic.integrate(z[self.model.layout.q], d)
         return ca.sparsify(ca.substitute(ca.jacobian(moved, d), d, ca.SX.zeros(self.n_v)))
 
+    @cached_property
+    def _force_slope(self) -> ca.SX:
+        return ca.jacobian(self.model.wanted, self.model.z)
+
+    def _slope(self, rows: ca.SX) -> ca.SX:
+        """(m, n_z) derivative of rows (m,) in z, through the forces as well."""
+        model = self.model
+        own, through = ca.jacobian(rows, model.z), ca.jacobian(rows, model.force)
+        if not through.nnz():
+            return own
+        if rows.numel() > 1:
+            return own + through @ self._force_slope
+        weight = ca.SX.sym("weight", model.robot.n_v)
+        backwards = ca.jacobian(ca.dot(weight, model.wanted), model.z)  # which costs as much as the forces
+        return own + ca.substitute(backwards, weight, through.T)
+
+    def expanded(self, expressions: Sequence[ca.SX]) -> list[ca.SX]:
+        """Expressions with forces as what they are in z."""
+        return ca.substitute(list(expressions), [self.model.force], [self.model.wanted])  # type: ignore[no-any-return]
+
     def jacobian(self, rows: ca.SX, *, controls: bool = True) -> ca.SX:
         """(m, n_x + n_u) derivative of rows (m,) in z; (m, n_x) without the controls."""
-        layout, J = self.model.layout, ca.jacobian(rows, self.model.z)
+        layout, J = self.model.layout, self._slope(rows)
         parts = [J[:, layout.q] @ self._turned, J[:, layout.v]]
         parts += [J[:, layout.h]] if self.free else []
         parts += [J[:, self.controls]] if controls else []
@@ -72,9 +93,9 @@ class Tangent:
     def bent(self, value: ca.SX) -> ca.SX:
         """(n, n) the same for a value in which nothing but q bends a and h: half as long."""
         layout, n = self.model.layout, self.n_v
-        slope = ca.jacobian(value, self.model.z)
+        slope = self._slope(value)
         H = self.jacobian((slope[:, layout.q] @ self._turned).T)
-        fast = ca.jacobian(slope[:, layout.v], self.model.z)[:, layout.v]
+        fast = self._slope(slope[:, layout.v].T)[:, layout.v]
         own, rest = (H[:, :n] + H[:, :n].T) / 2, H[:, n:]
         rest_too = ca.diagcat(fast, ca.SX(rest.shape[1] - n, rest.shape[1] - n))
         return ca.blockcat([[own, rest], [rest.T, rest_too]])

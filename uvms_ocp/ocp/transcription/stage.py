@@ -156,6 +156,7 @@ class StageModel:
         self.water = ca.SX.sym("u", 3)
         """(3,) [m/s] velocity of the water."""
         self._dynamics = robot_dynamics(robot).symbolic if problem.water else SymbolicDynamics(model=robot.model)
+        self._eliminated = eliminated
 
     @property
     def n_forces(self) -> int:
@@ -191,13 +192,18 @@ class StageModel:
         return self._dynamics.inverse_dynamics(q_there, v_there, a, u_links, ca.SX(*u_links.shape))
 
     @cached_property
+    def force(self) -> ca.SX:
+        """(n_v,) [N, N m] `wanted`; where forces are `eliminated` a symbol for it, so that it is differentiated once for all rows."""
+        return ca.SX.sym("f", self.robot.n_v) if self._eliminated else self.wanted
+
+    @cached_property
     def inputs(self) -> tuple[ca.SX, ca.SX]:
         """Thrust and torque of a step, in shares of their limits."""
         if self.decides_forces:
             return self.z[self.layout.thrust], self.z[self.layout.torque]
-        n, wanted, actuators = self.robot.n_vehicle, self.wanted, self.actuators
-        thrust = sparse(actuators.spread) @ wanted[:n] + sparse(actuators.null) @ self.z[self.layout.null]
-        return thrust, wanted[n:] / ca.DM(actuators.torque_unit)
+        n, force, actuators = self.robot.n_vehicle, self.force, self.actuators
+        thrust = sparse(actuators.spread) @ force[:n] + sparse(actuators.null) @ self.z[self.layout.null]
+        return thrust, force[n:] / ca.DM(actuators.torque_unit)
 
     @cached_property
     def inputs_function(self) -> ca.Function:

@@ -129,29 +129,23 @@ class VariableLayout:
             raise InvalidInput(
                 f"the guess has {len(trajectory.a)} steps; give one of {self.N}, such as `through` makes"
             )
-        actuators = self.model.actuators
-        x = np.zeros(self.n_x)
-        h = np.diff(trajectory.t)
-        for k in range(self.N + 1):
-            j = min(k, self.N - 1)
-            shares = (trajectory.thrust[j] / actuators.thrust_unit, trajectory.torque[j] / actuators.torque_unit)
-            inputs = shares if self.model.decides_forces else ()
-            z = np.concatenate([trajectory.q[k], trajectory.v[k], [h[j]], trajectory.a[j], *inputs])
-            columns = self.columns(k)
-            x[columns[columns >= 0]] = z[columns >= 0]
-        return x
+        layout, actuators, h = self.model.layout, self.model.actuators, np.diff(trajectory.t)
+        Z = np.zeros((self.N + 1, layout.n_z))
+        Z[:, layout.q], Z[:, layout.v], Z[:-1, layout.h], Z[-1, layout.h] = trajectory.q, trajectory.v, h, h[-1]
+        Z[:-1, layout.a] = trajectory.a
+        if self.model.decides_forces:
+            Z[:-1, layout.thrust] = trajectory.thrust / actuators.thrust_unit
+            Z[:-1, layout.torque] = trajectory.torque / actuators.torque_unit
+        return np.concatenate([Z[:-1, self._column >= 0].ravel(), Z[-1, : self.n_state]])
 
     def unpack(self, x: np.ndarray, problem: OcpProblem) -> Trajectory:
         """The trajectory of variables x (n_x,) [unit of x]; where durations are fixed, with those of the problem."""
-        layout, actuators = self.model.layout, self.model.actuators
+        layout, actuators, n = self.model.layout, self.model.actuators, self.N * self.n_step
         Z = np.zeros((self.N + 1, layout.n_z))
-        for k in range(self.N + 1):
-            columns = self.columns(k)
-            Z[k, columns >= 0] = x[columns[columns >= 0]]
+        Z[:-1, self._column >= 0], Z[-1, : self.n_state] = x[:n].reshape(self.N, -1), x[n:]
         steps = Z[:-1, layout.h] if self.free else np.diff(problem.nominal_times())
         Z[:-1, layout.h] = steps
-        inputs = self.model.inputs_function.map(self.N)(Z[:-1].T, problem.currents.T)
-        thrust, torque = (np.array(part).T for part in inputs)
+        thrust, torque = self._inputs(Z[:-1], problem.currents)
         return Trajectory(
             t=np.concatenate([[0.0], np.cumsum(steps)]),
             q=Z[:, layout.q],
@@ -161,3 +155,14 @@ class VariableLayout:
             torque=torque * actuators.torque_unit,
             of_wrench=not has_thrusters(self.model.problem),
         )
+
+    def _inputs(self, Z: np.ndarray, currents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Thrust and torque in shares of their limits, of the steps z (N, n_z) in currents (N, 3) [m/s]."""
+        if self.model.decides_forces:
+            return Z[:, self.model.layout.thrust], Z[:, self.model.layout.torque]
+        thrust, torque = self._mapped_inputs(Z.T, currents.T)
+        return np.array(thrust).T, np.array(torque).T
+
+    @cached_property
+    def _mapped_inputs(self) -> ca.Function:
+        return self.model.inputs_function.map(self.N)

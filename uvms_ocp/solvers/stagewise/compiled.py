@@ -36,7 +36,7 @@ _DATA = {
     "damping": "damping",
     "constraints": "C",
 }
-_STAGE_WORK = ("fixed", "Q", "q", "L", "inverse", "plain", "W", "v", "list")
+_STAGE_WORK = ("fixed", "Q", "q", "L", "inverse", "W", "v", "list")
 _TABLE = ("bound", "side", "elastic", "equal", "target", "l1", "l2", "compliance", "norm")
 _WORK = ("elasticity", "point", "best", "step", "affine", "trial")
 _DIRECTION = ("weight", "soft", "left", "gap", "pull", "rhs", "t_side", "t_elastic")
@@ -70,7 +70,7 @@ class _Residuals(ctypes.Structure):
 
     _fields_ = (
         *_pointers(*_RESIDUALS),
-        *_numbers("stationarity", "primal", "complementarity", "gradient", "variable", "linear", "worst"),
+        *_numbers("stationarity", "primal", "complementarity", "steepest", "gradient", "variable", "linear", "worst"),
     )
 
 
@@ -80,11 +80,11 @@ class _Problem(ctypes.Structure):
     _fields_ = (
         ("stages", _Stages),
         *_integers("M", "m", "n", "n_x"),
-        *_pointers(*_TABLE, *_WORK, *_DIRECTION),
+        *_pointers(*_TABLE, *_WORK, *_DIRECTION, "bounded"),
         ("now", _Residuals),
         ("other", _Residuals),
-        *_numbers("curvature", "tolerance", "warm_mu"),
-        *_integers("max_iterations", "iterations", "corrections", "status", "start"),
+        *_numbers("curvature", "tolerance", "warm_mu", "slow"),
+        *_integers("n_bounded", "max_iterations", "iterations", "corrections", "status", "start"),
     )
 
 
@@ -106,7 +106,15 @@ class CompiledCore:
         _point(self._problem.other, self._other)
 
     def run(
-        self, qp: StageQp, table: RowTable, point: Point, options: StageQpOptions, *, start: Start, costless: bool
+        self,
+        qp: StageQp,
+        table: RowTable,
+        point: Point,
+        options: StageQpOptions,
+        *,
+        start: Start,
+        costless: bool,
+        damped: bool,
     ) -> End:
         """As `NumpyCore.run`."""
         problem = self._problem
@@ -117,7 +125,7 @@ class CompiledCore:
         self._work["point"][:] = point.flat()
         problem.tolerance, problem.max_iterations = options.tolerance, options.max_iterations
         problem.start, problem.warm_mu = int(start), options.warm_mu
-        self._library.solve_qp(ctypes.byref(problem), int(costless))
+        self._library.solve_qp(ctypes.byref(problem), int(costless), int(damped))
         return self._end()
 
     def _end(self) -> End:
@@ -189,19 +197,19 @@ def _stage_work(shape: StageShape) -> dict[str, Array]:
         "q": n,
         "L": factor,
         "inverse": n,
-        "plain": shape.N + 1,
-        "W": padded(max(shape.n_x)) * most,
+        "W": 2 * padded(max(shape.n_x)) * most,
         "v": 2 * most,
         "list": 4 * max(*shape.n_r, *shape.n_c),
     }
     return {name: np.zeros(size + 4) for name, size in sizes.items()} | {"fixed": np.zeros(n)}
 
 
-def _work(n: int, m: int, n_x: int) -> dict[str, Array]:
+def _work(n: int, m: int, n_x: int) -> dict[str, Any]:
     M = m + n
     sizes = {"elasticity": M, "pull": M, "rhs": n}
     sizes |= dict.fromkeys(("weight", "soft", "left", "gap", "t_side", "t_elastic"), 2 * M)
-    return {name: np.zeros(sizes.get(name, n + n_x + 9 * M)) for name in (*_WORK, *_DIRECTION)}
+    numbers = {name: np.zeros(sizes.get(name, n + n_x + 9 * M)) for name in (*_WORK, *_DIRECTION)}
+    return {**numbers, "bounded": np.zeros(M, dtype=np.int32)}
 
 
 def _residuals(n: int, m: int, n_x: int) -> dict[str, Array]:

@@ -10,7 +10,7 @@ static int solve_equalities(Problem *q) {
     find_residuals(q, p, &q->now);
     const Residuals *r = &q->now;
     double equal = largest_of(q->n_x, r->defect);
-    for (int i = 0; i < q->M; ++i) equal = larger_of(equal, fabs(r->equal[i]) / q->norm[i]);
+    for (int j = 0; j < q->n_bounded; ++j) equal = larger_of(equal, fabs(r->equal[q->bounded[j]]) / q->norm[q->bounded[j]]);
     const double left = larger_of(largest_of(q->n, r->grad) / r->gradient, equal / r->variable);
     if (k == MOST_CORRECTIONS || !(left > 0.1 * q->tolerance)) break;
     memset(q->now.row, 0, sizeof(double) * (size_t)(2 * q->M));
@@ -18,22 +18,22 @@ static int solve_equalities(Problem *q) {
     find_direction(q, p, &q->now, 0, 0, q->step);
     move(q, p, q->step, 1.0, p);
   }
-  for (int i = 0; i < q->M; ++i)
-    for (int u = 0; u < 2; ++u) {
+  for (int k = 0; k < q->n_bounded; ++k)
+    for (int u = 0, i = q->bounded[k]; u < 2; ++u) {
       const int j = u * q->M + i;
       const double beyond = (u ? -1.0 : 1.0) * (q->now.value[i] - q->bound[j]);
       S(p)[j] = q->side[j] != 0.0 && beyond > 0.0 ? beyond : 0.0;
       F(p)[j] = q->elastic[j] != 0.0 ? q->l1[i] : 0.0;
     }
-  find_residuals(q, p, &q->now);
+  judge_rows(q, p, &q->now, q->now.steepest);
   return 0;
 }
 
 /* Largest violation of a side relative to the norm of its row, `value` given; -1 where there is none. */
 static double side_missed(const Problem *q, const double *value) {
   double most = -1.0;
-  for (int i = 0; i < q->M; ++i)
-    for (int u = 0; u < 2; ++u) {
+  for (int k = 0; k < q->n_bounded; ++k)
+    for (int u = 0, i = q->bounded[k]; u < 2; ++u) {
       const int j = u * q->M + i;
       const double missed = (u ? 1.0 : -1.0) * (value[i] - q->bound[j]) / q->norm[i];
       if (q->side[j] != 0.0 && missed > most) most = missed;
@@ -48,8 +48,8 @@ static void start_cold(Problem *q) {
   find_residuals(q, p, &q->now);
   const double missed = larger_of(side_missed(q, q->now.value), LEAST_MISSED);
   const double mu = COLD_MU * missed * larger_of(q->curvature * missed, q->now.stationarity);
-  for (int i = 0; i < q->M; ++i)
-    for (int u = 0; u < 2; ++u) {
+  for (int k = 0; k < q->n_bounded; ++k)
+    for (int u = 0, i = q->bounded[k]; u < 2; ++u) {
       const int j = u * q->M + i;
       const double beyond = (u ? -1.0 : 1.0) * (q->now.value[i] - q->bound[j]);
       if (q->side[j] == 0.0) continue;
@@ -134,11 +134,13 @@ static int start_from_equalities(Problem *q) {
   return wrong;
 }
 
-/* Status, iterations, `point` and the residuals `now`, from what `point` holds: z, where fixed variables have their values, and for a warm start costates and multipliers too; without its cost if it is costless. */
-void solve_qp(Problem *q, int costless) {
+/* Status, iterations, `point` and the residuals `now`, from what `point` holds: z, where fixed variables have their values, and for a warm start costates and multipliers too; without its cost if it is costless, with steps that are damped. */
+void solve_qp(Problem *q, int costless, int damped) {
   load_stages(&q->stages, costless);
   q->curvature = costless ? 1.0 : q->stages.most;
+  q->slow = damped ? SLOW : 0.0;
   q->iterations = q->corrections = 0;
+  find_bounded(q);
   for (int i = 0; i < q->M; ++i) q->elasticity[i] = ELASTICITY * q->norm[i] * q->norm[i] / q->curvature;
   if (q->start == START_WARM) start_warm(q);
   if (q->start == START_COLD) start_cold(q);

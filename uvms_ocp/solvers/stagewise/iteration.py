@@ -26,12 +26,20 @@ class NumpyCore:
 
     @np.errstate(over="ignore", invalid="ignore", divide="ignore")
     def run(
-        self, qp: StageQp, table: RowTable, point: Point, options: StageQpOptions, *, start: Start, costless: bool
+        self,
+        qp: StageQp,
+        table: RowTable,
+        point: Point,
+        options: StageQpOptions,
+        *,
+        start: Start,
+        costless: bool,
+        damped: bool,
     ) -> End:
-        """From a point, without the cost if ``costless``."""
+        """From a point, without the cost if ``costless``, with steps that are ``damped`` in directions without curvature."""
         self._stages.fixed[:] = table.fixed
         curvature = self._stages.load(qp, costless=costless)
-        method = InteriorPoint(self._stages, table, 1.0 if costless else curvature, options)
+        method = InteriorPoint(self._stages, table, 1.0 if costless else curvature, options, damped=damped)
         if start in (Start.EQUALITIES, Start.ACTIVE):
             return _from_equalities(method, point, alone=start is Start.ACTIVE)
         begin = _warm(method, point) if start is Start.WARM else _cold(method, point)

@@ -51,6 +51,11 @@ class Point:
         """(M,) [1/unit of the row] positive at an upper bound."""
         return np.asarray(self.y + self.multiplier[1] - self.multiplier[0])
 
+    def of_rows(self, rows: Array) -> Point:
+        """With those rows numbered `rows` (m,) [-] alone."""
+        sides = {name: getattr(self, name)[:, rows] for name in ("s", "multiplier", "e", "f")}
+        return Point(z=self.z, costate=self.costate, y=self.y[rows], **sides)
+
     def flat(self) -> Array:
         """All of it in one array."""
         return np.concatenate([getattr(self, own.name).ravel() for own in fields(self)])
@@ -73,7 +78,7 @@ class End:
     """Of one run."""
 
     status: StageQpStatus
-    """SOLVED, NOT_CONVEX, NOT_A_NUMBER, UNBOUNDED or ITERATION_LIMIT."""
+    """SOLVED, NOT_CONVEX, NOT_A_NUMBER, ITERATION_LIMIT, or UNBOUNDED where steps are, which proves nothing."""
     point: Point
     """The best."""
     held: Array

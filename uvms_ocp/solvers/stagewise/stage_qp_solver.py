@@ -15,6 +15,8 @@ from uvms_ocp.solvers.stagewise.iteration import NumpyCore
 from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
 from uvms_ocp.solvers.stagewise.point import End, Point, Start, nothing, resting
 from uvms_ocp.solvers.stagewise.row_table import RowTable, held, mended, reached, row_table
+from uvms_ocp.solvers.stagewise.second_look.residual_rows import own_rows, with_residuals_as_rows
+from uvms_ocp.solvers.stagewise.second_look.ways_down import leads_down, may_fall_endlessly, ways_down
 from uvms_ocp.solvers.stagewise.solution import StageQpSolution, StageQpStatus, stage_qp_solution
 from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape, slices
 
@@ -48,14 +50,14 @@ class StageQpSolver:
             end = self._run(qp, table, self._rest(qp, table))
         else:
             end = self._guessed(qp, table, warm) or self._run(qp, table, self._near(qp, table, warm), Start.WARM)
-        if end.status is StageQpStatus.ITERATION_LIMIT:
+        if end.status in (StageQpStatus.ITERATION_LIMIT, StageQpStatus.UNBOUNDED):
             end = self._judged(qp, table, end)
         return self._solution(qp, end)
 
     def _guessed(self, qp: StageQp, table: RowTable, near: StageQpSolution) -> End | None:
         """The optimum where the bounds that it reaches are found soon, starting with those of a QP nearby."""
         active, spent, before = reached(table, near), 0, table.side.size
-        while not table.elastic.any():
+        while self.options.guess and not table.elastic.any():
             end = self._run(qp, held(table, active), self._rest(qp, table), Start.ACTIVE)
             spent += end.iterations
             if end.status is not StageQpStatus.SOLVED:
@@ -71,26 +73,61 @@ class StageQpSolver:
 
     def _judged(self, qp: StageQp, table: RowTable, failed: End) -> End:
         """What it means that no optimum was found: phase one tells whether there is a point at all, and where."""
-        if failed.worst <= self.options.tolerance * STAGE_TOLERANCES.inexact_tolerances:
+        if failed.worst <= self._inexact and failed.status is StageQpStatus.ITERATION_LIMIT:
             return replace(failed, status=StageQpStatus.INEXACT)
         least = self._run(qp, row_table(qp, phase_one=True), self._rest(qp, table), costless=True)
         spent = failed.iterations + least.iterations
         missed = table.violation(_values(qp, least.point.z))
         if least.status is StageQpStatus.SOLVED and missed > _MISSED * (1.0 + np.abs(least.point.z).max()):
             return replace(least, status=StageQpStatus.INFEASIBLE, iterations=spent)
-        again = self._run(qp, table, least.point, Start.COLD)
+        if self._is_endless(qp):
+            return replace(failed, status=StageQpStatus.UNBOUNDED, iterations=spent)
+        again = self._run_slowly(qp, least.point)
         best = min(failed, again, key=lambda end: end.worst)
-        near = best.worst <= self.options.tolerance * STAGE_TOLERANCES.inexact_tolerances
-        inexact = near and best.status is not StageQpStatus.SOLVED
-        status = StageQpStatus.INEXACT if inexact else best.status
-        return replace(best, status=status, iterations=spent + again.iterations)
+        return replace(best, status=self._last_word(best), iterations=spent + again.iterations)
+
+    @property
+    def _inexact(self) -> float:
+        return self.options.tolerance * STAGE_TOLERANCES.inexact_tolerances
+
+    def _last_word(self, best: End) -> StageQpStatus:
+        """Endless steps alone prove nothing."""
+        if best.status is StageQpStatus.SOLVED:
+            return best.status
+        endless = best.status is StageQpStatus.UNBOUNDED
+        status = StageQpStatus.ITERATION_LIMIT if endless else best.status
+        return StageQpStatus.INEXACT if best.worst <= self._inexact else status
+
+    def _is_endless(self, qp: StageQp) -> bool:
+        """Whether there is a way along which the cost falls for ever."""
+        if not may_fall_endlessly(qp):
+            return False
+        other = ways_down(qp)
+        way = StageQpSolver(other.shape, self.options).solve(other)
+        return way.status.usable and leads_down(other, way.z)
+
+    def _run_slowly(self, qp: StageQp, start: Point) -> End:
+        """With residuals as rows, and some curvature for directions that have none, from the z of a start."""
+        other = with_residuals_as_rows(qp)
+        table, own = row_table(other), own_rows(qp.shape, other.shape)
+        slow = StageQpSolver(other.shape, self.options)
+        point = replace(slow._rest(other, table), z=start.z)
+        end = slow._run(other, table, point, Start.COLD, damped=True)
+        return replace(end, point=end.point.of_rows(own))
 
     def _run(
-        self, qp: StageQp, table: RowTable, point: Point, start: Start = Start.EQUALITIES, *, costless: bool = False
+        self,
+        qp: StageQp,
+        table: RowTable,
+        point: Point,
+        start: Start = Start.EQUALITIES,
+        *,
+        costless: bool = False,
+        damped: bool = False,
     ) -> End:
         # With next to no curvature phase one loses digits, and needs few.
         options = replace(self.options, tolerance=max(self.options.tolerance, _ROUGH)) if costless else self.options
-        return self._core.run(qp, table, point, options, start=start, costless=costless)
+        return self._core.run(qp, table, point, options, start=start, costless=costless, damped=damped)
 
     def _rest(self, qp: StageQp, table: RowTable) -> Point:
         z = np.where(table.fixed, qp.flat["z_lower"], 0.0)
