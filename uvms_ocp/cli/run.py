@@ -123,7 +123,10 @@ def produce(
         record = _simulate(scenario, plan, console)
         report = summarize(record) | {"preflight": preflight.to_dict()}
         with claim.staged() as staging:
-            share(_jobs(scenario, record, report, staging), console.status("writing record, report, figures and scene"))
+            share(
+                _jobs(scenario, record, report, staging, plan),
+                console.status("writing record, report, figures and scene"),
+            )
         written = claim.written()
     _print_summary(console, report, written)
     return report
@@ -172,7 +175,9 @@ def _files() -> tuple[str, ...]:
     return ("record.npz", "report.json", "scene.html", *(f"figures/{name}.png" for name in FIGURES))
 
 
-def _jobs(scenario: Scenario, record: Record, report: dict[str, Any], folder: Path) -> list[Job]:
+def _jobs(
+    scenario: Scenario, record: Record, report: dict[str, Any], folder: Path, plan: MissionPlan | None
+) -> list[Job]:
     """What writes each file, the slowest first."""
     from uvms_ocp.viz.run_figures import FIGURES, write_figure
     from uvms_ocp.viz.scene.show import write_scene
@@ -180,7 +185,8 @@ def _jobs(scenario: Scenario, record: Record, report: dict[str, Any], folder: Pa
     (folder / "report.json").write_text(json.dumps(report, indent=2) + "\n")
     (folder / "figures").mkdir()
     figures = [partial(write_figure, record, name, folder / "figures") for name in FIGURES]
-    scene = partial(write_scene, record, scenario.robot, folder / "scene.html")
+    ghosts = {} if plan is None else {"plan": plan.to_record(scenario)}
+    scene = partial(write_scene, record, scenario.robot, folder / "scene.html", ghosts=ghosts)
     return [scene, *figures, partial(record.save, folder / "record.npz")]
 
 
