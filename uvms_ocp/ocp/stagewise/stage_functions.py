@@ -87,12 +87,8 @@ class BlockFunctions:
         errors = ca.vertcat(ca.SX(0, 1), *(group.rows for group in self.errors))
         y, e = ca.SX.sym("y", held.numel()), ca.SX.sym("e", errors.numel())
         step = self.forces is not None
-        first = self.forces.rows.numel() if self.forces is not None else 0
-        short = ca.dot(costates, tangent.motion(z_next)) if step else ca.dot(e, errors)
-        short += ca.dot(y[first:], held[first:])
-        H = tangent.curvature(short, controls=step)
-        if step:
-            H += tangent.bent(ca.dot(y[:first], held[:first]) + ca.dot(e, errors))
+        value = ca.dot(y, held) + ca.dot(e, errors) + (ca.dot(costates, tangent.motion(z_next)) if step else 0)
+        H = tangent.curvature(value, controls=step)
         whole = ca.diagcat(H, ca.SX(self.extra, self.extra))
         inputs = [model.z, z_next, rows.parameters, model.water, costates, y, e]
         return compiled(f"{rows.name}_curvature", inputs, tangent.expanded([whole]))
