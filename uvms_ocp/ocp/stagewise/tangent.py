@@ -82,30 +82,50 @@ class Tangent:
         return ca.horzcat(*parts)
 
     def curvature(self, value: ca.SX, *, controls: bool = True) -> ca.SX:
-        """(n, n) second derivative of a scalar in z along states and controls: of geodesics, hence symmetric."""
-        weights = ca.jacobian(value, self.model.force).T
+        """(n, n) second derivative of a scalar in z along states and controls: of geodesics, hence symmetric.
+
+        What forces bend is `bent`, with the weights that the scalar gives them.
+        """
         slope = self._along(ca.jacobian(value, self.model.z), controls).T
-        H = self.jacobian(slope, controls=controls)
+        weights, H = self.weights(value), self.jacobian(slope, controls=controls)
         if weights.nnz():
             forces = self._along(self._force_slope, controls)
-            H += forces.T @ self.jacobian(weights, controls=controls) + self._bent_forces(weights, controls)
+            H += forces.T @ self.jacobian(weights, controls=controls) + self._bend(controls)
         return (H + H.T) / 2
 
-    def _bent_forces(self, weights: ca.SX, controls: bool) -> ca.SX:
-        """(n, n) the same of a weighted sum of the forces, by what they are a function of: the motion in the middle of the step."""
-        model, n_q, n_v = self.model, self.model.layout.n_q, self.model.layout.n_v
-        motion, w = ca.SX.sym("motion", n_q + 2 * n_v), ca.SX.sym("w", n_v)
-        slope = ca.gradient(ca.dot(w, model.forces_of(motion)), motion)
-        v = slice(n_q, n_q + n_v)
+    def weights(self, value: ca.SX) -> ca.SX:
+        """(n_v, 1) that a scalar gives the forces."""
+        return ca.jacobian(value, self.model.force).T
+
+    @cached_property
+    def bent(self) -> ca.SX:
+        """What `forces_bent` gives, as symbols: code that is too long for the memory it is read from takes three times as long."""
+        return ca.SX.sym("bent", self.forces_bent(ca.SX(self.n_v, 1)).numel())
+
+    def forces_bent(self, weights: ca.SX) -> ca.SX:
+        """Slope and nonzeros of the curvature of a sum of forces, weighted with weights (n_v,), by the motion they are a function
+        of: that in the middle of a step."""
+        motion, w, slope, H = self._force_curvature
+        found = ca.vertcat(slope, *H.nonzeros())
+        return ca.substitute([found], [motion, w], [self.model.middle, ca.densify(weights)])[0]
+
+    @cached_property
+    def _force_curvature(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+        """Motion, weights, slope and curvature."""
+        n_q, n_v = self.model.layout.n_q, self.n_v
+        motion, w, v = ca.SX.sym("motion", n_q + 2 * n_v), ca.SX.sym("w", n_v), slice(n_q, n_q + n_v)
+        slope = ca.gradient(ca.dot(w, self.model.forces_of(motion)), motion)
         # Forces are linear in the acceleration, with a factor in which no velocity is.
         H, fast = ca.jacobian(slope[:n_q], motion), ca.jacobian(slope[v], motion)[:, v]
-        rest = ca.diagcat(fast, ca.SX(n_v, n_v))
-        H = ca.blockcat([[H[:, :n_q], H[:, n_q:]], [H[:, n_q:].T, rest]])
-        H, slope = ca.substitute([H, slope], [motion, w], [model.middle, weights])
-        D = self.jacobian(model.middle, controls=controls)
-        g = ca.SX.sym("g", slope.numel())
-        bend = self.curvature(ca.dot(g, model.middle), controls=controls)
-        return D.T @ H @ D + ca.substitute(bend, g, slope)
+        whole = ca.blockcat([[H[:, :n_q], H[:, n_q:]], [H[:, n_q:].T, ca.diagcat(fast, ca.SX(n_v, n_v))]])
+        return motion, w, slope, ca.sparsify(whole)
+
+    def _bend(self, controls: bool) -> ca.SX:
+        """(n, n) of forces, with the curvature of the motion in the middle."""
+        middle, pattern = self.model.middle, self._force_curvature[-1].sparsity()
+        n, g = middle.numel(), ca.SX.sym("g", middle.numel())
+        D, H = self.jacobian(middle, controls=controls), ca.SX(pattern, self.bent[n:])
+        return D.T @ H @ D + ca.substitute(self.curvature(ca.dot(g, middle), controls=controls), g, self.bent[:n])
 
     def motion(self, z_next: ca.SX) -> ca.SX:
         """By how much the state after a step is ahead of that of z_next (n_z,), in its tangent space (n_x,)."""
