@@ -78,15 +78,17 @@ class LevelStages:
 
     @cached_property
     def _curve(self) -> BoundCalls:
-        memory, calls = self.memory, BoundCalls()
-        for i, stage in enumerate(memory.stages):
-            function = memory.function(stage)
-            if function is not None:
-                z, parameters, water = memory.arguments(i)
-                after = memory.z[min(i + 1, len(memory.stages) - 1)]
-                own = self.multipliers
-                arguments = [z, after, parameters, water, own.costates[i], own.rows[i], own.residuals[i]]
-                calls.add(function.curvature, arguments, [self.qp.H[i]])
+        """One function for all stages, then the other: so each stays where code is read from."""
+        memory, own, calls = self.memory, self.multipliers, BoundCalls()
+        found = [(i, function) for i, stage in enumerate(memory.stages) if (function := memory.function(stage)) is not None]
+        bends = [np.zeros(function.bend.numel_out(0)) for _, function in found]
+        for (i, function), bend in zip(found, bends, strict=True):
+            calls.add(function.bend, [*memory.arguments(i), own.rows[i], own.residuals[i]], [bend])
+        for (i, function), bend in zip(found, bends, strict=True):
+            z, parameters, water = memory.arguments(i)
+            after = memory.z[min(i + 1, len(memory.stages) - 1)]
+            arguments = [z, after, parameters, water, own.costates[i], own.rows[i], own.residuals[i], bend]
+            calls.add(function.curvature, arguments, [self.qp.H[i]])
         return calls
 
     def bend(self, last: Found | None) -> None:
