@@ -112,7 +112,7 @@ class Places:
         return np.concatenate([np.where(own >= 0, place + own, -1) for place in first])
 
     def program_multipliers(self, rows: Array, found: Found) -> tuple[Array, Array]:
-        """(n_x,) [1/unit of x] of bounds and (n_rows,) [1/unit of the row] of rows of the program; of laws, which nobody loosens, 0.
+        """Multipliers (n_x,) [1/unit of x] of bounds and (n_rows,) [1/unit of the row] of rows; 0 of laws, which nobody loosens.
 
         rows (m,) [-]: which of those that may be held are in the QP that was solved.
         """
