@@ -19,7 +19,7 @@ import pinocchio as pin
 from public_surface import Call
 
 from uvms_ocp import collision, control, mission, ocp, planning, report, sim, solvers, tasks, trajectories, without_arm
-from uvms_ocp.campaign import Choice, LogNormal, Normal, Triangular, Uniform
+from uvms_ocp.campaign import Choice, LogNormal, Normal, StudyResult, Triangular, Uniform
 from uvms_ocp.collision.conservative_advancement import ClearanceReport
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.control.receding.plan_guide import PlannedPhase
@@ -46,7 +46,7 @@ from uvms_ocp.scenarios import RunOptions, case1, reach
 from uvms_ocp.sim.faults import Fault
 from uvms_ocp.solvers import nlp, stagewise
 from uvms_ocp.tasks.task import TickSymbols
-from uvms_ocp.viz.scene.viewer import ScenePage
+from uvms_ocp.viz.scene.page.viewer import ScenePage
 
 RECORDS = Path(__file__).parents[1] / "records"
 Arguments = Mapping[str, Any]
@@ -587,7 +587,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "SensorSpec": SensorSpec,
     "SensorSpecs": lambda: IDEAL_SENSORS,
     "Study": lambda: _study(),
-    "StudyResult": lambda: _study().run(),
+    "StudyResult": lambda: StudyResult(name="a", title="b", cases=({"case": 1},), table=({"case": 1},)),
     "RealTimeSqp": sqp,
     "StageShape": stage_shape,
     "StageQp": lambda: stagewise.StageQp(stage_shape()),
@@ -718,7 +718,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     },
     "MissionPlan.load": lambda: {"path": whole().save(Path(mkdtemp(), "plan.npz"))},
     "MissionPlan.save": lambda: {"path": Path(mkdtemp(), "plan.npz")},
-    "show": lambda: {"robot": robot()},
+    "show": lambda: {"robot_or_q": robot()},
     "Plan.load": lambda: {"path": plan().save("plan.npz")},
     "replay": lambda: {"plan": plan(), "where": from_pool("Where", "where")},
     "Trajectory": lambda: fields_of(plan().trajectory),
@@ -813,6 +813,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "Variation": lambda: {"name": "start.x", "distribution": Uniform(0.0, 1.0)},
     "campaign_report": lambda: {"folder": _campaign_folder()},
     "compare_campaigns": lambda: {"first": _campaign_folder(), "second": _campaign_folder()},
+    "Record.from_mcap": lambda: {"path": _mcap()},
     "Record.from_parquet": lambda: {"path": _parquet()},
     "read_table": lambda: {"folder": _campaign_folder()},
     "Fault": lambda: {"target": "depth", "kind": "lost"},
@@ -822,6 +823,11 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "scale_to_limits": dict,
 }
 """What a call needs beyond the pool."""
+
+
+def _mcap() -> Path:
+    run_record().to_mcap("record.mcap")
+    return Path("record.mcap").resolve()
 
 
 def _parquet() -> Path:
@@ -859,7 +865,8 @@ REFUSES = {"Task.residual", "BufferedFunction.__call__"}
 """Calls that are never right: the base class of tasks refuses, and a list of arguments has no names."""
 
 EXPENSIVE = {
-    *("write_figures", "write_plan_figures", "write_scene", "show", "solve_ocp", "solve", "plan_soft_collision"),
+    *("write_figures", "write_plan_figures", "write_scene", "write_frames", "show"),
+    *("solve_ocp", "solve", "plan_soft_collision"),
     *(
         "Nmpc",
         "Planner",

@@ -16,8 +16,9 @@ from rich.progress import Progress as ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from uvms_ocp.campaign import STUDIES, StudyResult
+from uvms_ocp.campaign import STUDIES
 from uvms_ocp.cli.beside import Job, share
+from uvms_ocp.cli.campaigns.study import make_study
 from uvms_ocp.cli.compiling import told_of_compiling
 from uvms_ocp.cli.options import (
     NOT_COMPLETED,
@@ -38,7 +39,6 @@ from uvms_ocp.cli.options import (
     default_folder,
     given,
     label,
-    require_taken,
     solver_name,
 )
 from uvms_ocp.cli.printing import cell, console_of, print_findings, print_json, print_paths, table_of
@@ -56,7 +56,6 @@ Follow = Annotated[
     Path | None, typer.Option(metavar="PLAN", help="Plan of this mission, of `plan mission`; the hierarchy takes over.")
 ]
 _PROGRESS_EVERY = 40  # ticks between two updates of the progress bar
-_STUDY_FILES = ("report.json", "runs.csv")
 
 
 def run(
@@ -92,7 +91,7 @@ def run(
         if follow is not None:
             raise InvalidInput(f"{name} is a study of many missions: leave out --follow")
         chosen = given(n=n, force=force or None, solver=solver, fault=fault or None)
-        _run_study(name, options | chosen, out, console, as_json)
+        make_study(name, options | chosen, console, out=out, as_json=as_json)
         return
     if n is not None:
         raise InvalidInput(f"{name} is no study: leave out --n")
@@ -124,33 +123,13 @@ def produce(
         record = _simulate(scenario, plan, console)
         report = summarize(record) | {"preflight": preflight.to_dict()}
         with claim.staged() as staging:
-            share(_jobs(scenario, record, report, staging), console.status("writing record, report, figures and scene"))
+            share(
+                _jobs(scenario, record, report, staging, plan),
+                console.status("writing record, report, figures and scene"),
+            )
         written = claim.written()
     _print_summary(console, report, written)
     return report
-
-
-def _run_study(name: str, options: dict[str, Any], out: Path | None, console: Console, as_json: bool) -> None:
-    require_taken(name, STUDIES[name], options)
-    folder = out or default_folder((name,), {key: value for key, value in options.items() if key != "force"})
-    with claimed(folder, _STUDY_FILES) as claim:
-        with console.status(name) as status:
-            result = STUDIES[name](**options).run(progress=lambda done, n: status.update(f"{name}: {done} of {n} runs"))
-        with claim.staged() as staging:
-            (staging / "report.json").write_text(json.dumps(result.to_dict(), indent=2) + "\n")
-            result.write_csv(staging / "runs.csv")
-    print_study(result, console)
-    print_paths(console, [folder])
-    if as_json:
-        print_json(result.to_dict())
-
-
-def print_study(result: StudyResult, console: Console) -> None:
-    """The table that sums a study up."""
-    rows = result.table
-    if len(rows) == 1:  # one wide row reads better downwards
-        rows = tuple({"figure": name, "value": value} for name, value in rows[0].items())
-    console.print(table_of(result.title, rows, tuple(rows[0])))
 
 
 def _plan_of(scenario: Scenario, place: Path) -> MissionPlan:
@@ -196,7 +175,9 @@ def _files() -> tuple[str, ...]:
     return ("record.npz", "report.json", "scene.html", *(f"figures/{name}.png" for name in FIGURES))
 
 
-def _jobs(scenario: Scenario, record: Record, report: dict[str, Any], folder: Path) -> list[Job]:
+def _jobs(
+    scenario: Scenario, record: Record, report: dict[str, Any], folder: Path, plan: MissionPlan | None
+) -> list[Job]:
     """What writes each file, the slowest first."""
     from uvms_ocp.viz.run_figures import FIGURES, write_figure
     from uvms_ocp.viz.scene.show import write_scene
@@ -204,7 +185,8 @@ def _jobs(scenario: Scenario, record: Record, report: dict[str, Any], folder: Pa
     (folder / "report.json").write_text(json.dumps(report, indent=2) + "\n")
     (folder / "figures").mkdir()
     figures = [partial(write_figure, record, name, folder / "figures") for name in FIGURES]
-    scene = partial(write_scene, record, scenario.robot, folder / "scene.html")
+    ghosts = {} if plan is None else {"plan": plan.to_record(scenario)}
+    scene = partial(write_scene, record, scenario.robot, folder / "scene.html", ghosts=ghosts)
     return [scene, *figures, partial(record.save, folder / "record.npz")]
 
 
