@@ -46,7 +46,7 @@ from uvms_ocp.scenarios import RunOptions, case1, reach
 from uvms_ocp.sim.faults import Fault
 from uvms_ocp.solvers import nlp, stagewise
 from uvms_ocp.tasks.task import TickSymbols
-from uvms_ocp.viz.scene.viewer import ScenePage
+from uvms_ocp.viz.scene.page.viewer import ScenePage
 
 RECORDS = Path(__file__).parents[1] / "records"
 Arguments = Mapping[str, Any]
@@ -718,7 +718,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     },
     "MissionPlan.load": lambda: {"path": whole().save(Path(mkdtemp(), "plan.npz"))},
     "MissionPlan.save": lambda: {"path": Path(mkdtemp(), "plan.npz")},
-    "show": lambda: {"robot": robot()},
+    "show": lambda: {"robot_or_q": robot()},
     "Plan.load": lambda: {"path": plan().save("plan.npz")},
     "replay": lambda: {"plan": plan(), "where": from_pool("Where", "where")},
     "Trajectory": lambda: fields_of(plan().trajectory),
@@ -865,7 +865,8 @@ REFUSES = {"Task.residual", "BufferedFunction.__call__"}
 """Calls that are never right: the base class of tasks refuses, and a list of arguments has no names."""
 
 EXPENSIVE = {
-    *("write_figures", "write_plan_figures", "write_scene", "show", "solve_ocp", "solve", "plan_soft_collision"),
+    *("write_figures", "write_plan_figures", "write_scene", "write_frames", "show"),
+    *("solve_ocp", "solve", "plan_soft_collision"),
     *(
         "Nmpc",
         "Planner",

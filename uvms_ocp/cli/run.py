@@ -46,6 +46,7 @@ from uvms_ocp.exceptions import InvalidInput, plain_line
 from uvms_ocp.mission_plan import MissionPlan
 from uvms_ocp.model.state import Command
 from uvms_ocp.output import claimed
+from uvms_ocp.parts.given import plant_name
 from uvms_ocp.record import Record
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenario import Scenario
@@ -97,7 +98,7 @@ def run(
     options |= {"faults": parse_faults(fault)} if fault else {}
     scenario = build_scenario(name, options, solver)
     plan = None if follow is None else _plan_of(scenario, follow)
-    parts = (label(name), scenario.plant, solver_name(scenario.solver), *(("followed",) if plan else ()))
+    parts = (label(name), plant_name(scenario.plant), solver_name(scenario.solver), *(("followed",) if plan else ()))
     others = {key: value for key, value in options.items() if key != "plant"}
     report = produce(scenario, out or default_folder(parts, others), console, force=force, plan=plan)
     if as_json:
@@ -122,7 +123,10 @@ def produce(
         record = _simulate(scenario, plan, console)
         report = summarize(record) | {"preflight": preflight.to_dict()}
         with claim.staged() as staging:
-            share(_jobs(scenario, record, report, staging), console.status("writing record, report, figures and scene"))
+            share(
+                _jobs(scenario, record, report, staging, plan),
+                console.status("writing record, report, figures and scene"),
+            )
         written = claim.written()
     _print_summary(console, report, written)
     return report
@@ -171,7 +175,9 @@ def _files() -> tuple[str, ...]:
     return ("record.npz", "report.json", "scene.html", *(f"figures/{name}.png" for name in FIGURES))
 
 
-def _jobs(scenario: Scenario, record: Record, report: dict[str, Any], folder: Path) -> list[Job]:
+def _jobs(
+    scenario: Scenario, record: Record, report: dict[str, Any], folder: Path, plan: MissionPlan | None
+) -> list[Job]:
     """What writes each file, the slowest first."""
     from uvms_ocp.viz.run_figures import FIGURES, write_figure
     from uvms_ocp.viz.scene.show import write_scene
@@ -179,7 +185,8 @@ def _jobs(scenario: Scenario, record: Record, report: dict[str, Any], folder: Pa
     (folder / "report.json").write_text(json.dumps(report, indent=2) + "\n")
     (folder / "figures").mkdir()
     figures = [partial(write_figure, record, name, folder / "figures") for name in FIGURES]
-    scene = partial(write_scene, record, scenario.robot, folder / "scene.html")
+    ghosts = {} if plan is None else {"plan": plan.to_record(scenario)}
+    scene = partial(write_scene, record, scenario.robot, folder / "scene.html", ghosts=ghosts)
     return [scene, *figures, partial(record.save, folder / "record.npz")]
 
 

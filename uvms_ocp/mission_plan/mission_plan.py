@@ -14,7 +14,7 @@ from uvms_ocp.control.receding.plan_guide import FollowingTuning, PlanGuide, Pla
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.mission_plan.identity import digests
 from uvms_ocp.mission_plan.saved import read_plan, write_plan
-from uvms_ocp.ocp.plan import OcpStatus
+from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.record import Record
 from uvms_ocp.scenario import MissionController, Scenario
@@ -84,6 +84,21 @@ class MissionPlan:
             ],
             "identity": dict(self.identity),
         }
+
+    def to_record(self, scenario: Scenario) -> Record:
+        """The motion of the scenario's robot as a record, which figures, scenes and comparisons take.
+
+        Raises `InvalidInput` as `require_of` does.
+        """
+        self.require_of(scenario)
+        return Plan(
+            robot=scenario.robot,
+            trajectory=self.trajectory,
+            status=self.status,
+            reason=self.reason,
+            levels=(),
+            solve_time=self.solve_time,
+        ).to_record()
 
     def save(self, path: Path | str) -> Path:
         """Write it as ``.npz``. Raises `OutputError` where the file cannot be written."""

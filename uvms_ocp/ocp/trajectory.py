@@ -46,6 +46,18 @@ class Trajectory:
         a = self.a[k]
         return pin.integrate(model, self.q[k], s * self.v[k] + s * s / 2 * a), self.v[k] + s * a, a
 
+    def states_at(
+        self, model: pin.Model, t: Annotated[np.ndarray, Shape("n")]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """q (n, n_q) and v (n, n_v) at times t (n,) [s], and the steps that hold them (n,); the end is held."""
+        steps = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.a) - 1)
+        s, v, a = (t - self.t[steps])[:, None], self.v[steps], self.a[steps]
+        moves, q = s * v + s * s / 2 * a, self.q[steps]
+        q, v = np.array([pin.integrate(model, *pair) for pair in zip(q, moves, strict=True)]), v + s * a
+        over = t >= self.t[-1]
+        q[over], v[over] = self.q[-1], self.v[-1]
+        return q, v, steps
+
     def step_at(self, t: float) -> int:
         """The step that holds time t [s]."""
         return int(np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.a) - 1))
@@ -70,13 +82,11 @@ def hold(problem: OcpProblem, start: State | None = None) -> Trajectory:
 
 def shifted(problem: OcpProblem, last: Trajectory, delay: float, start: State) -> Trajectory:
     """Guess from a solution that is `delay` [s] old: the same motion seen from `start`, its end held."""
-    model, t = problem.robot.model, problem.nominal_times()
-    states = [last.state_at(model, moment + delay) for moment in t]
-    steps = [last.step_at(moment + delay) for moment in t[:-1]]
-    q, v = np.array([state[0] for state in states]), np.array([state[1] for state in states])
+    t = problem.nominal_times()
+    q, v, steps = last.states_at(problem.robot.model, t + delay)
     q[0], v[0] = start.q, start.v
-    inputs = {"thrust": last.thrust[steps], "torque": last.torque[steps]}
-    return Trajectory(t=t, q=q, v=v, a=last.a[steps], **inputs, of_wrench=last.of_wrench)
+    inputs = {"thrust": last.thrust[steps[:-1]], "torque": last.torque[steps[:-1]]}
+    return Trajectory(t=t, q=q, v=v, a=last.a[steps[:-1]], **inputs, of_wrench=last.of_wrench)
 
 
 @checked

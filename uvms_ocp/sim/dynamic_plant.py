@@ -119,6 +119,7 @@ class DynamicPlant(Plant):
             "contact": after[parts["contact"]],
             "thruster_energy": after[parts["thruster_energy"]],
             "joint_energy": after.item(parts["joint_energy"].start),
+            "current": self._given["u"][:1].sum(axis=0),  # nothing where no link is in water
         }
 
     def _ask(self, command: Command, memory: Mapping[str, np.ndarray]) -> None:

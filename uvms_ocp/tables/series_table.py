@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-_VEHICLE_Q = ("x", "y", "z", "qx", "qy", "qz", "qw")
+_XYZ = ("x", "y", "z")
+_VEHICLE_Q = (*_XYZ, "qx", "qy", "qz", "qw")
 _VEHICLE_V = ("surge", "sway", "heave", "roll_rate", "pitch_rate", "yaw_rate")
 _FIRST, _SECOND = ("position", "linear", "force"), ("attitude", "angular", "moment")
 """Names of the parts that a vehicle has."""
@@ -83,6 +84,7 @@ SERIES: Mapping[str, SeriesKind] = {
     "thrust": _of("thrust of every thruster", "(n_thrusters,)", "N"),
     "torque": _of("effort of every joint", "(n_joints,)", "N m or N"),
     "contact": _of("force of the floor on every corner of the skid", "(n_points,)", "N", "W"),
+    "current": _of("velocity of the water at the vehicle", "(3,)", "m/s", "W"),
     "thruster_energy": _of("electrical energy of every thruster so far", "(n_thrusters,)", "J"),
     "joint_energy": _of("electrical energy of all joints so far", "()", "J"),
     "x": _of("coordinates of a plan", "(n_axes,)", _axes("0"), "W"),
@@ -166,6 +168,7 @@ _MAKERS: Mapping[str, Callable[[Any], Sequence[str]]] = {
     **dict.fromkeys(("x", "x_rate", "x_acceleration", "x_jerk", "x_snap"), lambda meta: getattr(meta, "axes", ())),
     "tool": lambda meta: _VEHICLE_Q,
     "clearance": lambda meta: getattr(meta, "clearance_groups", ()),
+    "current": lambda meta: _XYZ,
     "gates": lambda meta: [task.name for task in meta.tasks],
     "health": lambda meta: getattr(meta, "channels", ()),
 }

@@ -22,7 +22,8 @@ from uvms_ocp.viz.quantity_figures import figure_errors as figure_errors
 from uvms_ocp.viz.quantity_figures import figure_misalignment as figure_misalignment
 from uvms_ocp.viz.quantity_figures import figure_tool_error as figure_tool_error
 from uvms_ocp.viz.run_figures import write_figures as write_figures
+from uvms_ocp.viz.scene.page.pictures import write_frames as write_frames
+from uvms_ocp.viz.scene.page.viewer import ScenePage as ScenePage
 from uvms_ocp.viz.scene.show import show as show
 from uvms_ocp.viz.scene.show import write_scene as write_scene
-from uvms_ocp.viz.scene.viewer import ScenePage as ScenePage
 from uvms_ocp.viz.tick_time import figure_tick_time as figure_tick_time

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,10 +84,15 @@ def phase_spans(record: Record) -> tuple[PhaseSpan, ...]:
     Raises `InvalidInput` where there is nothing to draw.
     """
     require_rows(record)
-    t, phase = record["t"], _phase_series(record)
-    first = np.flatnonzero(np.diff(phase, prepend=-1))
-    last = [*first[1:], len(t) - 1]
-    return tuple(_span(record, int(phase[i]), t[i], t[j]) for i, j in zip(first, last, strict=True))
+    t = record["t"]
+    return tuple(_span(record, code, t[i], t[j]) for i, j, code in stays(_phase_series(record)))
+
+
+def stays(codes: np.ndarray) -> Iterator[tuple[int, int, int]]:
+    """Stretches of equal codes (n,) [-]: where each begins, where the next one does, or the last row, and its code."""
+    first = np.flatnonzero(np.diff(codes, prepend=-1))
+    for i, j in zip(first, [*first[1:], len(codes) - 1], strict=True):
+        yield int(i), int(j), int(codes[i])
 
 
 def _phase_series(record: Record) -> np.ndarray:

@@ -17,25 +17,25 @@ from uvms_ocp.solvers.nlp.level_solver import Deadline, NlpPoint, Outcome
 from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds
-from uvms_ocp.solvers.stagewise import StageQpOptions, StageQpSolution
+from uvms_ocp.solvers.stagewise import Found, StageQpOptions
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class WarmStages(NlpPoint):
-    """With the QP that ended there; its multipliers, by the rows of stages, are NaN by those of the program."""
+    """With the QP that ended there, whose multipliers are those by the rows and variables of the program."""
 
-    solution: StageQpSolution | None = None
+    solution: Found | None = None
 
 
-_QP_TOLERANCE = 1e-7  # [-] relative
+_EXACT = StageQpOptions(tolerance=1e-7)
 
 
 class StageLevels:
     """All levels, on one memory."""
 
-    def __init__(self, memory: StageMemory, tolerance: float = _QP_TOLERANCE) -> None:
-        """tolerance [-] of the QPs, relative."""
-        self.memory, self._point, self._tolerance = memory, StagePoint(memory), tolerance
+    def __init__(self, memory: StageMemory, first: StageQpOptions = _EXACT, lower: StageQpOptions = _EXACT) -> None:
+        """first, lower: how QPs of the first level and of those below are solved."""
+        self.memory, self._point, self._options = memory, StagePoint(memory), (first, lower)
         self._levels: dict[int, LevelStages] = {}
         self._raw = np.zeros(memory.whole.row_layout.n_rows + 1)
 
@@ -46,7 +46,7 @@ class StageLevels:
     def level(self, index: int) -> LevelStages:
         """Bound to the memory when it is called for first."""
         if index not in self._levels:
-            self._levels[index] = LevelStages(self.memory, index, StageQpOptions(tolerance=self._tolerance))
+            self._levels[index] = LevelStages(self.memory, index, self._options[index > 0])
         return self._levels[index]
 
     def rows_at(self, x: Array, p: Array) -> tuple[Array, ...]:
@@ -72,6 +72,10 @@ class StageLevels:
     def ranges(self, bounds: RowBounds, level: int) -> StageRanges:
         """Of a level [-], where those above it are held as `bounds` has it."""
         return StageRanges(self._places, bounds, level)
+
+    def multipliers(self, level: int, solution: Found) -> tuple[Array, Array]:
+        """By the last QP of a level [-]: of bounds (n_x,) [1/unit of x] and rows (n_rows,) [1/unit of the row] of the program."""
+        return self._places.program_multipliers(self.level(level).held, solution)
 
     @cached_property
     def _places(self) -> Places:
@@ -106,14 +110,17 @@ class StageLevel:
         x = self._levels.variables()
         if not np.isfinite(x).all():
             return Outcome(point=start, status=NlpStatus.NOT_A_NUMBER, iterations=end.iterations, violation=np.inf)
-        rows = self._levels.memory.whole.ranges().n_rows
         return Outcome(
-            point=WarmStages(
-                x=x, x_multipliers=np.full(len(x), np.nan), row_multipliers=np.full(rows, np.nan), solution=end.solution
-            ),
+            point=self._point(x, end.solution),
             usable=end.violation <= self._options.feasibility,
             status=end.status,
             iterations=end.iterations,
             violation=end.violation,
             cost=end.cost,
         )
+
+    def _point(self, x: Array, solution: Found | None) -> WarmStages:
+        if solution is None:
+            return WarmStages(x=x)
+        bounds, rows = self._levels.multipliers(self._index, solution)
+        return WarmStages(x=x, x_multipliers=bounds, row_multipliers=rows, solution=solution)

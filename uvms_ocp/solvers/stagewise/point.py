@@ -51,6 +51,11 @@ class Point:
         """(M,) [1/unit of the row] positive at an upper bound."""
         return np.asarray(self.y + self.multiplier[1] - self.multiplier[0])
 
+    def of_rows(self, rows: Array) -> Point:
+        """With those rows numbered `rows` (m,) [-] alone."""
+        sides = {name: getattr(self, name)[:, rows] for name in ("s", "multiplier", "e", "f")}
+        return Point(z=self.z, costate=self.costate, y=self.y[rows], **sides)
+
     def flat(self) -> Array:
         """All of it in one array."""
         return np.concatenate([getattr(self, own.name).ravel() for own in fields(self)])
@@ -73,9 +78,11 @@ class End:
     """Of one run."""
 
     status: StageQpStatus
-    """SOLVED, NOT_CONVEX, NOT_A_NUMBER, UNBOUNDED or ITERATION_LIMIT."""
+    """SOLVED, NOT_CONVEX, NOT_A_NUMBER, ITERATION_LIMIT, or UNBOUNDED where steps are, which proves nothing."""
     point: Point
     """The best."""
+    value: Array
+    """(M,) [unit of the row] of rows and variables."""
     held: Array
     """(n,) [1/unit of z] gradient along fixed variables, which their bounds take."""
     kkt: KktResidual
@@ -89,5 +96,7 @@ class End:
 def nothing(point: Point) -> End:
     """Of a run that was not made, at a point."""
     endless = kkt_residual(stationarity=np.inf, primal=np.inf, complementarity=np.inf)
-    held = np.zeros_like(point.z)
-    return End(status=StageQpStatus.NOT_A_NUMBER, point=point, held=held, kkt=endless, worst=np.inf, iterations=0)
+    held, value = np.zeros_like(point.z), np.full_like(point.y, np.nan)
+    return End(
+        status=StageQpStatus.NOT_A_NUMBER, point=point, value=value, held=held, kkt=endless, worst=np.inf, iterations=0
+    )

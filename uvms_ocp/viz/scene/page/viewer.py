@@ -79,8 +79,9 @@ def build_page(log: CommandLog, *, title: str, details: Mapping[str, Any], heigh
 
     The page's policy lets the viewer and the page's script run, by their hashes, and nothing else, and loads nothing.
     """
-    folder = files("uvms_ocp.viz.scene")
-    scripts = {"VIEWER": _viewer_source(), "SCRIPT": (folder / "page.js").read_text(encoding="utf-8")}
+    folder = files("uvms_ocp.viz.scene.page")
+    own = "".join((folder / f"{name}.js").read_text(encoding="utf-8") for name in _SCRIPTS)
+    scripts = {"VIEWER": _viewer_source(), "SCRIPT": own}
     parts = {
         **scripts,
         "POLICY": _policy(scripts.values()),
@@ -94,6 +95,8 @@ def build_page(log: CommandLog, *, title: str, details: Mapping[str, Any], heigh
     return ScenePage(html=page, height=height)
 
 
+_SCRIPTS = ("stage", "camera", "legend", "time", "arrows", "joints", "main")
+"""One after the other: the page's script."""
 _MARK = re.compile("__([A-Z]+)__")
 
 
