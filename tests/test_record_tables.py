@@ -11,7 +11,7 @@ import pytest
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.record import Record
 from uvms_ocp.scenarios.case1 import case1
-from uvms_ocp.tables.series_table import SERIES
+from uvms_ocp.tables.series_table import QUANTITIES, SERIES, column_names, column_units
 
 RECORDS = Path(__file__).parent / "records"
 
@@ -34,6 +34,25 @@ def test_the_shape_of_a_series_is_what_the_table_says(record: Record) -> None:
     assert {name for name, array in record.series.items() if array.ndim == 1} == {
         name for name, kind in SERIES.items() if kind.shape == "()" and name in record.series
     }
+
+
+def test_every_column_has_its_unit(record: Record) -> None:
+    units = {
+        column: unit
+        for name, array in record.series.items()
+        for column, unit in zip(
+            column_names(name, array[0].size, record.meta), column_units(name, array[0].size, record.meta), strict=True
+        )
+    }
+    wanted = {"q.x": "m", "q.qw": "-", "q.joint3": "rad or m", "v.yaw_rate": "rad/s", "wrench.yaw_rate": "N m"}
+    wanted |= {"q_spread.yaw_rate": "rad", "torque.joint1": "N m or N", "T.position_error": "m", "HA.tilt": "rad"}
+    assert {name: units[name] for name in wanted} == wanted
+    of_plan = column_units("x_rate", len(PLANS[1].plan_meta.axes), PLANS[1].meta)
+    assert dict(zip(PLANS[1].plan_meta.axes, of_plan, strict=True))["yaw"] == "rad/s"
+
+
+def test_our_tasks_measure_nothing_without_a_unit(record: Record) -> None:
+    assert {name.rpartition(".")[2] for name in record.meta.quantities} <= set(QUANTITIES)
 
 
 def test_a_quantity_is_found_by_its_name(record: Record) -> None:

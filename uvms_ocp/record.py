@@ -15,6 +15,7 @@ from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.record_checks import check_series
 from uvms_ocp.run_meta import PlanMeta, RunMeta, read_meta, write_meta
 from uvms_ocp.tables import record_files
+from uvms_ocp.tables.mcap import mcap_file
 from uvms_ocp.untrusted.array_file import read_arrays
 from uvms_ocp.validation import shown
 
@@ -89,6 +90,21 @@ class Record:
     def from_parquet(path: Path | str) -> Record:
         """Read a file of `to_parquet`. Raises `InvalidInput` for another or a damaged one, and `NotInstalled`."""
         series, meta = record_files.from_parquet(Path(path))
+        check_series(series, meta)
+        return Record(series=series, meta=meta)
+
+    def to_mcap(self, path: Path | str) -> None:
+        """Write a file that Foxglove opens, and `from_mcap` as the same record. Raises `OutputError`, `NotInstalled`.
+
+        ``/tf`` has the poses of vehicle, its estimate and tool, ``/goals`` those of goals, ``/joint_states`` what a URDF layer
+        moves by, ``/wrench`` and others the forces, ``/log`` phases, alarms and faults, ``/series/...`` every series.
+        """
+        mcap_file.to_mcap(self.series, self.meta, Path(path))
+
+    @staticmethod
+    def from_mcap(path: Path | str) -> Record:
+        """Read a file of `to_mcap`. Raises `InvalidInput` for another or a damaged one, and `NotInstalled`."""
+        series, meta = mcap_file.from_mcap(Path(path))
         check_series(series, meta)
         return Record(series=series, meta=meta)
 

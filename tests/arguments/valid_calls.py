@@ -19,7 +19,7 @@ import pinocchio as pin
 from public_surface import Call
 
 from uvms_ocp import collision, control, mission, ocp, planning, report, sim, solvers, tasks, trajectories, without_arm
-from uvms_ocp.campaign import Choice, LogNormal, Normal, Triangular, Uniform
+from uvms_ocp.campaign import Choice, LogNormal, Normal, StudyResult, Triangular, Uniform
 from uvms_ocp.collision.conservative_advancement import ClearanceReport
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.control.receding.plan_guide import PlannedPhase
@@ -587,7 +587,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "SensorSpec": SensorSpec,
     "SensorSpecs": lambda: IDEAL_SENSORS,
     "Study": lambda: _study(),
-    "StudyResult": lambda: _study().run(),
+    "StudyResult": lambda: StudyResult(name="a", title="b", cases=({"case": 1},), table=({"case": 1},)),
     "RealTimeSqp": sqp,
     "StageShape": stage_shape,
     "StageQp": lambda: stagewise.StageQp(stage_shape()),
@@ -813,6 +813,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "Variation": lambda: {"name": "start.x", "distribution": Uniform(0.0, 1.0)},
     "campaign_report": lambda: {"folder": _campaign_folder()},
     "compare_campaigns": lambda: {"first": _campaign_folder(), "second": _campaign_folder()},
+    "Record.from_mcap": lambda: {"path": _mcap()},
     "Record.from_parquet": lambda: {"path": _parquet()},
     "read_table": lambda: {"folder": _campaign_folder()},
     "Fault": lambda: {"target": "depth", "kind": "lost"},
@@ -822,6 +823,11 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "scale_to_limits": dict,
 }
 """What a call needs beyond the pool."""
+
+
+def _mcap() -> Path:
+    run_record().to_mcap("record.mcap")
+    return Path("record.mcap").resolve()
 
 
 def _parquet() -> Path:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-EXTRAS = ("dask", "distributed", "pandas", "pyarrow", "SALib")
+EXTRAS = ("dask", "distributed", "pandas", "pyarrow", "SALib", "mcap", "foxglove_schemas_protobuf")
 RARE = ("scipy.stats", "scipy.optimize", "scipy.spatial", "matplotlib", "meshcat", *EXTRAS)
 _CODE = "import sys, uvms_ocp; print(*sys.modules)"
 _WITHOUT = """

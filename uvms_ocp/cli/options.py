@@ -13,7 +13,8 @@ import typer
 from uvms_ocp.campaign import STUDIES
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.exceptions import InvalidInput, NameNotFound, OutputError
-from uvms_ocp.scenario import PLANTS, Scenario
+from uvms_ocp.parts.given import PLANTS
+from uvms_ocp.scenario import Scenario
 from uvms_ocp.scenarios import SCENARIOS
 from uvms_ocp.scenarios.chosen import chosen_scenario
 from uvms_ocp.scenarios.own_code import own_code

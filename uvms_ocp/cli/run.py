@@ -16,8 +16,9 @@ from rich.progress import Progress as ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from uvms_ocp.campaign import STUDIES, StudyResult
+from uvms_ocp.campaign import STUDIES
 from uvms_ocp.cli.beside import Job, share
+from uvms_ocp.cli.campaigns.study import make_study
 from uvms_ocp.cli.compiling import told_of_compiling
 from uvms_ocp.cli.options import (
     NOT_COMPLETED,
@@ -38,7 +39,6 @@ from uvms_ocp.cli.options import (
     default_folder,
     given,
     label,
-    require_taken,
     solver_name,
 )
 from uvms_ocp.cli.printing import cell, console_of, print_findings, print_json, print_paths, table_of
@@ -46,6 +46,7 @@ from uvms_ocp.exceptions import InvalidInput, plain_line
 from uvms_ocp.mission_plan import MissionPlan
 from uvms_ocp.model.state import Command
 from uvms_ocp.output import claimed
+from uvms_ocp.parts.given import plant_name
 from uvms_ocp.record import Record
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenario import Scenario
@@ -55,7 +56,6 @@ Follow = Annotated[
     Path | None, typer.Option(metavar="PLAN", help="Plan of this mission, of `plan mission`; the hierarchy takes over.")
 ]
 _PROGRESS_EVERY = 40  # ticks between two updates of the progress bar
-_STUDY_FILES = ("report.json", "runs.csv")
 
 
 def run(
@@ -91,14 +91,14 @@ def run(
         if follow is not None:
             raise InvalidInput(f"{name} is a study of many missions: leave out --follow")
         chosen = given(n=n, force=force or None, solver=solver, fault=fault or None)
-        _run_study(name, options | chosen, out, console, as_json)
+        make_study(name, options | chosen, console, out=out, as_json=as_json)
         return
     if n is not None:
         raise InvalidInput(f"{name} is no study: leave out --n")
     options |= {"faults": parse_faults(fault)} if fault else {}
     scenario = build_scenario(name, options, solver)
     plan = None if follow is None else _plan_of(scenario, follow)
-    parts = (label(name), scenario.plant, solver_name(scenario.solver), *(("followed",) if plan else ()))
+    parts = (label(name), plant_name(scenario.plant), solver_name(scenario.solver), *(("followed",) if plan else ()))
     others = {key: value for key, value in options.items() if key != "plant"}
     report = produce(scenario, out or default_folder(parts, others), console, force=force, plan=plan)
     if as_json:
@@ -130,29 +130,6 @@ def produce(
         written = claim.written()
     _print_summary(console, report, written)
     return report
-
-
-def _run_study(name: str, options: dict[str, Any], out: Path | None, console: Console, as_json: bool) -> None:
-    require_taken(name, STUDIES[name], options)
-    folder = out or default_folder((name,), {key: value for key, value in options.items() if key != "force"})
-    with claimed(folder, _STUDY_FILES) as claim:
-        with console.status(name) as status:
-            result = STUDIES[name](**options).run(progress=lambda done, n: status.update(f"{name}: {done} of {n} runs"))
-        with claim.staged() as staging:
-            (staging / "report.json").write_text(json.dumps(result.to_dict(), indent=2) + "\n")
-            result.write_csv(staging / "runs.csv")
-    print_study(result, console)
-    print_paths(console, [folder])
-    if as_json:
-        print_json(result.to_dict())
-
-
-def print_study(result: StudyResult, console: Console) -> None:
-    """The table that sums a study up."""
-    rows = result.table
-    if len(rows) == 1:  # one wide row reads better downwards
-        rows = tuple({"figure": name, "value": value} for name, value in rows[0].items())
-    console.print(table_of(result.title, rows, tuple(rows[0])))
 
 
 def _plan_of(scenario: Scenario, place: Path) -> MissionPlan:

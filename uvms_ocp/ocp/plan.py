@@ -90,7 +90,7 @@ class LevelReport:
     prices: tuple[float, ...] = ()
     """[-] What each level above costs this one: by how much its cost, half the sum of squares of its rows, path terms as a
     mean over time, would fall for each unit of residual, as a norm, that the level above gave up (of cost, where that one
-    has `relax`). To first order; empty where not known, as with plugin ``stagewise``."""
+    has `relax`). To first order; empty where not known."""
 
 
 @checked

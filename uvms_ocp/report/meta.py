@@ -68,12 +68,22 @@ class Ending:
     """(n_v,) [m, rad] standard deviation of the estimated configuration, where the estimator tells."""
 
 
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class PartNames:
+    """What ran."""
+
+    plant: str
+    solver: str
+    controller: str
+    estimator: str
+    sensors: str
+
+
 def run_meta(
     *,
     name: str,
     setup: Setup,
-    plant: str,
-    solver: str,
+    parts: PartNames,
     seed: int,
     markers: Markers,
     faults: tuple[FaultMeta, ...],
@@ -99,8 +109,11 @@ def run_meta(
         limits=_limits(robot.limits),
         surroundings=_surroundings(setup, markers, ending.q),
         packages=packages(),
-        plant=plant,
-        solver=solver,
+        plant=parts.plant,
+        solver=parts.solver,
+        controller=parts.controller,
+        estimator=parts.estimator,
+        sensors=parts.sensors,
         floating=bool(robot.n_vehicle),
         dt=setup.dt,
         completed=state.completed,

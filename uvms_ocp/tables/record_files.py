@@ -10,7 +10,7 @@ import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput, NotInstalled, OutputError
 from uvms_ocp.run_meta import read_meta, write_meta
-from uvms_ocp.tables.series_table import SERIES, column_names
+from uvms_ocp.tables.series_table import SERIES, column_names, column_units
 
 VERSION = "1"
 """Of the files."""
@@ -42,7 +42,7 @@ def to_dataframe(series: Series, meta: Any) -> Any:
 
 def to_csv(series: Series, meta: Any, path: Path) -> None:
     """One line of names, then one per tick, every number in full. Raises `NotInstalled`, and `OutputError` where it cannot."""
-    _written(path, lambda file: to_dataframe(series, meta).to_csv(file, index=False))
+    written(path, lambda file: to_dataframe(series, meta).to_csv(file, index=False))
 
 
 def to_parquet(series: Series, meta: Any, path: Path) -> None:
@@ -55,12 +55,13 @@ def to_parquet(series: Series, meta: Any, path: Path) -> None:
     for name, array in series.items():
         flat = array[:, None] if array.ndim == 1 else array.reshape(len(array), -1)
         names = [name] if array.ndim == 1 else column_names(name, flat.shape[1], meta)
-        for column, values in zip(names, flat.T, strict=True):
+        units = column_units(name, flat.shape[1], meta)
+        for column, unit, values in zip(names, units, flat.T, strict=True):
             arrays.append(pa.array(np.ascontiguousarray(values)))
-            fields.append(pa.field(column, arrays[-1].type, metadata=_described(name, array)))
+            fields.append(pa.field(column, arrays[-1].type, metadata={**described(name, array), "unit": unit}))
     own = {_KEY: VERSION.encode(), b"meta": write_meta(meta).encode()}
     table = pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=own))
-    _written(path, lambda file: pa.parquet.write_table(table, file))
+    written(path, lambda file: pa.parquet.write_table(table, file))
 
 
 def from_parquet(path: Path) -> tuple[dict[str, np.ndarray], Any]:
@@ -90,9 +91,10 @@ def _series(table: Any) -> dict[str, np.ndarray]:
     return {name: found[0] if name in flat else np.stack(found, axis=1) for name, found in parts.items()}
 
 
-def _described(name: str, array: np.ndarray) -> dict[str, str]:
+def described(name: str, array: np.ndarray) -> dict[str, str]:
+    """What a file says of a series of that name; array (n, ...) [unit of it]."""
     kind = SERIES.get(name)
-    told = {} if kind is None else {"meaning": kind.meaning, "unit": kind.unit, "frame": kind.frame}
+    told = {} if kind is None else {"meaning": kind.meaning, "frame": kind.frame}
     return {"series": name, "axes": str(array.ndim), **told}
 
 
@@ -105,8 +107,8 @@ def _arrow() -> Any:
     return pyarrow
 
 
-def _written(path: Path, write: Any) -> None:
-    """Whole or not at all."""
+def written(path: Path, write: Any) -> None:
+    """Whole or not at all. Raises `OutputError` where it cannot be written."""
     fresh = path.with_name(path.name + ".tmp")
     try:
         write(fresh)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
-from uvms_ocp.viz.series import axis_names, has_vehicle, n_joints, phase_spans
+from uvms_ocp.viz.series import axis_names, has_vehicle, labelled, n_joints, phase_spans
 from uvms_ocp.viz.style import AXES_XYZ, LINES, shade_phases, shown, stacked, styled
 
 _SHOWN = 98.0  # [%] of the ticks whose bands fit; before the first readings they are endless
@@ -27,7 +27,6 @@ def figure_estimate(record: Record) -> Figure | None:
     for axis, (label, names, colors, errors, spreads) in zip(axes, panels, strict=True):
         _draw(axis, record["t"], names, colors, errors, spreads)
         axis.set_ylabel(label)
-    axes[-1].set_xlabel("time [s]")
     shade_phases(axes, phase_spans(record))
     return figure
 
@@ -41,14 +40,22 @@ def _panels(record: Record) -> list[_Panel]:
     if has_vehicle(record):
         place, turn = 1e3 * (measured - q)[:, :3], 1e3 * _turns(q[:, 3:7], measured[:, 3:7])
         found += [
-            ("position [mm]", ("x", "y", "z"), AXES_XYZ, place, 1e3 * spread[:, :3]),
-            ("attitude [mrad]", ("roll", "pitch", "yaw"), AXES_XYZ, turn, 1e3 * spread[:, 3:6]),
+            (labelled("position", "q", "position", "m"), ("x", "y", "z"), AXES_XYZ, place, 1e3 * spread[:, :3]),
+            (
+                labelled("attitude", "q_spread", "attitude", "m"),
+                ("roll", "pitch", "yaw"),
+                AXES_XYZ,
+                turn,
+                1e3 * spread[:, 3:6],
+            ),
         ]
     n = n_joints(record)
     if n and q.shape[1] == n + (7 if has_vehicle(record) else 0) and spread.shape[1] >= n:
         names = [shown(name, 10) for name in axis_names(record, n)]
         colors = [LINES[i % len(LINES)] for i in range(n)]
-        found.append(("joints [mrad, mm]", names, colors, 1e3 * (measured - q)[:, -n:], 1e3 * spread[:, -n:]))
+        found.append(
+            (labelled("joints", "q", "joints", "m"), names, colors, 1e3 * (measured - q)[:, -n:], 1e3 * spread[:, -n:])
+        )
     return found
 
 

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
-from uvms_ocp.viz.series import floor_heights, has_vehicle, phase_spans
+from uvms_ocp.viz.series import floor_heights, has_vehicle, labelled, phase_spans
 from uvms_ocp.viz.style import BLACK, LINES, WIDTH, RecordFigure, shown, styled
 
 _SAND = "#8C6D46"
@@ -24,7 +24,7 @@ def figure_path(record: Record) -> Figure | None:
     above, side = figure.subplots(1, 2)
     for axis, (i, j) in ((above, (0, 1)), (side, (0, 2))):
         _path_panel(axis, record, i, j)
-        axis.set(xlabel="x [m]", ylabel=f"{'xyz'[j]} [m]")
+        axis.set(**{f"{side}label": labelled("xyz"[k], "q", "position") for side, k in (("x", i), ("y", j))})
         axis.set_aspect("equal", adjustable="datalim")
         axis.margins(0.14)
     _draw_floor(side, record)

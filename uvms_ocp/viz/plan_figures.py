@@ -15,8 +15,9 @@ from uvms_ocp.exceptions import plain_line
 from uvms_ocp.meta_values import ClearanceMeta
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record import Record
+from uvms_ocp.tables.series_table import unit_of
 from uvms_ocp.viz.efforts import figure_efforts
-from uvms_ocp.viz.series import require_rows
+from uvms_ocp.viz.series import labelled, require_rows
 from uvms_ocp.viz.style import (
     BLACK,
     DASHES,
@@ -32,11 +33,11 @@ from uvms_ocp.viz.style import (
 
 _ROWS: Mapping[str, str] = MappingProxyType(
     {
-        "x": "position\n[m, rad]",
-        "x_rate": "velocity\n[m/s, rad/s]",
-        "x_acceleration": "acceleration\n[m/s², rad/s²]",
-        "x_jerk": "jerk\n[m/s³, rad/s³]",
-        "x_snap": "snap\n[m/s⁴, rad/s⁴]",
+        "x": "position",
+        "x_rate": "velocity",
+        "x_acceleration": "acceleration",
+        "x_jerk": "jerk",
+        "x_snap": "snap",
     }
 )
 _FAR = 0.5  # [m] farther than this needs no look
@@ -75,7 +76,7 @@ def figure_clearance(record: Record) -> Figure | None:
     top, bottom = min(float(d.max()), max(_FAR, 5.0 * wanted)), min(float(d.min()), 0.0)
     axis.set_ylim(1.1 * bottom - 0.03 * top, 1.05 * top)
     axis.axhspan(axis.get_ylim()[0], 0.0, color=VERMILLION, alpha=0.15, lw=0)
-    axis.set_ylabel("distance [m]")
+    axis.set_ylabel(labelled("distance", "clearance"))
     figure.legend(loc="outside upper right", ncols=4)
     _mark_breaks([axis], record)
     return figure
@@ -137,7 +138,7 @@ def _motion(record: Record, names: Collection[str], title: str) -> Figure | None
         for k, i in enumerate(wanted):
             name, style = planned[i], DASHES[k // len(LINES) % len(DASHES)]
             row.plot(record["t"], record[series][:, i], color=LINES[k % len(LINES)], ls=style, label=shown(name, 10))
-        row.set_ylabel(label)
+        row.set_ylabel(f"{label}\n[{unit_of(series, 'position')}, {unit_of(series, 'attitude')}]")
         _draw_limits(row, record, series, wanted)
     axes[0].legend(ncols=len(wanted), loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=7)
     _mark_breaks(axes, record)

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
-from uvms_ocp.viz.series import as_known, quantity, task_gate, thresholds
+from uvms_ocp.viz.series import as_known, labelled, quantity, task_gate, thresholds
 from uvms_ocp.viz.style import (
     BLACK,
     BLUE,
@@ -47,8 +47,8 @@ def figure_tool_error(record: Record, task: str | None = None) -> Figure | None:
 
 def _pose_error_figure(record: Record, task: str, title: str) -> Figure | None:
     rows = (
-        (f"{task}.position_error", "position error [m]", BLUE),
-        (f"{task}.orientation_error", "orientation error [rad]", VERMILLION),
+        (f"{task}.position_error", "position error", BLUE),
+        (f"{task}.orientation_error", "orientation error", VERMILLION),
     )
     return _quantity_figure(record, rows, title, _logarithmic_panel)
 
@@ -66,7 +66,7 @@ def _quantity_figure(
     figure, axes = stacked(len(known), 1.75, title + as_known(record))
     for axis, (name, label, color) in zip(axes, known, strict=True):
         panel(axis, record, name, color)
-        axis.set_ylabel(label)
+        axis.set_ylabel(labelled(label, name))
     mark_time(axes, record)
     heading_legend(
         figure,
@@ -114,7 +114,7 @@ def _required(record: Record, name: str) -> np.ndarray:
 @styled
 def figure_misalignment(record: Record) -> Figure | None:
     """Angle between the vehicle's x axis and the horizontal direction to the target (AT), and tilt (HA)."""
-    rows = (("AT.misalignment", "misalignment [rad]", GREEN), ("HA.tilt", "tilt [rad]", ORANGE))
+    rows = (("AT.misalignment", "misalignment", GREEN), ("HA.tilt", "tilt", ORANGE))
     return _quantity_figure(record, rows, "Vehicle: alignment with the target, and tilt", _linear_panel)
 
 
@@ -135,8 +135,9 @@ def figure_altitude(record: Record) -> Figure | None:
             threshold(axis, limit, f"landed below {limit:g} m")
     lowest = int(np.nanargmin(altitude))
     axes[1].plot(t[lowest], altitude[lowest], "v", color=VERMILLION, ms=5, label=f"lowest: {altitude[lowest]:.3f} m")
-    axes[0].set(ylabel="altitude [m]", ylim=(0, None))
-    axes[1].set(ylabel="altitude [m], near floor", ylim=(0, near))
+    label = labelled("altitude", name)
+    axes[0].set(ylabel=label, ylim=(0, None))
+    axes[1].set(ylabel=f"{label}, near floor", ylim=(0, near))
     axes[1].legend(loc="lower left")
     mark_time(axes, record)
     return figure

@@ -10,13 +10,9 @@ import numpy as np
 from uvms_ocp.exceptions import InvalidInput, plain_line
 from uvms_ocp.record import Record
 from uvms_ocp.record import quantity as quantity
+from uvms_ocp.tables.series_table import unit_of
 
 _N_VEHICLE = 6  # velocity degrees of freedom of a free-flyer
-_UNITS = {
-    "m": ("position_error", "horizontal_error", "altitude", "clearance", "distance"),
-    "rad": ("orientation_error", "posture_error", "misalignment", "tilt", "angle", "margin"),
-}
-"""By what tasks of this package call their quantities."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -66,15 +62,14 @@ def fault_spans(record: Record) -> tuple[FaultSpan, ...]:
     )
 
 
+def labelled(text: str, name: str, part: str = "", prefix: str = "") -> str:
+    """What stands on an axis: a text, and the unit of a series, or of one of its parts, or of a quantity; prefix: such as m."""
+    return f"{text} [{' or '.join(prefix + unit for unit in unit_of(name, part).split(' or '))}]"
+
+
 def as_known(record: Record) -> str:
     """What to add to the name of a quantity that a run measures: with noisy sensors it is an estimate."""
     return " (estimated)" if record.meta.kind == "run" and record.meta.noise else ""
-
-
-def unit_of(name: str) -> str:
-    """Unit of a quantity such as ``T.position_error`` by its last word; empty where that is not one of ours."""
-    what = name.rpartition(".")[2]
-    return next((unit for unit, words in _UNITS.items() if what in words), "")
 
 
 def require_rows(record: Record) -> None:

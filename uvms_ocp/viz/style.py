@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogFormatterSciNotation
 
 from uvms_ocp.exceptions import OutputError, plain_line
-from uvms_ocp.viz.series import PhaseSpan
+from uvms_ocp.viz.series import PhaseSpan, labelled
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -125,7 +125,7 @@ def stacked(n_rows: int, height: float, title: str) -> tuple[RecordFigure, list[
     figure = RecordFigure(figsize=(WIDTH, height * n_rows + 0.55))
     figure.suptitle(title, fontsize=10, fontweight="bold", x=0.01, ha="left")
     axes = figure.subplots(n_rows, 1, sharex=True, squeeze=False)[:, 0]
-    axes[-1].set_xlabel("time [s]")
+    axes[-1].set_xlabel(labelled("time", "t"))
     return figure, list(axes)
 
 

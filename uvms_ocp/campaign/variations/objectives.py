@@ -38,7 +38,7 @@ def objective_parameters(scenario: Scenario) -> Iterator[Parameter]:
             meaning = f"{name} of {task.name}, as its class has it"
             apply = partial(_with_number, task.name, name)
             yield Parameter(name=f"tasks.{task.name}.{name}", unit="as there", meaning=meaning, apply=apply)
-    if scenario.plant == "dynamic":
+    if scenario.takes_forces:
         for item in fields(VelocityGains):
             meaning = f"{item.name} of VelocityGains"
             yield Parameter(

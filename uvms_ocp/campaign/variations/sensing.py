@@ -35,7 +35,7 @@ def sensor_parameters(scenario: Scenario) -> Iterator[Parameter]:
     yield Parameter(name="sensors.noise", unit="-", meaning="factor of the noise of all channels", apply=_noisier)
     yield Parameter(name="sensors.delay", unit="s", meaning="added to the delay of all channels", apply=_later)
     for channel in CHANNELS:
-        if getattr(scenario.sensors, channel) is not None:
+        if getattr(scenario.specs, channel) is not None:
             for name, (meaning, unit) in _FIELDS.items():
                 yield Parameter(
                     name=f"sensors.{channel}.{name}",
@@ -67,4 +67,4 @@ def _with(channel: str, name: str, scenario: Scenario, value: float) -> Scenario
 
 
 def _true(scenario: Scenario) -> SensorSpecs:
-    return scenario.real_sensors or scenario.sensors
+    return scenario.real_sensors or scenario.specs

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,10 +13,10 @@ from uvms_ocp.campaign.campaign import Campaign, kept_campaign
 from uvms_ocp.campaign.findings.paired import compare_campaigns
 from uvms_ocp.campaign.findings.verdict import Bound, parse_bounds
 from uvms_ocp.campaign.store.identity import FILE
-from uvms_ocp.campaign.study_runs import carry_out_study
 from uvms_ocp.campaign.variations.known_parameters import known_parameters
 from uvms_ocp.campaign.variations.samplers import SAMPLERS
 from uvms_ocp.cli.campaigns.campaign_output import print_comparison, progress_bar, write_report
+from uvms_ocp.cli.campaigns.study import interruptible, make_study
 from uvms_ocp.cli.compiling import told_of_compiling
 from uvms_ocp.cli.options import (
     CurrentVelocity,
@@ -35,13 +33,11 @@ from uvms_ocp.cli.options import (
     folder,
     given,
     label,
-    require_taken,
 )
 from uvms_ocp.cli.printing import console_of, print_findings, print_json, table_of
-from uvms_ocp.cli.run import print_study, produce
+from uvms_ocp.cli.run import produce
 from uvms_ocp.exceptions import InvalidInput
 
-INTERRUPTED = 130
 _WHAT = "A scenario as for `run` (your own file is run to load it: give only what you trust), a study, or a campaign's folder."
 
 
@@ -101,9 +97,10 @@ def campaign(
         return
     if report or rerun is not None or against is not None:
         raise InvalidInput(f"{what}: no campaign is there; --report, --rerun and --against need the folder of one")
+    cluster = {"workers": workers, "scheduler": scheduler}
     if what in STUDIES:
         chosen = given(n=runs, seed=seed or None, plant=plant, force=force or None)
-        _make_study(what, chosen, out, {"workers": workers, "scheduler": scheduler}, console, as_json)
+        make_study(what, chosen, console, out=out, cluster=cluster, as_json=as_json)
         return
     options = given(robot=robot, hydrodynamics=hydrodynamics, plant=plant, current=current, seabed=seabed)
     options |= given(noise=noise, duration=duration, faults=tuple(fault) if fault else None)
@@ -121,37 +118,15 @@ def campaign(
         records=records,
     )
     _require_fit(wanted, force, console)
-    _make(wanted, target, {"workers": workers, "scheduler": scheduler}, console)
+    _make(wanted, target, cluster, console)
     found = write_report(target, bounds, console)
     if as_json:
         print_json(found)
 
 
 def _make(wanted: Campaign, target: Path, cluster: dict[str, Any], console: Console) -> None:
-    with _interruptible(target, console), progress_bar(console) as tell:
+    with interruptible(target, console), progress_bar(console) as tell:
         wanted.run(target, progress=tell, **cluster)
-
-
-@contextmanager
-def _interruptible(target: Path, console: Console) -> Iterator[None]:
-    try:
-        yield
-    except KeyboardInterrupt:
-        text = f"stopped; what is finished is in {target}, and the same command goes on with the rest"
-        console.print(text, style="yellow", highlight=False, soft_wrap=True)
-        raise typer.Exit(INTERRUPTED) from None
-
-
-def _make_study(
-    name: str, options: dict[str, Any], out: Path | None, cluster: dict[str, Any], console: Console, as_json: bool
-) -> None:
-    require_taken(name, STUDIES[name], options)
-    target = out or default_folder(("campaign", name), options)
-    with _interruptible(target, console), progress_bar(console) as tell:
-        result = carry_out_study(STUDIES[name](**options), target, progress=tell, **cluster)
-    print_study(result, console)
-    if as_json:
-        print_json(result.to_dict())
 
 
 def _look(

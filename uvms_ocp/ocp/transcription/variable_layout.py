@@ -69,6 +69,16 @@ class VariableLayout:
             columns[self.model.layout.h + 1 :] = -1
         return columns
 
+    @cached_property
+    def _columns(self) -> np.ndarray:
+        """(N + 1, n_z) those of all nodes."""
+        return np.array([self.columns(k) for k in range(self.N + 1)])
+
+    @cached_property
+    def _inputs(self) -> ca.Function:
+        """``z (n_z, N), water (3, N) -> thrust, torque`` in shares of their limits."""
+        return self.model.inputs_function.map(self.N)
+
     def nodes(self, x: ca.MX, h: ca.MX) -> NodeVariables:
         """Columns of the variables x (n_x,); h (N,) [s]: lengths of the steps where they are no variables."""
         layout, n = self.model.layout, self.N * self.n_step
@@ -129,23 +139,24 @@ class VariableLayout:
             raise InvalidInput(
                 f"the guess has {len(trajectory.a)} steps; give one of {self.N}, such as `through` makes"
             )
-        layout, actuators, h = self.model.layout, self.model.actuators, np.diff(trajectory.t)
-        Z = np.zeros((self.N + 1, layout.n_z))
-        Z[:, layout.q], Z[:, layout.v], Z[:-1, layout.h], Z[-1, layout.h] = trajectory.q, trajectory.v, h, h[-1]
-        Z[:-1, layout.a] = trajectory.a
-        if self.model.decides_forces:
-            Z[:-1, layout.thrust] = trajectory.thrust / actuators.thrust_unit
-            Z[:-1, layout.torque] = trajectory.torque / actuators.torque_unit
-        return np.concatenate([Z[:-1, self._column >= 0].ravel(), Z[-1, : self.n_state]])
+        actuators = self.model.actuators
+        shares = (trajectory.thrust / actuators.thrust_unit, trajectory.torque / actuators.torque_unit)
+        inputs = shares if self.model.decides_forces else ()
+        steps = np.hstack([np.diff(trajectory.t)[:, None], trajectory.a, *inputs])
+        Z = np.hstack([trajectory.q, trajectory.v, np.vstack([steps, steps[-1:]])])
+        x, used = np.zeros(self.n_x), self._columns >= 0
+        x[self._columns[used]] = Z[used]
+        return x
 
     def unpack(self, x: np.ndarray, problem: OcpProblem) -> Trajectory:
         """The trajectory of variables x (n_x,) [unit of x]; where durations are fixed, with those of the problem."""
-        layout, actuators, n = self.model.layout, self.model.actuators, self.N * self.n_step
-        Z = np.zeros((self.N + 1, layout.n_z))
-        Z[:-1, self._column >= 0], Z[-1, : self.n_state] = x[:n].reshape(self.N, -1), x[n:]
+        layout, actuators = self.model.layout, self.model.actuators
+        Z, used = np.zeros((self.N + 1, layout.n_z)), self._columns >= 0
+        Z[used] = x[self._columns[used]]
         steps = Z[:-1, layout.h] if self.free else np.diff(problem.nominal_times())
         Z[:-1, layout.h] = steps
-        thrust, torque = self._inputs(Z[:-1], problem.currents)
+        inputs = self._inputs(Z[:-1].T, problem.currents.T)
+        thrust, torque = (np.array(part).T for part in inputs)
         return Trajectory(
             t=np.concatenate([[0.0], np.cumsum(steps)]),
             q=Z[:, layout.q],
@@ -155,14 +166,3 @@ class VariableLayout:
             torque=torque * actuators.torque_unit,
             of_wrench=not has_thrusters(self.model.problem),
         )
-
-    def _inputs(self, Z: np.ndarray, currents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Thrust and torque in shares of their limits, of the steps z (N, n_z) in currents (N, 3) [m/s]."""
-        if self.model.decides_forces:
-            return Z[:, self.model.layout.thrust], Z[:, self.model.layout.torque]
-        thrust, torque = self._mapped_inputs(Z.T, currents.T)
-        return np.array(thrust).T, np.array(torque).T
-
-    @cached_property
-    def _mapped_inputs(self) -> ca.Function:
-        return self.model.inputs_function.map(self.N)

@@ -11,7 +11,10 @@ typedef struct {
 typedef struct {
   Stages stages;
   int M, m, n, n_x;
-  const double *bound, *side, *elastic, *equal, *target, *l1, *l2, *compliance, *norm; /* RowTable; flags are 0 or 1 */
+  double *bound, *side, *elastic, *equal, *target, *l1, *l2, *compliance, *norm; /* RowTable; flags are 0 or 1 */
+  const double *lower, *upper, *c_l1, *c_l2, *z_lower, *z_upper, *z_l1, *z_l2;   /* of rows and of variables, as given */
+  const double *loose; /* of each variable: 1 where the dynamics do not determine it */
+  double *active, *no_side, *held_equal, *held_target; /* which sides are held, and the table then */
   double *elasticity, *point, *best, *step, *affine, *trial;
   double *weight, *soft, *left, *gap, *pull, *rhs, *t_side, *t_elastic; /* of direction() */
   int *bounded; /* rows with a bound, n_bounded of them */
@@ -30,23 +33,19 @@ typedef struct {
 #define F(p) (E(p) + 2 * q->M)
 #define SIZE (q->n + q->n_x + 9 * q->M)
 
-/* NaN wins, so that it is noticed. */
-static double larger_of(double a, double b) { return a != a || a > b ? a : b; }
-
-static double largest_of(int n, const double *a) {
-  double most = 0.0;
-  for (int i = 0; i < n; ++i) most = larger_of(most, fabs(a[i]));
-  return most;
-}
-
-/* Which rows have a bound; nothing of the others is left over from another QP. */
+/* Which rows have a bound; nothing is left over of those that had one before. */
 static void find_bounded(Problem *q) {
-  const size_t side = sizeof(double) * (size_t)(2 * q->M);
-  double *arrays[] = {q->weight, q->soft, q->left, q->gap, q->t_side, q->t_elastic, q->now.row, q->now.dual, q->other.row, q->other.dual};
-  for (size_t i = 0; i < sizeof(arrays) / sizeof(*arrays); ++i) memset(arrays[i], 0, side);
-  memset(q->step, 0, sizeof(double) * (size_t)SIZE), memset(q->affine, 0, sizeof(double) * (size_t)SIZE);
-  memset(q->pull, 0, side / 2), memset(q->now.equal, 0, side / 2), memset(q->other.equal, 0, side / 2);
-  for (int i = q->n_bounded = 0; i < q->M; ++i)
+  double *sides[] = {q->weight, q->soft, q->left, q->gap, q->t_side, q->t_elastic, q->now.row, q->now.dual, q->other.row, q->other.dual};
+  double *steps[] = {q->step, q->affine}, *rows[] = {q->pull, q->now.equal, q->other.equal};
+  for (int k = 0; k < q->n_bounded; ++k) {
+    const int i = q->bounded[k], M = q->M;
+    for (int a = 0; a < 10; ++a) sides[a][i] = sides[a][M + i] = 0.0;
+    for (int a = 0; a < 3; ++a) rows[a][i] = 0.0;
+    for (int a = 0; a < 2; ++a)
+      for (int b = 0; b < 9; ++b) Y(steps[a])[b * M + i] = 0.0;
+  }
+  q->n_bounded = 0;
+  for (int i = 0; i < q->M; ++i)
     if (q->side[i] != 0.0 || q->side[q->M + i] != 0.0 || q->equal[i] != 0.0) q->bounded[q->n_bounded++] = i;
 }
 

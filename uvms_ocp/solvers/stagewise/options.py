@@ -68,6 +68,8 @@ class StageTolerances:
     """[-] of complementarity: a bound that only just binds is missed by the root of what is left of it."""
     least_size: float = 1e-3
     """[unit of z] variables below which a gradient is compared with the curvature."""
+    counts: float = 1e-6
+    """[-] multiplier, beside the largest, of a bound that is reached."""
     most_corrections: int = 10
     """[-] of a solution without inequalities."""
     least_missed: float = 0.1

@@ -81,6 +81,8 @@ class End:
     """SOLVED, NOT_CONVEX, NOT_A_NUMBER, ITERATION_LIMIT, or UNBOUNDED where steps are, which proves nothing."""
     point: Point
     """The best."""
+    value: Array
+    """(M,) [unit of the row] of rows and variables."""
     held: Array
     """(n,) [1/unit of z] gradient along fixed variables, which their bounds take."""
     kkt: KktResidual
@@ -94,5 +96,7 @@ class End:
 def nothing(point: Point) -> End:
     """Of a run that was not made, at a point."""
     endless = kkt_residual(stationarity=np.inf, primal=np.inf, complementarity=np.inf)
-    held = np.zeros_like(point.z)
-    return End(status=StageQpStatus.NOT_A_NUMBER, point=point, held=held, kkt=endless, worst=np.inf, iterations=0)
+    held, value = np.zeros_like(point.z), np.full_like(point.y, np.nan)
+    return End(
+        status=StageQpStatus.NOT_A_NUMBER, point=point, value=value, held=held, kkt=endless, worst=np.inf, iterations=0
+    )

@@ -8,7 +8,7 @@ typedef struct {
   const int *x, *z, *r, *c;         /* places of vectors */
   const int *F, *J, *H, *C, *M;     /* places of matrices */
   const double *dynamics, *offset, *rows, *residual, *hessian, *gradient, *damping, *constraints;
-  const double *fixed; /* of each variable: 1 where it never moves */
+  double *fixed; /* of each variable: 1 where it never moves */
   double *Q, *q;       /* Hessian, padded, and gradient at 0 */
   double *L, *inverse; /* of each stage the cost-to-go of its state and, below it, the rows of the factor of the rest; padded */
   double *W;           /* room for twice the largest dynamics, padded */
@@ -122,8 +122,9 @@ static double evaluate_stages(const Stages *s, const double *z, const double *co
     const int n = n_z(s, k), ld = PADDED(n), after = k < s->N ? s->n_x[k + 1] : 0, m = s->n_c[k];
     const double *Q = s->Q + s->M[k], *C = s->constraints + s->C[k], *v = z + s->z[k];
     double *restrict own = grad + s->z[k];
+    const int moves = largest_of(n, v) != 0.0;
     for (int i = 0; i < n; ++i) own[i] = 0.0;
-    for (int i = 0; i < n; ++i) {
+    for (int i = 0; i < n && moves; ++i) {
       own[i] += dot(i + 1, Q + i * ld, v);
       add_multiple(i, v[i], Q + i * ld, own);
     }
@@ -133,7 +134,7 @@ static double evaluate_stages(const Stages *s, const double *z, const double *co
       const double *row = s->dynamics + s->F[k] + (size_t)i * n;
       const int at = s->x[k + 1] + i;
       add_multiple(n, costate[at], row, own);
-      defect[at] = dot(n, row, v) + s->offset[at - s->x[1]] - z[s->z[k + 1] + i];
+      defect[at] = (moves ? dot(n, row, v) : 0.0) + s->offset[at - s->x[1]] - z[s->z[k + 1] + i];
     }
     if (k)
       for (int i = 0; i < s->n_x[k]; ++i) own[i] -= costate[s->x[k] + i];
@@ -164,4 +165,67 @@ static void constraint_values(const Stages *s, const double *z, double *value) {
   for (int k = 0; k <= s->N; ++k)
     for (int i = 0, n = n_z(s, k); i < s->n_c[k]; ++i)
       value[s->c[k] + i] = dot(n, s->constraints + s->C[k] + (size_t)i * n, z + s->z[k]);
+}
+
+/* Largest entry of each row of constraints, where there is any. */
+static void find_norms(const Stages *s, double *norm) {
+  for (int k = 0; k <= s->N; ++k)
+    for (int i = 0, n = n_z(s, k); i < s->n_c[k]; ++i) {
+      double most = 0.0;
+      for (int j = 0; j < n; ++j) {
+        const double entry = fabs(s->constraints[s->C[k] + i * n + j]);
+        most = entry > most ? entry : most;
+      }
+      norm[s->c[k] + i] = most > 0.0 ? most : 1.0;
+    }
+}
+
+static int are_finite(int n, const double *a) {
+  double nothing[4] = {0};
+  int k = 0;
+  for (; k + 4 <= n; k += 4)
+    for (int l = 0; l < 4; ++l) nothing[l] += 0.0 * a[k + l];
+  for (; k < n; ++k) nothing[0] += 0.0 * a[k];
+  return (nothing[0] + nothing[1]) + (nothing[2] + nothing[3]) == 0.0;
+}
+
+/* Whether all entries are finite but bounds. */
+static int has_numbers(const Stages *s) {
+  const int N = s->N;
+  return are_finite(s->F[N], s->dynamics) && are_finite(s->x[N + 1] - s->x[1], s->offset) && are_finite(s->J[N + 1], s->rows) &&
+         are_finite(s->r[N + 1], s->residual) && are_finite(s->H[N + 1], s->hessian) && are_finite(s->z[N + 1], s->gradient) &&
+         are_finite(s->z[N + 1], s->damping) && are_finite(s->C[N + 1], s->constraints);
+}
+
+/* Of the residuals' rows along z: r' J z, |J z|^2 and the largest entry of J' J z; and z' H z. */
+void products(const Stages *s, const double *z, double *restrict found) {
+  for (int i = 0; i < 4; ++i) found[i] = 0.0;
+  for (int k = 0; k <= s->N; ++k) {
+    const int n = n_z(s, k);
+    const double *v = z + s->z[k];
+    for (int i = 0; i < n; ++i) s->v[i] = 0.0;
+    for (int i = 0; i < s->n_r[k]; ++i) {
+      const double *row = s->rows + s->J[k] + (size_t)i * n, along = dot(n, row, v);
+      found[0] += s->residual[s->r[k] + i] * along, found[1] += along * along;
+      add_multiple(n, along, row, s->v);
+    }
+    for (int i = 0; i < n; ++i) found[2] = fabs(s->v[i]) > found[2] ? fabs(s->v[i]) : found[2];
+    for (int i = 0; i < n; ++i) found[3] += v[i] * dot(n, s->hessian + s->H[k] + (size_t)i * n, v);
+  }
+}
+
+/* Largest entry of J' r + F' costate_+ - costate + C' y + y_z, but for fixed variables; y of rows, then of variables. */
+double stationarity(const Stages *s, const double *costate, const double *y, int m) {
+  double most = 0.0, *h = s->v;
+  for (int k = 0; k <= s->N; ++k) {
+    const int n = n_z(s, k), after = k < s->N ? s->n_x[k + 1] : 0;
+    for (int i = 0; i < n; ++i) h[i] = y[m + s->z[k] + i] - (k && i < s->n_x[k] ? costate[s->x[k] + i] : 0.0);
+    for (int i = 0; i < s->n_r[k]; ++i) add_multiple(n, s->residual[s->r[k] + i], s->rows + s->J[k] + (size_t)i * n, h);
+    for (int i = 0; i < after; ++i) add_multiple(n, costate[s->x[k + 1] + i], s->dynamics + s->F[k] + (size_t)i * n, h);
+    for (int i = 0; i < s->n_c[k]; ++i)
+      if (y[s->c[k] + i] != 0.0) add_multiple(n, y[s->c[k] + i], s->constraints + s->C[k] + (size_t)i * n, h);
+    for (int i = 0; i < n; ++i)
+      if (s->fixed[s->z[k] + i] == 0.0) most = larger_of(most, fabs(h[i]));
+  }
+  return most;
 }

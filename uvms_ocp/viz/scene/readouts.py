@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.record import Record
+from uvms_ocp.tables.series_table import unit_of
 from uvms_ocp.viz.scene.animation import Frames, rounded
-from uvms_ocp.viz.series import quantity, unit_of
+from uvms_ocp.viz.series import quantity
 
 
 def readouts(record: Record, frames: Frames) -> dict[str, Any]:
