@@ -73,6 +73,8 @@ class StageSqp:
         here = self._merit()
         self._scale = max(1.0, self._level.steepest() / _STEEP)
         self._filter, self._solution = Filter(first=here.violation, most=self._most(here)), warm
+        if warm is not None and self._is_optimal(warm):
+            return self._end(NlpStatus.SOLVED, 0)
         for iteration in range(self._options.max_iterations):
             if not np.isfinite([here.cost, here.violation]).all():
                 return self._end(NlpStatus.NOT_A_NUMBER, iteration)
@@ -107,7 +109,7 @@ class StageSqp:
         return (NlpStatus.SOLVED if status is None and self._is_optimal(solution) else status), here
 
     def _is_optimal(self, found: Found) -> bool:
-        """Whether the multipliers of the step are those of the point that it led to."""
+        """Whether its multipliers are those of the point: of the step that led there."""
         if self._worst > self._options.convergence:
             return False
         return self._level.error(self._ranges, found) <= self._options.convergence * self._scale
