@@ -37,6 +37,7 @@ _MODELS = (
 [1/unit of the row]; the next where one fails."""
 _PATIENCE, _DIGITS = 15, 1e-5  # iterations of the last level before a gain of this share of its cost is none
 _LOUDEST = 1e4  # times the first violation
+_ROUGHLY, _ROUGHEST = 1e-3, 1e-4  # tolerance of a QP, of the violation that it starts from, and at most
 _NO_HELP = 1e-6  # share of the violation that a step must take away to count as a help
 
 
@@ -136,7 +137,9 @@ class StageSqp:
         solution = None
         for damping, curved, give in _MODELS[self._model :]:
             self._level.bend(last if curved else None)
-            solution = self._level.solve(self._ranges, damping + self._least + self._damping, give, near)
+            damping += self._least + self._damping
+            rough = min(_ROUGHLY * self._worst, _ROUGHEST)
+            solution = self._level.solve(self._ranges, damping, give, near, rough=rough)
             if solution.status in (StageQpStatus.SOLVED, StageQpStatus.INFEASIBLE):
                 break
             # Curvature may come back to be convex; what is singular once stays so.
