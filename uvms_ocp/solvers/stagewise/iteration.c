@@ -152,10 +152,6 @@ static void run(Problem *q) {
   if (q->start == START_WARM) start_warm(q);
   if (q->start == START_COLD) start_cold(q);
   if (q->start == START_EQUALITIES && start_from_equalities(q)) return;
-  if (q->start == START_ACTIVE) {
-    if (!start_from_equalities(q) && q->status == SOLVED) q->status = ITERATION_LIMIT;
-    return;
-  }
   q->status = descend(q);
 }
 
