@@ -74,7 +74,7 @@ class StageLevels:
         return StageRanges(self._places, bounds, level)
 
     def multipliers(self, level: int, solution: StageQpSolution) -> tuple[Array, Array]:
-        """Of the bounds (n_x,) [1/unit of x] and rows (n_rows,) [1/unit of the row] of the program, by the last QP of a level [-]."""
+        """Of bounds (n_x,) [1/unit of x] and rows (n_rows,) [1/unit of the row] of the program, by the last QP of a level [-]."""
         return self._places.program_multipliers(self.level(level).held, solution)
 
     @cached_property

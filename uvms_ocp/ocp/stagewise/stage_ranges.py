@@ -112,9 +112,9 @@ class Places:
         return np.concatenate([np.where(own >= 0, place + own, -1) for place in first])
 
     def program_multipliers(self, rows: Array, solution: StageQpSolution) -> tuple[Array, Array]:
-        """(n_x,) [1/unit of x] of bounds and (n_rows,) [1/unit of the row] of rows of the program; of laws, which nobody loosens, 0.
+        """(n_x,) [1/unit of x] of bounds and (n_rows,) [1/unit of the row] of rows of the program.
 
-        rows (m,) [-]: which of those that may be held are in the QP of the solution.
+        Those of laws, which nobody loosens, are 0. rows (m,) [-]: which of those that may be held are in the QP of the solution.
         """
         whole, y = self.memory.whole, np.zeros(len(self.raw))
         layout, levels = whole.row_layout, whole.ranges().levels
