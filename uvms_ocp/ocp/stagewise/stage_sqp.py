@@ -21,7 +21,7 @@ from uvms_ocp.solvers.stagewise import Found, StageQpStatus
 _SMALLEST_SHARE = 1e-7
 _MORE, _LESS = 10.0, 4.0  # by how much damping grows, and by how much it falls
 _KEPT = 0.25  # share of a violation down to which a step has to bring it for less damping
-_DAMPED = 1e-6  # [1/unit of z^2] from where it grows
+_DAMPED, _IDLE = 1e-6, 1e-4  # [1/unit of z^2] from where it grows, and where steps do not lower the cost
 _NOTHING = 0.1  # share of the tolerance of a residual's norm that is not worth a step
 _STEEP = 100.0  # largest entry of the gradient at the start up to which errors are not scaled, as in IPOPT
 _GIVE = 1e4
@@ -157,7 +157,7 @@ class StageSqp:
                     self._filter.add(here)
                 if share < 1.0:
                     self._level.linearize()
-                self._trust(share, before)
+                self._trust(share, before, idle=-slope <= _DIGITS * here.cost)
                 return None, trial
             share /= 2
         self._back()
@@ -193,14 +193,15 @@ class StageSqp:
             here = trial
         return here
 
-    def _trust(self, share: float, before: float) -> None:
+    def _trust(self, share: float, before: float, *, idle: bool) -> None:
         """Steps that had to be cut short were too long where nothing but damping makes them shorter.
 
-        So are those that leave the rows as broken as they were before.
+        So are those that leave the rows as broken as they were before, and more so idle ones, with which no cost falls.
         """
-        if share < 1.0:
-            self._damping = max(_MORE * self._damping, _DAMPED)
-        elif self._worst <= max(_KEPT * before, self._options.feasibility):
+        kept = self._options.feasibility
+        if share < 1.0 or (idle and self._worst > max(before, kept)):
+            self._damping = max(_MORE * self._damping, _IDLE if idle else _DAMPED)
+        elif self._worst <= max(_KEPT * before, kept):
             self._damping /= _LESS
 
     def _restore(self, here: Merit, solution: Found) -> tuple[NlpStatus | None, Merit]:
