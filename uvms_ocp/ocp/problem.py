@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Annotated
 
 import numpy as np
 
-from uvms_ocp.arguments import DAY, Bound, Positive, checked
+from uvms_ocp.arguments import DAY, Bound, Positive, Range, checked
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
@@ -131,6 +132,8 @@ class OcpProblem:
     configuration, then those of the velocity; infinite where it is free, within the limits. By default not at all."""
     periodic: bool = False
     """The motion ends in the state in which it begins."""
+    longest: Annotated[float, Range(0.0)] = np.inf
+    """[s] of all phases together; says nothing where durations are fixed."""
 
     def __post_init__(self) -> None:
         if not self.phases or not self.levels:
@@ -166,6 +169,11 @@ class OcpProblem:
     @property
     def free_time(self) -> bool:
         return any(phase.free for phase in self.phases)
+
+    @property
+    def limits_total(self) -> bool:
+        """Durations are free, but not all together."""
+        return self.free_time and bool(np.isfinite(self.longest))
 
     @property
     def terms(self) -> tuple[Term, ...]:

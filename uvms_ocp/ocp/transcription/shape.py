@@ -22,7 +22,7 @@ from uvms_ocp.solvers.nlp.program import row_kinds
 from uvms_ocp.tasks.task import Residual
 
 _VARYING = {
-    OcpProblem: ("start", "current", "phases", "levels", "constraints"),
+    OcpProblem: ("start", "current", "phases", "levels", "constraints", "longest"),
     OcpPhase: ("duration",),
     OcpLevel: ("terms", "relax"),
 }
@@ -53,6 +53,7 @@ def _require_same_parts(built: OcpProblem, given: OcpProblem) -> None:
     for phase, other in zip(built.phases, given.phases, strict=True):
         _require_same_fields(f"phase {other.name!r}", phase, other)
     _require_equal("the problem", "free durations", built.free_time, given.free_time)
+    _require_equal("the problem", "a limited total", built.limits_total, given.limits_total)
     _require_as_many("the problem", "constraints", built.constraints, given.constraints)
     _require_as_many("the problem", "levels", built.levels, given.levels)
     for level, another in zip(built.levels, given.levels, strict=True):
