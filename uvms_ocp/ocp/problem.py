@@ -106,9 +106,9 @@ class OcpLevel:
 class OcpProblem:
     """Levels from the highest priority to the lowest, subject to dynamics, limits of the robot and `constraints`.
 
-    Raises `NameNotFound` for a term of a phase that there is not, and `InvalidInput` without phases or levels, for phases of one
-    name, a level that minimises time above others without `relax`, thrusters that the robot does not have, power that is
-    not known, a start or current of the wrong shape or not finite, and a freedom of the start that is negative.
+    Raises `NameNotFound` for a term of a phase that there is not, and `InvalidInput` without phases or levels, for phases or
+    levels of one name, a level that minimises time above others without `relax`, thrusters that the robot does not have, power
+    that is not known, a start or current of the wrong shape or not finite, and a freedom of the start that is negative.
     """
 
     robot: Robot
@@ -138,7 +138,7 @@ class OcpProblem:
     def __post_init__(self) -> None:
         if not self.phases or not self.levels:
             raise InvalidInput("an optimal control problem needs phases and levels; give at least one of each")
-        self._check_phase_names()
+        self._check_names()
         self._check_relaxed_levels()
         if np.shape(self.current) not in ((3,), (self.n_steps, 3)) or not np.isfinite(self.current).all():
             raise InvalidInput(f"current {self.current}; give three finite numbers [m/s], or three for each step")
@@ -189,10 +189,12 @@ class OcpProblem:
         steps = [np.full(phase.n_steps, phase.nominal / phase.n_steps) for phase in self.phases]
         return np.concatenate([[0.0], np.cumsum(np.concatenate(steps))])
 
-    def _check_phase_names(self) -> None:
-        names = [phase.name for phase in self.phases]
-        if len(set(names)) < len(names):
-            raise InvalidInput(f"phases {names} share a name; give each its own")
+    def _check_names(self) -> None:
+        """Reports, multipliers and terms find phases and levels by them."""
+        names, levels = [phase.name for phase in self.phases], [level.name for level in self.levels]
+        for kind, given in (("phases", names), ("levels", levels)):
+            if len(set(given)) < len(given):
+                raise InvalidInput(f"{kind} {given} share a name; give each its own")
         for term in self.terms:
             if term.phase is not None and term.phase not in names:
                 raise NameNotFound(f"phase of {term.name}", term.phase, names)

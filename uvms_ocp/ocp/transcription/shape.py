@@ -17,7 +17,15 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.ocp.problem import OcpLevel, OcpPhase, OcpProblem
 from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.transcription.stage import StageModel
-from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, Member, TermBlock, TermNumbers, TermRows, term_numbers
+from uvms_ocp.ocp.transcription.term_rows import (
+    CONSTRAINT,
+    Member,
+    TermBlock,
+    TermNumbers,
+    TermRows,
+    residual_of,
+    term_numbers,
+)
 from uvms_ocp.solvers.nlp.program import row_kinds
 from uvms_ocp.tasks.task import Residual
 
@@ -99,7 +107,7 @@ def _residual(model: StageModel, member: Member, term: Term) -> Residual:
         return built
     if _role(model, member.term) != _role(model, term):
         raise _other(model, member, term)
-    given = term.residual(model.symbols, member.goals)
+    given = residual_of(model, term, member.goals)
     same_kinds = row_kinds(built.lower, built.upper).same(row_kinds(given.lower, given.upper))
     if not (same_kinds and _same_expression(built.value, given.value, model.z, model.water, member.goals)):
         raise _other(model, member, term)
