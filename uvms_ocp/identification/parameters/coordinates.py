@@ -124,7 +124,7 @@ class PositiveDefinite:
         return scaled @ scaled.T
 
     def encode(self, value: np.ndarray) -> np.ndarray:
-        """x of a matrix (n, n) [unit of the quantity]. Raises InvalidInput for one that is not positive definite on its axes."""
+        """x of a value (n, n) [unit of the quantity]. Raises InvalidInput for one that is not positive definite on its axes."""
         own = np.ix_(self.own, self.own)
         L = np.zeros((len(self.axes),) * 2)
         unit = np.diag(1.0 / self.scale[list(self.own)])

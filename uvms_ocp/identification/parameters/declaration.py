@@ -88,7 +88,7 @@ class Declaration:
         return Declaration(quantities={**self.quantities, **changed})
 
     def starting(self, **values: np.ndarray) -> Declaration:
-        """A copy whose quantities start at other values (...) [unit of the quantity]. Raises as `learning`."""
+        """A copy whose quantities start at other values (...) [unit of the quantity]. Raises NameNotFound, InvalidInput."""
         for name in values:
             if name not in self.quantities:
                 raise NameNotFound("quantity", name, self.quantities)

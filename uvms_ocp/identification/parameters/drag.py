@@ -59,6 +59,12 @@ class QuadraticDrag:
     """(6,) [m/s, rad/s] at which couplings are weighed against each other."""
     couplings: tuple[tuple[int, int], ...] = ()
 
+    def __post_init__(self) -> None:
+        """Raises `InvalidInput` for a coupling of an axis with itself, or with one that has no drag of its own."""
+        for i, j in self.couplings:
+            if i == j or not self.scale[i] * self.scale[j] > 0.0:
+                raise InvalidInput(f"quadratic drag: coupling {(i, j)} given; allowed: two axes with drag of their own")
+
     @property
     def own(self) -> tuple[int, ...]:
         """Axes that have drag of their own."""
@@ -98,10 +104,6 @@ class QuadraticDrag:
         return d
 
     def _unit(self, i: int, j: int) -> float:
-        if i == j or not (self.scale[i] > 0.0 and self.scale[j] > 0.0):
-            raise InvalidInput(
-                f"quadratic drag: coupling {i}, {j} given; allowed: two axes that have drag of their own"
-            )
         return float(
             np.sqrt(self.scale[i] * self.speed[i] ** 2 * self.scale[j] * self.speed[j] ** 2) / self.speed[j] ** 2
         )
