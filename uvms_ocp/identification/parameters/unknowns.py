@@ -55,7 +55,8 @@ class Unknowns:
         for name, one in self._items():
             n = int(one.free.sum())
             x = ca.SX(ca.DM(one.x))
-            x[np.flatnonzero(one.free).tolist()] = theta[first : first + n]
+            if n:
+                x[np.flatnonzero(one.free).tolist()] = theta[first : first + n]
             found[name], first = one.coordinates.decode(x), first + n
         return found
 
