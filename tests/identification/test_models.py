@@ -87,7 +87,7 @@ def point(one: Vehicle, stage: Stage, seed: int) -> list[np.ndarray]:
     rng = np.random.default_rng(seed)
     x = np.concatenate([motion(one.dynamics, seed)[0][:7], 0.3 * rng.normal(size=6), 5.0 * rng.normal(size=stage.n_u)])
     p = np.concatenate([one.shared.start, one.own.start]) + 0.1 * rng.normal(size=stage.n_p)
-    return [x, 5.0 * rng.normal(size=stage.n_u), 0.3 * rng.normal(size=(3 * stage.n_j, 2)), p, np.array(0.05)]
+    return [x, 5.0 * rng.normal(size=stage.n_u), 0.3 * rng.normal(size=3 * stage.n_j), p, np.array(0.05)]
 
 
 @pytest.mark.parametrize("n_joints", [0, 1])
@@ -138,7 +138,7 @@ def test_an_actuator_gives_nothing_well_inside_its_dead_zone_and_less_beyond_it(
     one, stage = built(actuators=Actuators(dead_zone=1.0, lag=1e-3))
     p = np.concatenate([one.shared.start, one.own.start])
     still = np.array([0, 0, 0, 0, 0, 0, 1.0, *np.zeros(12)])
-    given = np.asarray(stage.step(still, [0.2, 4.0, -4.0, 0, 0, 0], np.zeros((0, 2)), p, 0.1)).ravel()[13:]
+    given = np.asarray(stage.step(still, [0.2, 4.0, -4.0, 0, 0, 0], np.zeros(0), p, 0.1)).ravel()[13:]
     np.testing.assert_allclose(given, [0.0, 3.0, -3.0, 0, 0, 0], atol=0.01)
 
 
@@ -146,6 +146,7 @@ def test_the_point_at_which_velocity_is_measured_moves_with_the_vehicle() -> Non
     one, stage = built()
     x, _, _, p, _ = point(one, stage, 4)
     at = np.asarray(ca.DM(one.values(ca.SX(ca.DM(p)))["velocity_point"])).ravel()
-    seen = np.asarray(stage.velocity(x, p)[0]).ravel()
+    seen = np.asarray(stage.seen(x, p)[0]).ravel()
     np.testing.assert_allclose(seen[:3], x[7:10] + np.cross(x[10:13], at), atol=1e-14)
-    np.testing.assert_allclose(seen[3:], x[10:13])
+    np.testing.assert_allclose(seen[3:6], x[10:13])
+    np.testing.assert_allclose(seen[6:], pin.Quaternion(x[3:7]).toRotationMatrix().T @ [0, 0, 1], atol=1e-14)
