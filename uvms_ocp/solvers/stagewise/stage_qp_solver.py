@@ -61,6 +61,7 @@ class StageQpSolver:
             end = self._judged(qp, row_table(qp), end)
         return self._found(qp, end)
 
+    @late
     def error(self, qp: StageQp, near: Near) -> float:
         """By how much the multipliers of the QP that was solved last miss the optimality conditions of another one at 0.
 
