@@ -13,7 +13,8 @@ from uvms_ocp.ocp.stagewise.multipliers import Multipliers
 from uvms_ocp.ocp.stagewise.stage_memory import StageMemory
 from uvms_ocp.ocp.stagewise.stage_ranges import StageRanges
 from uvms_ocp.solvers.intervals import excess
-from uvms_ocp.solvers.stagewise import Found, Near, StageQp, StageQpOptions, StageQpSolver, StageShape
+from uvms_ocp.solvers.stagewise import StageQp, StageQpOptions, StageQpSolver, StageShape
+from uvms_ocp.solvers.stagewise.solution import Found, Near
 
 
 class LevelStages:

@@ -17,7 +17,8 @@ from uvms_ocp.solvers.nlp.level_solver import Deadline, NlpPoint, Outcome
 from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds
-from uvms_ocp.solvers.stagewise import Found, StageQpOptions
+from uvms_ocp.solvers.stagewise import StageQpOptions
+from uvms_ocp.solvers.stagewise.solution import Found
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -16,7 +16,8 @@ from uvms_ocp.ocp.stagewise.stage_ranges import StageRanges
 from uvms_ocp.solvers.nlp.level_solver import Deadline
 from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
-from uvms_ocp.solvers.stagewise import Found, StageQpStatus
+from uvms_ocp.solvers.stagewise import StageQpStatus
+from uvms_ocp.solvers.stagewise.solution import Found
 
 _SMALLEST_SHARE = 1e-7
 _MORE, _LESS = 10.0, 4.0  # by how much damping grows, and by how much it falls

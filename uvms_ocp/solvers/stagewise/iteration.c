@@ -182,7 +182,7 @@ static int make_table(Problem *q) {
     }
   }
   find_norms(&q->stages, q->norm);
-  return valid && has_numbers(&q->stages);
+  return valid;
 }
 
 /* Sides that hold the solution of a QP nearby where it is. */
@@ -245,6 +245,7 @@ void solve_whole(Problem *q, int near, int guess) {
   q->status = NOT_A_NUMBER;
   if (!make_table(q)) return;
   begin(q, 0, 0);
+  if (!has_numbers(&q->stages)) return;
   q->start = near && (!guess || largest_of(2 * q->M, q->elastic) > 0.0) ? START_WARM : START_EQUALITIES;
   if (near && q->start == START_EQUALITIES && solve_near(q)) return;
   q->iterations = q->corrections = 0;

@@ -101,7 +101,6 @@ class NumpyCore:
             slope=float(qp.flat["r"] @ whole),
             square=float(whole @ whole),
             change=float(max(changes)),
-            bend=float(sum(own @ H @ own for H, own in zip(qp.H, parts, strict=True))),
         )
 
 

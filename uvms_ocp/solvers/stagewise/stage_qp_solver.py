@@ -61,6 +61,7 @@ class StageQpSolver:
             end = self._judged(qp, row_table(qp), end)
         return self._found(qp, end)
 
+    @late
     def error(self, qp: StageQp, near: Near) -> float:
         """By how much the multipliers of the QP that was solved last miss the optimality conditions of another one at 0.
 
@@ -187,4 +188,5 @@ def _near(solution: StageQpSolution) -> Near:
 def _cost(qp: StageQp, found: Found) -> float:
     r, z, flat, products = qp.flat["r"], found.z, qp.flat, found.products
     straight = products.slope + z @ flat["g"]
-    return float((r @ r + products.square + products.bend + z @ (flat["damping"] * z)) / 2 + straight)
+    bend = sum(own @ H @ own for H, own in zip(qp.H, _parts(z, qp.shape.n_z), strict=True))
+    return float((r @ r + products.square + bend + z @ (flat["damping"] * z)) / 2 + straight)
