@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 from time import perf_counter
 from typing import Any
 
@@ -21,7 +20,7 @@ from uvms_ocp.control.velocity.kinematic import HierarchySolver, KinematicContro
 from uvms_ocp.control.velocity.tick.guide import Guide
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.mission.mission import Mission
-from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.model.dynamics import known_dynamics, robot_dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
 from uvms_ocp.model.state import Measurement, State
@@ -46,20 +45,13 @@ from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 
 
-@lru_cache(maxsize=2)
-def _known_dynamics(robot: Robot) -> Dynamics:
-    """Made once where many runs have one robot."""
-    return robot_dynamics(robot)
-
-
 def our_controller(scenario: Scenario, guide: Guide | None = None) -> KinematicController | DynamicController:
     """The hierarchy's, fresh."""
     kinematic = scenario.kinematic_controller(guide)
     if not scenario.takes_forces:
         return kinematic
-    return DynamicController(
-        robot=scenario.robot, dynamics=_known_dynamics(scenario.robot), kinematic=kinematic, gains=scenario.gains
-    )
+    model = known_dynamics(scenario.robot)
+    return DynamicController(robot=scenario.robot, dynamics=model, kinematic=kinematic, gains=scenario.gains)
 
 
 def our_estimator(scenario: Scenario) -> StateEstimator:
