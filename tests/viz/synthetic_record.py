@@ -12,7 +12,14 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.record import Record
 from uvms_ocp.run_meta import RunMeta
 
-QUANTITIES = ("AT.misalignment", "LA.altitude", "PC.position_error", "PC.orientation_error", "T.position_error")
+QUANTITIES = (
+    "AT.misalignment",
+    "LA.altitude",
+    "PC.position_error",
+    "PC.orientation_error",
+    "T.position_error",
+    "MP.posture_error",
+)
 
 SURROUNDINGS = SurroundingsMeta(
     floor_z=-40.0,

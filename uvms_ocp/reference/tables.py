@@ -9,7 +9,7 @@ import typer.main
 
 from uvms_ocp.cli import app
 from uvms_ocp.model.files.description import RobotDescription
-from uvms_ocp.tables.series_table import SERIES
+from uvms_ocp.tables.series_table import series_markdown
 
 
 def generated_pages() -> dict[str, str]:
@@ -27,12 +27,10 @@ def _cells(row: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _series() -> str:
-    rows = ((f"`{name}`", kind.shape, kind.unit, kind.frame, kind.meaning) for name, kind in SERIES.items())
     return (
-        '# Series of a record\n\nThe arrays of a `uvms_ocp.record.Record`, by name: `record["q"]`. The first axis of each is '
-        'time; shapes say what follows. Quantities of tasks are there by their names too: `record["T.position_error"]`.\n\n'
-        + _table(("name", "shape", "unit", "frame", "meaning"), rows)
-        + "\n"
+        "# Series of a record\n\nThe arrays of a `uvms_ocp.record.Record`, by name. The first axis of each is time; shapes say "
+        "what follows. Quantities of tasks are there by their names too, such as `T.position_error`.\n\n"
+        f"{series_markdown()}\n"
     )
 
 

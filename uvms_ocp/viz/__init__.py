@@ -15,12 +15,14 @@ from uvms_ocp.viz.path import figure_path as figure_path
 from uvms_ocp.viz.plan_figures import figure_clearance as figure_clearance
 from uvms_ocp.viz.plan_figures import figure_joint_motion as figure_joint_motion
 from uvms_ocp.viz.plan_figures import figure_vehicle_motion as figure_vehicle_motion
-from uvms_ocp.viz.plan_figures import plot as plot
 from uvms_ocp.viz.plan_figures import write_plan_figures as write_plan_figures
 from uvms_ocp.viz.quantity_figures import figure_altitude as figure_altitude
 from uvms_ocp.viz.quantity_figures import figure_errors as figure_errors
 from uvms_ocp.viz.quantity_figures import figure_misalignment as figure_misalignment
+from uvms_ocp.viz.quantity_figures import figure_of as figure_of
+from uvms_ocp.viz.quantity_figures import figure_quantities as figure_quantities
 from uvms_ocp.viz.quantity_figures import figure_tool_error as figure_tool_error
+from uvms_ocp.viz.run_figures import plot as plot
 from uvms_ocp.viz.run_figures import write_figures as write_figures
 from uvms_ocp.viz.scene.page.pictures import write_frames as write_frames
 from uvms_ocp.viz.scene.page.viewer import ScenePage as ScenePage

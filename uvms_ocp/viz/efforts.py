@@ -8,12 +8,11 @@ from matplotlib.figure import Figure
 from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
 from uvms_ocp.viz.series import axis_names, has_vehicle, labelled
-from uvms_ocp.viz.style import AXES_XYZ, BLUE, LINES, VERMILLION, shown, stacked, styled
+from uvms_ocp.viz.style import AXES_XYZ, BLUE, LINES, VERMILLION, legend_beside, shown, stacked, styled
 from uvms_ocp.viz.time_marks import mark_time
 
 _EFFORTS = {"thrust": "thrust", "torque": "torque", "energy": "joint_energy"}
 _TRACKED = {"velocity": "linear", "rate": "angular"}
-_ROOM = 0.2  # above all torques, for their names
 
 
 @checked
@@ -35,11 +34,9 @@ def figure_efforts(record: Record) -> Figure | None:
     axes[2].plot(t, record["joint_energy"], color=VERMILLION, label="joints")
     for axis, (label, name) in zip(axes, _EFFORTS.items(), strict=True):
         axis.set_ylabel(labelled(label, name))
-    bottom, top = axes[1].get_ylim()
-    axes[1].set_ylim(bottom, top + _ROOM * (top - bottom))
-    axes[1].legend(ncols=7, fontsize=6, loc="upper right")
-    axes[2].legend(loc="upper left")
-    mark_time(axes, record)
+    for axis in axes[1:]:
+        legend_beside(axis)
+    mark_time(axes, record, share=0.92)
     return figure
 
 
@@ -60,9 +57,9 @@ def figure_tracking(record: Record) -> Figure | None:
     labels = (velocity, rate, labelled("disturbance", "disturbance", "force"))
     for axis, label in zip(axes, labels, strict=True):
         axis.set_ylabel(label)
-        axis.legend(ncols=3, loc="upper right")
+        legend_beside(axis)
         axis.set_ylim(*_robust_range(axis.lines))
-    mark_time(axes, record)
+    mark_time(axes, record, share=0.92)
     return figure
 
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
 from uvms_ocp.viz.series import axis_names, has_vehicle, labelled, n_joints, phase_spans
-from uvms_ocp.viz.style import AXES_XYZ, LINES, shade_phases, shown, stacked, styled
+from uvms_ocp.viz.style import AXES_XYZ, LINES, legend_beside, shade_phases, shown, stacked, styled
 
 _SHOWN = 98.0  # [%] of the ticks whose bands fit; before the first readings they are endless
 
@@ -27,7 +27,7 @@ def figure_estimate(record: Record) -> Figure | None:
     for axis, (label, names, colors, errors, spreads) in zip(axes, panels, strict=True):
         _draw(axis, record["t"], names, colors, errors, spreads)
         axis.set_ylabel(label)
-    shade_phases(axes, phase_spans(record))
+    shade_phases(axes, phase_spans(record), share=0.92)
     return figure
 
 
@@ -75,4 +75,4 @@ def _draw(
             axis.plot(t, sign * spreads[:, i], color=color, lw=0.6, ls=":")
     largest = max(float(np.percentile(2.0 * spreads, _SHOWN)), float(np.percentile(np.abs(errors), _SHOWN)), 1e-9)
     axis.set_ylim(-1.2 * largest, 1.2 * largest)
-    axis.legend(ncols=7, fontsize=6, loc="upper right")
+    legend_beside(axis)

@@ -12,8 +12,8 @@ from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import plain_line
 from uvms_ocp.record import Record
 from uvms_ocp.viz.series import PhaseSpan, has_vehicle, labelled, n_joints, phase_spans
-from uvms_ocp.viz.style import AXES_XYZ, DASHES, LINES, VERMILLION, WIDTH, RecordFigure, shown, styled
-from uvms_ocp.viz.time_marks import mark_time
+from uvms_ocp.viz.style import AXES_XYZ, DASHES, LINES, VERMILLION, WIDTH, RecordFigure, legend_beside, shown, styled
+from uvms_ocp.viz.time_marks import mark_time, room_above
 
 _ZOOM = 1.0  # [s] on each side of a transition
 _MAX_ZOOMS = 4
@@ -49,9 +49,9 @@ def _whole_run(parent: Figure, record: Record) -> None:
     for axis, (part, label, names) in zip(axes, _VELOCITY_PANELS, strict=True):
         _velocity_lines(axis, record, part, names)
         axis.set_ylabel(label)
-        axis.legend(ncols=3, loc="best")
+        legend_beside(axis)
     axes[-1].set_xlabel(labelled("time", "t"))
-    mark_time(axes, record)
+    mark_time(axes, record, share=0.92)
 
 
 def _zooms(parent: Figure, record: Record, changes: Sequence[float], spans: Sequence[PhaseSpan]) -> None:
@@ -105,7 +105,7 @@ def figure_joints(record: Record) -> Figure | None:
     for axis, title in zip(
         grid[0], (labelled("position", "q", "joints"), labelled("velocity", "v", "joints")), strict=True
     ):
-        axis.set_title(title, pad=14)
+        axis.set_title(title, pad=1 + room_above(record))
     for axis in grid[-1]:
         axis.set_xlabel(labelled("time", "t"))
     for column in grid.T:

@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import plain_line
 from uvms_ocp.meta_values import ClearanceMeta
-from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record import Record
 from uvms_ocp.tables.series_table import unit_of
 from uvms_ocp.viz.efforts import figure_efforts
@@ -101,20 +100,11 @@ def _mark_least(axis: Axes, nearest: ClearanceMeta) -> None:
 @checked
 def write_plan_figures(record: Record, folder: Path | str) -> tuple[Path, ...]:
     """Write every figure that the plan can fill as PNG; returns the paths. Raises `OutputError`."""
-    return tuple(save_figure(figure, Path(folder) / f"{name}.png") for name, figure in _figures(record).items())
+    return tuple(save_figure(figure, Path(folder) / f"{name}.png") for name, figure in plan_figures(record).items())
 
 
-@checked
-def plot(plan: Plan | Record) -> tuple[Figure, ...]:
-    """Every figure that a plan, or the record of one, can fill: motion of vehicle and joints, clearance, efforts.
-
-    Raises `InvalidInput` for a record of a run, whose figures `write_figures` makes.
-    """
-    record = plan if isinstance(plan, Record) else plan.to_record()
-    return tuple(_figures(record).values())
-
-
-def _figures(record: Record) -> dict[str, Figure]:
+def plan_figures(record: Record) -> dict[str, Figure]:
+    """By name, every figure that the plan can fill. Raises `InvalidInput` for a record of a run."""
     figures = {
         "vehicle_motion": figure_vehicle_motion(record),
         "joint_motion": figure_joint_motion(record),

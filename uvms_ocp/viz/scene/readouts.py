@@ -24,4 +24,9 @@ def _rows(record: Record, frames: Frames) -> Iterator[dict[str, Any]]:
         if values is not None and np.isfinite(values).any():
             task, _, what = name.rpartition(".")
             label = f"{task} {what.replace('_', ' ')}".strip()
-            yield {"task": task, "label": label, "unit": unit_of(name), "values": rounded(values[frames.row])}
+            yield {
+                "task": task,
+                "label": label,
+                "unit": unit_of(name).strip("-"),
+                "values": rounded(values[frames.row]),
+            }
