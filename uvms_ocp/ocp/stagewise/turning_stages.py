@@ -14,7 +14,8 @@ from uvms_ocp.solvers.nlp.acceptance import Merit
 from uvms_ocp.solvers.nlp.level_turns import Point
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds
-from uvms_ocp.solvers.stagewise import StageQpOptions, StageQpSolution
+from uvms_ocp.solvers.stagewise import StageQpOptions
+from uvms_ocp.solvers.stagewise.solution import Near
 
 # An interior point that ends early keeps off the bounds: curvature then costs levels above less, and whole steps can be taken
 # more often than at the exact optimum.
@@ -33,7 +34,7 @@ class TurningStages:
         """slack [unit of the row]: half the width of what frozen rows keep."""
         self._levels, self._memory = StageLevels(memory, _FIRST, _LOWER), memory
         self.slack = slack
-        self._last: dict[int, StageQpSolution] = {}
+        self._last: dict[int, Near] = {}
         """By levels."""
         self._ranges: StageRanges | None = None
         """Of the constraints alone."""
@@ -57,7 +58,7 @@ class TurningStages:
         solution = own.solve(self._levels.ranges(bounds, level), damping, np.inf, self._last.pop(level, None))
         if not solution.status.usable:
             return NlpStatus.STALLED
-        self._last[level] = solution
+        self._last[level] = solution.near()
         return None
 
     def moved(self, share: float) -> Point:

@@ -46,7 +46,6 @@ class NumpyCore:
         begin = _warm(method, point) if start is Start.WARM else _cold(method, point)
         return _descended(method, begin)
 
-
     def solve(self, qp: StageQp, options: StageQpOptions, near: Near | None) -> End:
         """From nothing but the QP, or from the solution of one nearby; NOT_A_NUMBER where entries are none."""
         table = row_table(qp)
@@ -222,4 +221,6 @@ class _Progress:
 
 
 def _end(method: InteriorPoint, status: StageQpStatus, p: Point, r: Residuals) -> End:
-    return End(status=status, point=p, value=r.value, held=r.held, kkt=r.kkt, worst=r.worst, iterations=method.iterations)
+    return End(
+        status=status, point=p, value=r.value, held=r.held, kkt=r.kkt, worst=r.worst, iterations=method.iterations
+    )

@@ -97,4 +97,6 @@ def nothing(point: Point) -> End:
     """Of a run that was not made, at a point."""
     endless = kkt_residual(stationarity=np.inf, primal=np.inf, complementarity=np.inf)
     held, value = np.zeros_like(point.z), np.full_like(point.y, np.nan)
-    return End(status=StageQpStatus.NOT_A_NUMBER, point=point, value=value, held=held, kkt=endless, worst=np.inf, iterations=0)
+    return End(
+        status=StageQpStatus.NOT_A_NUMBER, point=point, value=value, held=held, kkt=endless, worst=np.inf, iterations=0
+    )
