@@ -23,7 +23,7 @@ class LevelStages:
         self.memory, self.level = memory, level
         self.shape = self._shape()
         self.qp, self._solver = StageQp(self.shape), StageQpSolver(self.shape, options)
-        self._held = self._held_numbers()
+        self._held, self._bends = self._held_numbers(), False
         self.multipliers = Multipliers(memory, level)
         self.linearize, self._above = self._linearization(), self._frozen()
         self.qp.fix_initial_state(np.zeros(self.shape.n_x[0]))
@@ -78,20 +78,25 @@ class LevelStages:
 
     @cached_property
     def _curve(self) -> BoundCalls:
-        memory, calls = self.memory, BoundCalls()
-        for i, stage in enumerate(memory.stages):
-            function = memory.function(stage)
-            if function is not None:
-                z, parameters, water = memory.arguments(i)
-                after = memory.z[min(i + 1, len(memory.stages) - 1)]
-                own = self.multipliers
-                arguments = [z, after, parameters, water, own.costates[i], own.rows[i], own.residuals[i]]
-                calls.add(function.curvature, arguments, [self.qp.H[i]])
+        """One function for all stages, then the other: so each stays where code is read from."""
+        memory, own, calls = self.memory, self.multipliers, BoundCalls()
+        found = [
+            (i, function) for i, stage in enumerate(memory.stages) if (function := memory.function(stage)) is not None
+        ]
+        bends = [np.zeros(function.bend.numel_out(0)) for _, function in found]
+        for (i, function), bend in zip(found, bends, strict=True):
+            calls.add(function.bend, [*memory.arguments(i), own.rows[i], own.residuals[i]], [bend])
+        for (i, function), bend in zip(found, bends, strict=True):
+            z, parameters, water = memory.arguments(i)
+            after = memory.z[min(i + 1, len(memory.stages) - 1)]
+            arguments = [z, after, parameters, water, own.costates[i], own.rows[i], own.residuals[i], bend]
+            calls.add(function.curvature, arguments, [self.qp.H[i]])
         return calls
 
     def bend(self, last: Found | None) -> None:
         """Curvature with the multipliers of the last QP; none without one, and for Gauss and Newton."""
-        if last is None or self.memory.whole.problem.hessian is HessianKind.GAUSS_NEWTON:
+        self._bends = last is not None and self.memory.whole.problem.hessian is HessianKind.EXACT
+        if last is None or not self._bends:
             self.qp.flat["H"][:] = 0.0
         else:
             self.multipliers.take(last)
@@ -122,15 +127,19 @@ class LevelStages:
         """Whether it is of a QP of this shape."""
         return found.shape == self.shape
 
-    def solve(self, ranges: StageRanges, damping: float, give: float, near: Near | None) -> Found:
+    def solve(
+        self, ranges: StageRanges, damping: float, give: float, near: Near | None, *, rough: float = 0.0
+    ) -> Found:
         """The step, with damping [1/unit of z^2]; it stands in the memory too.
 
-        give [1/unit of the row]: what it costs to miss levels above. near: where the QP starts.
+        give [1/unit of the row]: what it costs to miss levels above. near: where the QP starts. rough [-]: how exact it is at
+        least, where that is less than the tolerance asks for. Only what no curvature bends is explained where it fails.
         """
         flat = self.qp.flat
         flat["damping"][:], flat["l1"][self._above] = damping, give
         self._load(ranges)
-        found = self._solver.find(self.qp, near)
+        tolerance = max(rough, self._solver.options.tolerance)
+        found = self._solver.find(self.qp, near, tolerance=tolerance, explained=not self._bends)
         self.keep(found)
         return found
 

@@ -37,6 +37,7 @@ _MODELS = (
 [1/unit of the row]; the next where one fails."""
 _PATIENCE, _DIGITS = 15, 1e-5  # iterations of the last level before a gain of this share of its cost is none
 _LOUDEST = 1e4  # times the first violation
+_ROUGHLY, _ROUGHEST = 1e-3, 1e-4  # tolerance of a QP, of the violation that it starts from, and at most
 _NO_HELP = 1e-6  # share of the violation that a step must take away to count as a help
 
 
@@ -73,6 +74,8 @@ class StageSqp:
         here = self._merit()
         self._scale = max(1.0, self._level.steepest() / _STEEP)
         self._filter, self._solution = Filter(first=here.violation, most=self._most(here)), warm
+        if warm is not None and self._is_optimal(warm):
+            return self._end(NlpStatus.SOLVED, 0)
         for iteration in range(self._options.max_iterations):
             if not np.isfinite([here.cost, here.violation]).all():
                 return self._end(NlpStatus.NOT_A_NUMBER, iteration)
@@ -107,7 +110,7 @@ class StageSqp:
         return (NlpStatus.SOLVED if status is None and self._is_optimal(solution) else status), here
 
     def _is_optimal(self, found: Found) -> bool:
-        """Whether the multipliers of the step are those of the point that it led to."""
+        """Whether its multipliers are those of the point: of the step that led there."""
         if self._worst > self._options.convergence:
             return False
         return self._level.error(self._ranges, found) <= self._options.convergence * self._scale
@@ -134,7 +137,9 @@ class StageSqp:
         solution = None
         for damping, curved, give in _MODELS[self._model :]:
             self._level.bend(last if curved else None)
-            solution = self._level.solve(self._ranges, damping + self._least + self._damping, give, near)
+            damping += self._least + self._damping
+            rough = min(_ROUGHLY * self._worst, _ROUGHEST)
+            solution = self._level.solve(self._ranges, damping, give, near, rough=rough)
             if solution.status in (StageQpStatus.SOLVED, StageQpStatus.INFEASIBLE):
                 break
             # Curvature may come back to be convex; what is singular once stays so.

@@ -143,11 +143,11 @@ class CompiledCore:
         point = self._work["point"]
         if near is not None:
             np.concatenate([near.z, near.costate, near.y], out=point[: self._n + self._n_x + self._problem.M])
-        self._library.solve_whole(ctypes.byref(self._problem), int(near is not None), int(options.guess))
+        self._library.solve_whole(ctypes.byref(self._problem), int(near is not None))
         return self._end()
 
     def products(self, qp: StageQp, z: Array) -> Products:
-        """As `NumpyCore.products`."""
+        """As `NumpyCore.products`; z (n,) [unit of z]."""
         self._load(qp, None)
         stages = ctypes.byref(self._problem.stages)
         self._library.products(stages, _address(z), _address(self._found))
