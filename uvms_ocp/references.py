@@ -12,6 +12,8 @@
 - [Ericson2005] C. Ericson, Real-Time Collision Detection, Morgan Kaufmann, 2005.
 - [Escande2014] A. Escande, N. Mansard, P.-B. Wieber, Hierarchical quadratic programming: fast online humanoid-robot
   motion generation, International Journal of Robotics Research 33(7), 2014.
+- [Fletcher1982] R. Fletcher, Second order corrections for non-differentiable optimization, in: Numerical Analysis, Lecture
+  Notes in Mathematics 912, Springer, 1982.
 - [Fossen2021] T. I. Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed., Wiley, 2021.
 - [Gao2022] H. Gao et al., UVMS task-priority planning framework for underwater task goal classification optimization,
   Frontiers in Neurorobotics 16, 982505, 2022.

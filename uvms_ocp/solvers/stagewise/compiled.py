@@ -143,7 +143,7 @@ class CompiledCore:
         point = self._work["point"]
         if near is not None:
             np.concatenate([near.z, near.costate, near.y], out=point[: self._n + self._n_x + self._problem.M])
-        self._library.solve_whole(ctypes.byref(self._problem), int(near is not None), int(options.guess))
+        self._library.solve_whole(ctypes.byref(self._problem), int(near is not None))
         return self._end()
 
     def products(self, qp: StageQp, z: Array) -> Products:

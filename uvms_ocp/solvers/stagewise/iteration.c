@@ -239,14 +239,13 @@ static int solve_near(Problem *q) {
   }
 }
 
-/* The same as solve_qp from nothing but the QP, or from z, costates and multipliers in `point` that are those of a QP
-nearby, whose bounds may be a guess. */
-void solve_whole(Problem *q, int near, int guess) {
+/* The same as solve_qp from nothing but the QP, or from z, costates and multipliers in `point` that are those of a QP nearby. */
+void solve_whole(Problem *q, int near) {
   q->status = NOT_A_NUMBER;
   if (!make_table(q)) return;
   begin(q, 0, 0);
   if (!has_numbers(&q->stages)) return;
-  q->start = near && (!guess || largest_of(2 * q->M, q->elastic) > 0.0) ? START_WARM : START_EQUALITIES;
+  q->start = near && largest_of(2 * q->M, q->elastic) > 0.0 ? START_WARM : START_EQUALITIES;
   if (near && q->start == START_EQUALITIES && solve_near(q)) return;
   q->iterations = q->corrections = 0;
   find_bounded(q);

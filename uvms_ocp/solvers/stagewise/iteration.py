@@ -53,7 +53,7 @@ class NumpyCore:
         rest = resting(z, sum(qp.shape.n_x), len(table.norm))
         if not is_valid(qp):
             return nothing(rest)
-        if near is not None and (table.elastic.any() or not options.guess):
+        if near is not None and table.elastic.any():
             z = np.where(table.fixed, qp.flat["z_lower"], near.z)
             warm = replace(rest, z=z, costate=near.costate, y=near.y)
             return self._run(qp, table, warm, options, Start.WARM)

@@ -23,8 +23,6 @@ class StageQpOptions:
     """[-] factors of one run; a QP that one run does not solve takes two more."""
     warm_mu: float = 1e-6
     """[-] complementarity at a warm start, relative to the largest curvature: a squared distance to bounds."""
-    guess: bool = True
-    """A warm start first tries the bounds that the QP nearby reaches; vain where rows have next to no room, and many of them."""
     compiled: bool = True
     """False keeps to NumPy."""
 
