@@ -12,7 +12,7 @@ from uvms_ocp.solvers.nlp.acceptance import Merit
 from uvms_ocp.solvers.nlp.level_turns import Point
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds
-from uvms_ocp.solvers.stagewise import Near
+from uvms_ocp.solvers.stagewise.solution import Near
 
 # An interior point that ends early keeps off the bounds: curvature then costs levels above less, and whole steps can be taken
 # more often than at the exact optimum.
