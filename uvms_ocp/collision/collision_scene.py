@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.arguments import Shape, checked, late
-from uvms_ocp.arrays import Array, Indices
+from uvms_ocp.arrays import Array
 from uvms_ocp.collision.coordinates import Coordinates
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.axis_reach import shape_reach
@@ -84,11 +84,16 @@ class CollisionScene:
         row, pair = np.unravel_index(int(np.argmin(distances)), distances.shape)
         return Nearest(distance=float(distances[row, pair]), time=float(t[row]), pair=self.pairs[pair].name)
 
-    def among(self, chosen: Indices) -> CollisionScene:
-        """The same scene with these of its pairs alone; chosen (n,) [-]."""
+    def among(self, indices: Sequence[int]) -> CollisionScene:
+        """The same scene with these of its pairs alone. Raises `InvalidInput` for an index that no pair has."""
+        chosen = np.array(indices, dtype=int)
+        if not ((chosen >= 0) & (chosen < len(self.pairs))).all():
+            raise InvalidInput(
+                f"indices are {indices}; give some of 0 to {len(self.pairs) - 1}, the pairs of the scene"
+            )
         geometry = pin.GeometryModel(self.geometry)
         geometry.removeAllCollisionPairs()
-        pairs = tuple(self.pairs[k] for k in chosen.tolist())
+        pairs = tuple(self.pairs[k] for k in indices)
         for pair in pairs:
             geometry.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
         parts = {name: getattr(self, name)[chosen] for name in ("moved", "reach", "carried", "gyration", "room")}

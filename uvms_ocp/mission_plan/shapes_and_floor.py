@@ -85,7 +85,7 @@ def of_links(shapes: ShapeClearance, pairs: Mask) -> ShapeClearance:
 
 
 def _among(shapes: ShapeClearance, pairs: Mask) -> ShapeClearance:
-    return replace(shapes, scene=shapes.scene.among(np.flatnonzero(pairs)), margins=shapes.margins[pairs])
+    return replace(shapes, scene=shapes.scene.among(np.flatnonzero(pairs).tolist()), margins=shapes.margins[pairs])
 
 
 def missed_links(shapes: ShapeClearance, way: Trajectory) -> Mask:

@@ -61,7 +61,8 @@ class Trajectory:
         """q (n, n_q) and v (n, n_v) at times t (n,) [s], and the steps that hold them (n,); the end is held."""
         steps = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.a) - 1)
         s, v, a = (t - self.t[steps])[:, None], self.v[steps], self.a[steps]
-        moves, q = s * v + s * s / 2 * a, self.q[steps]
+        leaving = np.array([self.leaving(model, k) for k in steps])
+        moves, q = s * leaving + s * s / 2 * a, self.q[steps]
         q, v = np.array([pin.integrate(model, *pair) for pair in zip(q, moves, strict=True)]), v + s * a
         over = t >= self.t[-1]
         q[over], v[over] = self.q[-1], self.v[-1]
