@@ -95,7 +95,8 @@ class Term(ABC):
         tightened (n, ...) [unit of the row]: by how much more the rows of a term that `follows_guess` are to keep, as the term
         counts them.
         """
-        return np.array([self.reference(t) for t in times])
+        first = self.reference(times[0])
+        return np.array([first, *(self.reference(t) for t in times[1:])]) if len(first) else np.zeros((len(times), 0))
 
     def scenery(self, t: float) -> tuple[ObstacleData, ...]:
         """What stands in the way at time t [s], to draw."""

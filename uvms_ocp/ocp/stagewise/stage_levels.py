@@ -17,14 +17,14 @@ from uvms_ocp.solvers.nlp.level_solver import Deadline, NlpPoint, Outcome
 from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds
-from uvms_ocp.solvers.stagewise import StageQpOptions, StageQpSolution
+from uvms_ocp.solvers.stagewise import Found, StageQpOptions
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class WarmStages(NlpPoint):
     """With the QP that ended there, whose multipliers are those by the rows and variables of the program."""
 
-    solution: StageQpSolution | None = None
+    solution: Found | None = None
 
 
 _QP_TOLERANCE = 1e-7  # [-] relative
@@ -73,7 +73,7 @@ class StageLevels:
         """Of a level [-], where those above it are held as `bounds` has it."""
         return StageRanges(self._places, bounds, level)
 
-    def multipliers(self, level: int, solution: StageQpSolution) -> tuple[Array, Array]:
+    def multipliers(self, level: int, solution: Found) -> tuple[Array, Array]:
         """Of bounds (n_x,) [1/unit of x] and rows (n_rows,) [1/unit of the row] of the program, by the last QP of a level [-]."""
         return self._places.program_multipliers(self.level(level).held, solution)
 
@@ -119,7 +119,7 @@ class StageLevel:
             cost=end.cost,
         )
 
-    def _point(self, x: Array, solution: StageQpSolution | None) -> WarmStages:
+    def _point(self, x: Array, solution: Found | None) -> WarmStages:
         if solution is None:
             return WarmStages(x=x)
         bounds, rows = self._levels.multipliers(self._index, solution)

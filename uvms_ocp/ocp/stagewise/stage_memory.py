@@ -86,7 +86,7 @@ class StageMemory:
     def compile_curvature(self) -> None:
         """Before any clock runs: it takes longest."""
         for function in self.functions:
-            _ = function.curvature
+            _ = function.bend, function.curvature
 
     def groups(self, stage: Stage) -> tuple[RowGroup, ...]:
         """Rows of a stage that may be held."""

@@ -8,7 +8,7 @@ from uvms_ocp.arrays import Array
 from uvms_ocp.ocp.stagewise.stage_memory import StageMemory
 from uvms_ocp.solvers.intervals import excess
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds
-from uvms_ocp.solvers.stagewise import StageQpSolution
+from uvms_ocp.solvers.stagewise import Found
 
 
 class StageRanges:
@@ -111,17 +111,17 @@ class Places:
         first = [variables.columns(memory.stages[i].node)[layout.thrust.start] for i in memory.steps]
         return np.concatenate([np.where(own >= 0, place + own, -1) for place in first])
 
-    def program_multipliers(self, rows: Array, solution: StageQpSolution) -> tuple[Array, Array]:
+    def program_multipliers(self, rows: Array, solution: Found) -> tuple[Array, Array]:
         """(n_x,) [1/unit of x] of bounds and (n_rows,) [1/unit of the row] of rows of the program.
 
         Those of laws, which nobody loosens, are 0. rows (m,) [-]: which of those that may be held are in the QP of the solution.
         """
         whole, y = self.memory.whole, np.zeros(len(self.raw))
         layout, levels = whole.row_layout, whole.ranges().levels
-        y[rows] = np.concatenate(solution.y)
+        y[rows], bounds = np.split(solution.y, [len(rows)])
         # What has no place is written behind the last one.
         x, raw, found = np.zeros(whole.n_x + 1), np.zeros(layout.n_rows + 1), np.zeros(whole.ranges().n_rows)
-        x[self._x], x[self._force_x] = np.concatenate(solution.y_z), y[self.raw < 0]
+        x[self._x], x[self._force_x] = bounds, y[self.raw < 0]
         x[whole.variables.columns(0)[: whole.model.layout.h]] = 0.0
         raw[self.raw] = y
         found[: len(layout.constraints)] = raw[layout.constraints]

@@ -184,16 +184,27 @@ class StageModel:
     @cached_property
     def wanted(self) -> ca.SX:
         """Generalised forces (n_v,) [N, N m] that a step takes."""
-        z, layout, u = self.z, self.layout, self.water
+        return self.forces_of(self.middle)
+
+    @cached_property
+    def middle(self) -> ca.SX:
+        """q, v and a (n_q + 2 n_v,) where the forces of a step are."""
+        z, layout = self.z, self.layout
         q, v, h, a = z[layout.q], z[layout.v], z[layout.h], z[layout.a]
-        euler = self.problem.integrator is Integrator.EULER
-        q_there, v_there = (q, v) if euler else (self.moved(q, v, a, h / 2), v + h / 2 * a)
+        if self.problem.integrator is Integrator.EULER:
+            return ca.vertcat(q, v, a)
+        return ca.vertcat(self.moved(q, v, a, h / 2), v + h / 2 * a, a)
+
+    def forces_of(self, motion: ca.SX) -> ca.SX:
+        """Generalised forces (n_v,) [N, N m] of a motion q, v and a (n_q + 2 n_v,)."""
+        n_q, n_v, u = self.layout.n_q, self.layout.n_v, self.water
         u_links = ca.repmat(u, 1, len(self._dynamics.links))
-        return self._dynamics.inverse_dynamics(q_there, v_there, a, u_links, ca.SX(*u_links.shape))
+        parts = (motion[:n_q], motion[n_q : n_q + n_v], motion[n_q + n_v :])
+        return self._dynamics.inverse_dynamics(*parts, u_links, ca.SX(*u_links.shape))
 
     @cached_property
     def force(self) -> ca.SX:
-        """(n_v,) [N, N m] `wanted`; where forces are `eliminated` a symbol for it, so that it is differentiated once for all rows."""
+        """(n_v,) [N, N m] `wanted`; where forces are `eliminated` a symbol for it: differentiated once for all rows."""
         return ca.SX.sym("f", self.robot.n_v) if self._eliminated else self.wanted
 
     @cached_property
@@ -208,7 +219,8 @@ class StageModel:
     @cached_property
     def inputs_function(self) -> ca.Function:
         """``z, water -> thrust, torque`` in shares of their limits."""
-        return ca.Function("inputs", [self.z, self.water], [ca.densify(part) for part in self.inputs])
+        function = ca.Function("inputs", [self.z, self.water], [ca.densify(part) for part in self.inputs])
+        return function if self.decides_forces else compile_function(function)
 
     def moved(self, q: ca.SX, v: ca.SX, a: ca.SX, h: ca.SX) -> ca.SX:
         """Configuration after the time h of constant acceleration."""

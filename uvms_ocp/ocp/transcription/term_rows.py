@@ -68,15 +68,17 @@ class TermNumbers:
     upper: np.ndarray
     """(m,) [-] weighted."""
 
-    def parameters(self, nodes: Nodes, rate: float) -> list[np.ndarray]:
-        """Parameters of nodes, in parts, one node after the other; rate [1/s]: 1 / time."""
+    def parameters(self, nodes: Nodes, rate: float) -> np.ndarray:
+        """Parameters of nodes, one node after the other; rate [1/s]: 1 / time."""
         bounds = [np.where(np.isfinite(bound), bound, 0.0) for bound in (self.lower, self.upper)]
-        fixed = np.concatenate([[rate], self.roots, *bounds])
+        n, fixed = len(nodes.active), np.concatenate([[rate], self.roots, *bounds])
         goals = [term.references(nodes.times, nodes.q, nodes.tightened.get(term)) for term in self.terms]
-        parts = []
-        for k, on in enumerate(nodes.active):
-            parts += [np.array([float(on)]), fixed, *(goal[k] for goal in goals)]
-        return parts
+        parts = [
+            np.reshape(nodes.active, (n, 1)),
+            np.tile(fixed, (n, 1)),
+            *(np.reshape(goal, (n, -1)) for goal in goals),
+        ]
+        return np.asarray(np.hstack(parts, dtype=float).ravel())
 
 
 def term_numbers(terms: Sequence[Term], residuals: Sequence[Residual]) -> TermNumbers:

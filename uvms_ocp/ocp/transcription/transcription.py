@@ -50,6 +50,7 @@ class Transcription:
         self.row_layout = row_layout(problem, self.blocks, ends, n_forces=self.model.n_forces)
         self._horizon = horizon(self.variables, self.parameter_layout, self.row_layout, ends)
         self._last = fitted(self.model, self.blocks, problem)
+        _ = self.model.inputs_function  # is compiled before any clock runs
 
     @property
     def n_x(self) -> int:
@@ -146,13 +147,14 @@ class Transcription:
 
     def obstruction(self, problem: OcpProblem) -> tuple[str, float] | None:
         """Constraint along the path that the start itself breaks, and by how much."""
-        if not problem.fixed_start:
+        of_state = (self.blocks[0].rows.level == CONSTRAINT) & self.blocks[0].rows.state_only
+        if not (problem.fixed_start and of_state.any()):
             return None
         rows, numbers = self.blocks[0].rows, self._fitted(problem).numbers[0]  # the steps of the first phase
         z, s = self._at_start(problem, numbers)
         broken = excess(np.array(rows.value(z, s, problem.currents[0])).ravel(), numbers.lower, numbers.upper)
         # What is no number is nothing that another start would mend: solvers meet it, and their verdict names it.
-        broken[(rows.level != CONSTRAINT) | ~rows.state_only | np.isnan(broken)] = 0.0
+        broken[~of_state | np.isnan(broken)] = 0.0
         if not broken.any() or broken.max() < _ROUNDING:
             return None
         return rows.names[int(broken.argmax())], float(broken.max())
@@ -173,7 +175,7 @@ class Transcription:
         z = np.zeros(self.model.layout.n_z)
         z[self.model.layout.q], z[self.model.layout.v] = problem.start.q, problem.start.v
         here = Nodes(times=[0.0], active=[False], q=problem.start.q[None], tightened={})
-        return z, np.concatenate(numbers.parameters(here, 1.0))
+        return z, numbers.parameters(here, 1.0)
 
     @cached_property
     def program(self) -> LexicographicProgram:

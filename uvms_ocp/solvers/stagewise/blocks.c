@@ -40,6 +40,15 @@ static inline void block_gram(int n, const WeightedRow *restrict rows, int i, in
   for (int l = 0; l < 4; ++l) c[0][l] = c0[l], c[1][l] = c1[l], c[2][l] = c2[l], c[3][l] = c3[l];
 }
 
+/* NaN wins, so that it is noticed. */
+static double larger_of(double a, double b) { return a != a || a > b ? a : b; }
+
+static double largest_of(int n, const double *a) {
+  double most = 0.0;
+  for (int i = 0; i < n; ++i) most = larger_of(most, fabs(a[i]));
+  return most;
+}
+
 static inline double dot(int n, const double *restrict a, const double *restrict b) {
   double s[4] = {0};
   int k = 0;

@@ -14,9 +14,9 @@ import numpy as np
 from uvms_ocp.arrays import Array
 from uvms_ocp.functions.compile import compile_library, loaded_library
 from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
-from uvms_ocp.solvers.stagewise.point import End, Near, Point, Products, Start, point_of
+from uvms_ocp.solvers.stagewise.point import End, Point, Start, point_of
 from uvms_ocp.solvers.stagewise.row_table import RowTable, may_be_fixed
-from uvms_ocp.solvers.stagewise.solution import StageQpStatus, kkt_residual
+from uvms_ocp.solvers.stagewise.solution import Near, Products, StageQpStatus, kkt_residual
 from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape, places
 
 _INCLUDES = "#include <math.h>\n#include <stddef.h>\n#include <string.h>\n"
@@ -147,12 +147,18 @@ class CompiledCore:
         return self._end()
 
     def products(self, qp: StageQp, z: Array) -> Products:
-        """As `NumpyCore.products`."""
+        """As `NumpyCore.products`; z (n,) [unit of z]."""
         self._load(qp, None)
         stages = ctypes.byref(self._problem.stages)
-        self._library.products(stages, ctypes.c_void_p(z.ctypes.data), ctypes.c_void_p(self._found.ctypes.data))
+        self._library.products(stages, _address(z), _address(self._found))
         slope, square, change, bend = self._found.tolist()
         return Products(slope=slope, square=square, change=change, bend=bend)
+
+    def stationarity(self, qp: StageQp, near: Near) -> float:
+        """As `NumpyCore.stationarity`."""
+        self._load(qp, None)
+        stages, m = ctypes.byref(self._problem.stages), ctypes.c_int(self._problem.m)
+        return float(self._library.stationarity(stages, _address(near.costate), _address(near.y), m))
 
     def _load(self, qp: StageQp, options: StageQpOptions | None) -> None:
         problem = self._problem
@@ -182,6 +188,10 @@ def _point(structure: ctypes.Structure, arrays: Mapping[str, Any]) -> None:
         setattr(structure, name, array.ctypes.data)
 
 
+def _address(array: Array) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
+
+
 def compiled_core(shape: StageShape) -> CompiledCore | None:
     """None without a compiler."""
     library = _library()
@@ -191,7 +201,11 @@ def compiled_core(shape: StageShape) -> CompiledCore | None:
 @lru_cache(maxsize=1)
 def _library() -> ctypes.CDLL | None:
     path = compile_library(core_source(), _FLAGS, "QPs of stages")
-    return None if path is None else loaded_library(path)
+    if path is None:
+        return None
+    library = loaded_library(path)
+    library.stationarity.restype = ctypes.c_double
+    return library
 
 
 def core_source() -> str:

@@ -33,15 +33,6 @@ typedef struct {
 #define F(p) (E(p) + 2 * q->M)
 #define SIZE (q->n + q->n_x + 9 * q->M)
 
-/* NaN wins, so that it is noticed. */
-static double larger_of(double a, double b) { return a != a || a > b ? a : b; }
-
-static double largest_of(int n, const double *a) {
-  double most = 0.0;
-  for (int i = 0; i < n; ++i) most = larger_of(most, fabs(a[i]));
-  return most;
-}
-
 /* Which rows have a bound; nothing is left over of those that had one before. */
 static void find_bounded(Problem *q) {
   double *sides[] = {q->weight, q->soft, q->left, q->gap, q->t_side, q->t_elastic, q->now.row, q->now.dual, q->other.row, q->other.dual};

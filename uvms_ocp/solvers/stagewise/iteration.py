@@ -9,10 +9,10 @@ import numpy as np
 from uvms_ocp.arrays import Array
 from uvms_ocp.solvers.stagewise.interior_point import InteriorPoint, Residuals
 from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
-from uvms_ocp.solvers.stagewise.point import End, Near, Point, Products, Start, nothing, resting
+from uvms_ocp.solvers.stagewise.point import End, Point, Start, nothing, resting
 from uvms_ocp.solvers.stagewise.riccati import NumpyStages
 from uvms_ocp.solvers.stagewise.row_table import SIGNS, RowTable, held, mended, reached, row_table
-from uvms_ocp.solvers.stagewise.solution import StageQpStatus
+from uvms_ocp.solvers.stagewise.solution import Near, Products, StageQpStatus
 from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape, is_valid, slices
 
 _WRONG = {1: StageQpStatus.NOT_CONVEX, 2: StageQpStatus.NOT_A_NUMBER}
@@ -53,18 +53,18 @@ class NumpyCore:
         rest = resting(z, sum(qp.shape.n_x), len(table.norm))
         if not is_valid(qp):
             return nothing(rest)
-        if near is None:
-            return self._run(qp, table, rest, options, Start.EQUALITIES)
-        found = self._guessed(qp, table, rest, near, options)
-        z = np.where(table.fixed, qp.flat["z_lower"], near.z)
-        warm = replace(rest, z=z, costate=near.costate, y=near.y)
-        return found or self._run(qp, table, warm, options, Start.WARM)
+        if near is not None and table.elastic.any():
+            z = np.where(table.fixed, qp.flat["z_lower"], near.z)
+            warm = replace(rest, z=z, costate=near.costate, y=near.y)
+            return self._run(qp, table, warm, options, Start.WARM)
+        found = None if near is None else self._near(qp, table, rest, near, options)
+        # Where the guess of bounds is wrong it is no start either.
+        return found or self._run(qp, table, rest, options, Start.EQUALITIES)
 
-    def _guessed(self, qp: StageQp, table: RowTable, rest: Point, near: Near, options: StageQpOptions) -> End | None:
+    def _near(self, qp: StageQp, table: RowTable, rest: Point, near: Near, options: StageQpOptions) -> End | None:
         """The optimum where the bounds that it reaches are found soon, starting with those of a QP nearby."""
-        active, before = reached(table, near.y, near.costate), table.side.size
-        spent = 0
-        while not table.elastic.any():
+        active, fewest, spent, vain = reached(table, near.y, near.costate), table.side.size, 0, 0
+        while True:
             end = self._run(qp, held(table, active), rest, options, Start.ACTIVE)
             spent += end.iterations
             if end.status is not StageQpStatus.SOLVED:
@@ -73,13 +73,23 @@ class NumpyCore:
             changes = int((better != active).sum())
             if changes == 0:
                 return replace(end, iterations=spent)
-            if changes >= before:
+            vain = 0 if changes < fewest else vain + 1
+            if vain > _patience(changes):
                 break
-            active, before = better, changes
+            active, fewest = better, min(fewest, changes)
         return None
 
     def _run(self, qp: StageQp, table: RowTable, point: Point, options: StageQpOptions, start: Start) -> End:
         return self.run(qp, table, point, options, start=start, costless=False, damped=False)
+
+    def stationarity(self, qp: StageQp, near: Near) -> float:
+        """Largest entry [1/unit of z] of the gradient of a QP's Lagrangian at 0 with the multipliers of another, but for what
+        is fixed."""
+        m, stages = len(qp.flat["lower"]), self._stages
+        stages.load(qp)
+        zero = np.zeros_like(near.z)
+        grad, *_ = stages.evaluate(zero, near.costate, near.y[:m], near.y[m:])
+        return float(np.abs(np.where(stages.fixed > 0.0, 0.0, grad)).max(initial=0.0))
 
     def products(self, qp: StageQp, z: Array) -> Products:
         """At z (n,) [unit of z]."""
@@ -93,6 +103,11 @@ class NumpyCore:
             change=float(max(changes)),
             bend=float(sum(own @ H @ own for H, own in zip(qp.H, parts, strict=True))),
         )
+
+
+def _patience(changes: int) -> int:
+    """Rounds without a smaller number of changes."""
+    return 0 if changes > STAGE_TOLERANCES.many_changes else STAGE_TOLERANCES.vain_changes
 
 
 def _from_equalities(method: InteriorPoint, point: Point, *, alone: bool) -> End:

@@ -63,40 +63,15 @@ class Point:
 
 def point_of(flat: Array, n: int, n_x: int) -> Point:
     """The point in one array, with n variables [-] and n_x states [-]; flat (n + n_x + 9 M,) [any]."""
-    z, costate, rest = np.split(flat, [n, n + n_x])
-    y, s, multiplier, e, f = np.split(rest.reshape(9, -1), [1, 3, 5, 7])
-    return Point(z=z, costate=costate, y=y[0], s=s, multiplier=multiplier, e=e, f=f)
+    m = (len(flat) - n - n_x) // 9
+    parts = flat[n + n_x :].reshape(9, m)
+    s, multiplier, e, f = (parts[k : k + 2] for k in (1, 3, 5, 7))
+    return Point(z=flat[:n], costate=flat[n : n + n_x], y=parts[0], s=s, multiplier=multiplier, e=e, f=f)
 
 
 def resting(z: Array, n_x: int, m: int) -> Point:
     """At z (n,) [unit of z], with nothing else; n_x [-] states, m [-] rows."""
     return point_of(np.concatenate([z, np.zeros(n_x + 9 * m)]), len(z), n_x)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Products:
-    """Of a QP's residuals along z."""
-
-    slope: float
-    """[-] r' J z"""
-    square: float
-    """[-] of J z"""
-    change: float
-    """[1/unit of z] largest entry of J' J z."""
-    bend: float
-    """[-] z' H z"""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Near:
-    """The solution of a QP nearby."""
-
-    z: Array
-    """(n,) [unit of z]"""
-    costate: Array
-    """(n_x,) [1/unit of x]"""
-    y: Array
-    """(M,) [1/unit of the row] of rows and variables."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

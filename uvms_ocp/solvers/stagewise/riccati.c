@@ -122,8 +122,9 @@ static double evaluate_stages(const Stages *s, const double *z, const double *co
     const int n = n_z(s, k), ld = PADDED(n), after = k < s->N ? s->n_x[k + 1] : 0, m = s->n_c[k];
     const double *Q = s->Q + s->M[k], *C = s->constraints + s->C[k], *v = z + s->z[k];
     double *restrict own = grad + s->z[k];
+    const int moves = largest_of(n, v) != 0.0;
     for (int i = 0; i < n; ++i) own[i] = 0.0;
-    for (int i = 0; i < n; ++i) {
+    for (int i = 0; i < n && moves; ++i) {
       own[i] += dot(i + 1, Q + i * ld, v);
       add_multiple(i, v[i], Q + i * ld, own);
     }
@@ -133,7 +134,7 @@ static double evaluate_stages(const Stages *s, const double *z, const double *co
       const double *row = s->dynamics + s->F[k] + (size_t)i * n;
       const int at = s->x[k + 1] + i;
       add_multiple(n, costate[at], row, own);
-      defect[at] = dot(n, row, v) + s->offset[at - s->x[1]] - z[s->z[k + 1] + i];
+      defect[at] = (moves ? dot(n, row, v) : 0.0) + s->offset[at - s->x[1]] - z[s->z[k + 1] + i];
     }
     if (k)
       for (int i = 0; i < s->n_x[k]; ++i) own[i] -= costate[s->x[k] + i];
@@ -211,4 +212,20 @@ void products(const Stages *s, const double *z, double *restrict found) {
     for (int i = 0; i < n; ++i) found[2] = fabs(s->v[i]) > found[2] ? fabs(s->v[i]) : found[2];
     for (int i = 0; i < n; ++i) found[3] += v[i] * dot(n, s->hessian + s->H[k] + (size_t)i * n, v);
   }
+}
+
+/* Largest entry of J' r + g + F' costate_+ - costate + C' y + y_z, but for fixed variables; y of rows, then of variables. */
+double stationarity(const Stages *s, const double *costate, const double *y, int m) {
+  double most = 0.0, *h = s->v;
+  for (int k = 0; k <= s->N; ++k) {
+    const int n = n_z(s, k), after = k < s->N ? s->n_x[k + 1] : 0;
+    for (int i = 0; i < n; ++i) h[i] = s->gradient[s->z[k] + i] + y[m + s->z[k] + i] - (k && i < s->n_x[k] ? costate[s->x[k] + i] : 0.0);
+    for (int i = 0; i < s->n_r[k]; ++i) add_multiple(n, s->residual[s->r[k] + i], s->rows + s->J[k] + (size_t)i * n, h);
+    for (int i = 0; i < after; ++i) add_multiple(n, costate[s->x[k + 1] + i], s->dynamics + s->F[k] + (size_t)i * n, h);
+    for (int i = 0; i < s->n_c[k]; ++i)
+      if (y[s->c[k] + i] != 0.0) add_multiple(n, y[s->c[k] + i], s->constraints + s->C[k] + (size_t)i * n, h);
+    for (int i = 0; i < n; ++i)
+      if (s->fixed[s->z[k] + i] == 0.0) most = larger_of(most, fabs(h[i]));
+  }
+  return most;
 }

@@ -13,13 +13,14 @@ from uvms_ocp.solvers.intervals import distance
 from uvms_ocp.solvers.stagewise.compiled import compiled_core
 from uvms_ocp.solvers.stagewise.iteration import NumpyCore
 from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
-from uvms_ocp.solvers.stagewise.point import End, Near, Point, Products, Start, resting
+from uvms_ocp.solvers.stagewise.point import End, Point, Start, resting
 from uvms_ocp.solvers.stagewise.row_table import RowTable, row_table
 from uvms_ocp.solvers.stagewise.second_look.residual_rows import own_rows, with_residuals_as_rows
 from uvms_ocp.solvers.stagewise.second_look.ways_down import leads_down, may_fall_endlessly, ways_down
-from uvms_ocp.solvers.stagewise.solution import StageQpSolution, StageQpStatus, stage_qp_solution
+from uvms_ocp.solvers.stagewise.solution import Found, Near, StageQpSolution, StageQpStatus, stage_qp_solution
 from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape, slices
 
+_UNCLEAR = (StageQpStatus.ITERATION_LIMIT, StageQpStatus.UNBOUNDED)
 _MISSED = 1e-5  # relative violation that no point does without
 _ROUGH = 1e-6  # tolerance of phase one
 
@@ -41,13 +42,36 @@ class StageQpSolver:
 
         warm: the solution of a QP nearby, of the same shape. Raises `InvalidInput` for a QP of another shape.
         """
-        if qp.shape != self.shape:
-            raise InvalidInput("the QP has another shape than the solver; make a solver for it")
         near = None if warm is None else _near(warm)
-        end = self._core.solve(qp, self.options, near)
-        if end.status in (StageQpStatus.ITERATION_LIMIT, StageQpStatus.UNBOUNDED):
+        return _split(qp, self.find(qp, near))
+
+    @late
+    def find(
+        self, qp: StageQp, near: Near | None = None, *, tolerance: float | None = None, explained: bool = True
+    ) -> Found:
+        """The same in arrays with stage after stage.
+
+        near: the solution of a QP nearby. tolerance [-]: instead of that of the options. explained: False takes less time where
+        no optimum is found, and does not tell infeasible from unbounded. Raises `InvalidInput` as `solve` does.
+        """
+        if qp.shape is not self.shape and qp.shape != self.shape:
+            raise InvalidInput("the QP has another shape than the solver; make a solver for it")
+        options = self.options if tolerance is None else replace(self.options, tolerance=tolerance)
+        end = self._core.solve(qp, options, near)
+        if explained and (end.status in _UNCLEAR or _only_rounding(qp, end)):
             end = self._judged(qp, row_table(qp), end)
-        return self._solution(qp, end)
+        return self._found(qp, end)
+
+    def error(self, qp: StageQp, near: Near) -> float:
+        """By how much the multipliers of the QP that was solved last miss the optimality conditions of another one at 0.
+
+        Largest entry [1/unit of z] of the gradient of its Lagrangian, or [-] product with what is left to a bound.
+        """
+        y, flat = near.y, qp.flat
+        lower, upper = (np.concatenate([flat[name], flat[f"z_{name}"]]) for name in ("lower", "upper"))
+        counts = y != 0.0
+        left = y[counts] * np.where(y > 0.0, upper, lower)[counts]
+        return max(self._core.stationarity(qp, near), float(np.abs(left).max(initial=0.0)))
 
     def _judged(self, qp: StageQp, table: RowTable, failed: End) -> End:
         """What it means that no optimum was found: phase one tells whether there is a point at all, and where."""
@@ -69,11 +93,11 @@ class StageQpSolver:
         return self.options.tolerance * STAGE_TOLERANCES.inexact_tolerances
 
     def _last_word(self, best: End) -> StageQpStatus:
-        """Endless steps alone prove nothing."""
+        """Endless steps, and rounding, prove nothing."""
         if best.status is StageQpStatus.SOLVED:
             return best.status
-        endless = best.status is StageQpStatus.UNBOUNDED
-        status = StageQpStatus.ITERATION_LIMIT if endless else best.status
+        known = best.status is StageQpStatus.NOT_A_NUMBER
+        status = best.status if known else StageQpStatus.ITERATION_LIMIT
         return StageQpStatus.INEXACT if best.worst <= self._inexact else status
 
     def _is_endless(self, qp: StageQp) -> bool:
@@ -111,34 +135,53 @@ class StageQpSolver:
         z = np.where(table.fixed, qp.flat["z_lower"], 0.0)
         return resting(z, sum(self.shape.n_x), len(table.norm))
 
-    @np.errstate(over="ignore", invalid="ignore")  # of what is not a number there is no cost
-    def _solution(self, qp: StageQp, end: End) -> StageQpSolution:
-        shape, m, y = self.shape, sum(self.shape.n_c), end.point.row_multipliers()
-        z, products = _split(end.point.z, shape.n_z), self._core.products(qp, end.point.z)
-        return stage_qp_solution(
+    @np.errstate(invalid="ignore")  # of what is not a number there is no excess
+    def _found(self, qp: StageQp, end: End) -> Found:
+        m, y, flat = len(qp.flat["lower"]), end.point.row_multipliers(), qp.flat
+        y[m:] -= end.held
+        return Found(
+            shape=self.shape,
             status=end.status,
-            z=z,
-            x=tuple(own[:n] for own, n in zip(z, shape.n_x, strict=True)),
-            u=tuple(own[n:] for own, n in zip(z[:-1], shape.n_x, strict=False)),
-            costate=_split(end.point.costate, shape.n_x),
-            y=_split(y[:m], shape.n_c),
-            y_z=_split(y[m:] - end.held, shape.n_z),
-            excess=_split(distance(end.value[:m], qp.flat["lower"], qp.flat["upper"]), shape.n_c),
+            z=end.point.z,
+            costate=end.point.costate,
+            y=y,
+            excess=distance(end.value[:m], flat["lower"], flat["upper"]),
             iterations=end.iterations,
             kkt=end.kkt,
-            cost=_cost(qp, end.point.z, products),
-            slope=products.slope,
-            change=products.change,
+            products=self._core.products(qp, end.point.z),
         )
 
 
-def _split(flat: Array, sizes: tuple[int, ...]) -> tuple[Array, ...]:
+def _only_rounding(qp: StageQp, end: End) -> bool:
+    """Whether a cost that is convex, as a sum of squares, seemed not to be."""
+    return end.status is StageQpStatus.NOT_CONVEX and not qp.flat["H"].any() and bool((qp.flat["damping"] >= 0.0).all())
+
+
+def _split(qp: StageQp, found: Found) -> StageQpSolution:
+    shape, m = qp.shape, len(found.excess)
+    z = _parts(found.z, shape.n_z)
+    return stage_qp_solution(
+        status=found.status,
+        z=z,
+        x=tuple(own[:n] for own, n in zip(z, shape.n_x, strict=True)),
+        u=tuple(own[n:] for own, n in zip(z[:-1], shape.n_x, strict=False)),
+        costate=_parts(found.costate, shape.n_x),
+        y=_parts(found.y[:m], shape.n_c),
+        y_z=_parts(found.y[m:], shape.n_z),
+        excess=_parts(found.excess, shape.n_c),
+        iterations=found.iterations,
+        kkt=found.kkt,
+        cost=_cost(qp, found),
+    )
+
+
+def _parts(flat: Array, sizes: tuple[int, ...]) -> tuple[Array, ...]:
     return tuple(flat[own] for own in slices(sizes))
 
 
 def _values(qp: StageQp, z: Array) -> Array:
     """(M,) of rows and variables."""
-    return np.concatenate([*(C @ own for C, own in zip(qp.C, _split(z, qp.shape.n_z), strict=True)), z])
+    return np.concatenate([*(C @ own for C, own in zip(qp.C, _parts(z, qp.shape.n_z), strict=True)), z])
 
 
 def _near(solution: StageQpSolution) -> Near:
@@ -146,7 +189,8 @@ def _near(solution: StageQpSolution) -> Near:
     return Near(z=np.concatenate(solution.z), costate=np.concatenate(solution.costate), y=y)
 
 
-def _cost(qp: StageQp, z: Array, products: Products) -> float:
-    r, flat = qp.flat["r"], qp.flat
+@np.errstate(over="ignore", invalid="ignore")  # of what is not a number there is no cost
+def _cost(qp: StageQp, found: Found) -> float:
+    r, z, flat, products = qp.flat["r"], found.z, qp.flat, found.products
     straight = products.slope + z @ flat["g"]
     return float((r @ r + products.square + products.bend + z @ (flat["damping"] * z)) / 2 + straight)
