@@ -98,7 +98,8 @@ def test_no_level_rises_by_more_than_the_tolerance_where_levels_are_added_below(
     assert min(level.residual for level in plans[2].levels) > 0.01  # none has all it wants
     for fewer, more in pairwise(plans):
         for alone, with_more in zip(fewer.levels, more.levels, strict=False):
-            assert with_more.residual <= alone.residual + 2 * TOLERANCE
+            # Two solves agree to so many digits.
+            assert with_more.residual <= (1.0 + 1e-4) * alone.residual + TOLERANCE
 
 
 def test_levels_that_exclude_each_other_end_where_ipopt_ends(plan: Plan, by_ipopt: Plan) -> None:

@@ -22,7 +22,7 @@ from uvms_ocp.solvers.stagewise.solution import Found
 _SMALLEST_SHARE = 1e-7
 _MORE, _LESS = 10.0, 4.0  # by how much damping grows, and by how much it falls
 _KEPT = 0.25  # share of a violation down to which a step has to bring it for less damping
-_DAMPED, _IDLE = 1e-6, 1e-4  # [1/unit of z^2] from where it grows, and where steps do not lower the cost
+_DAMPED, _IDLE = 1e-6, 1e-5  # [1/unit of z^2] from where it grows, and where steps do not lower the cost
 _NOTHING = 0.1  # share of the tolerance of a residual's norm that is not worth a step
 _STEEP = 100.0  # largest entry of the gradient at the start up to which errors are not scaled, as in IPOPT
 _GIVE = 1e4
@@ -39,7 +39,7 @@ _MODELS = (
 _PATIENCE, _DIGITS = 15, 1e-5  # iterations of the last level before a gain of this share of its cost is none
 _MENDS, _STIFF = 3, 1e6  # ways back to the rows, and what makes them short [1/unit of z^2]
 _LOUDEST = 1e4  # times the first violation
-_ROUGHLY, _ROUGHEST = 1e-3, 1e-4  # tolerance of a QP, of the violation that it starts from, and at most
+_ROUGHLY, _ROUGHEST = 1e-3, 1e-6  # tolerance of a QP, of the violation that it starts from, and at most
 _NO_HELP = 1e-6  # share of the violation that a step must take away to count as a help
 
 

@@ -20,6 +20,7 @@ from uvms_ocp.solvers.stagewise.second_look.ways_down import leads_down, may_fal
 from uvms_ocp.solvers.stagewise.solution import Found, Near, StageQpSolution, StageQpStatus, stage_qp_solution
 from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape, slices
 
+_UNCLEAR = (StageQpStatus.ITERATION_LIMIT, StageQpStatus.UNBOUNDED)
 _MISSED = 1e-5  # relative violation that no point does without
 _ROUGH = 1e-6  # tolerance of phase one
 
@@ -57,7 +58,7 @@ class StageQpSolver:
             raise InvalidInput("the QP has another shape than the solver; make a solver for it")
         options = self.options if tolerance is None else replace(self.options, tolerance=tolerance)
         end = self._core.solve(qp, options, near)
-        if explained and end.status in (StageQpStatus.ITERATION_LIMIT, StageQpStatus.UNBOUNDED):
+        if explained and (end.status in _UNCLEAR or _only_rounding(qp, end)):
             end = self._judged(qp, row_table(qp), end)
         return self._found(qp, end)
 
@@ -93,11 +94,11 @@ class StageQpSolver:
         return self.options.tolerance * STAGE_TOLERANCES.inexact_tolerances
 
     def _last_word(self, best: End) -> StageQpStatus:
-        """Endless steps alone prove nothing."""
+        """Endless steps, and rounding, prove nothing."""
         if best.status is StageQpStatus.SOLVED:
             return best.status
-        endless = best.status is StageQpStatus.UNBOUNDED
-        status = StageQpStatus.ITERATION_LIMIT if endless else best.status
+        known = best.status is StageQpStatus.NOT_A_NUMBER
+        status = best.status if known else StageQpStatus.ITERATION_LIMIT
         return StageQpStatus.INEXACT if best.worst <= self._inexact else status
 
     def _is_endless(self, qp: StageQp) -> bool:
@@ -150,6 +151,11 @@ class StageQpSolver:
             kkt=end.kkt,
             products=self._core.products(qp, end.point.z),
         )
+
+
+def _only_rounding(qp: StageQp, end: End) -> bool:
+    """Whether a cost that is convex, as a sum of squares, seemed not to be."""
+    return end.status is StageQpStatus.NOT_CONVEX and not qp.flat["H"].any() and bool((qp.flat["damping"] >= 0.0).all())
 
 
 def _split(qp: StageQp, found: Found) -> StageQpSolution:
