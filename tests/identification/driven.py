@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pinocchio as pin
 from vehicles import HULL, vehicle
@@ -30,10 +32,16 @@ def vehicle_of(declaration: Declaration) -> Vehicle:
     )
 
 
-def drive(stage: Stage, p: np.ndarray, *, seed: int, t_end: float = 30.0, noise: float = 0.0) -> Recording:
+SIZE = (12.0, 12.0, 10.0, 0.8, 0.8, 3.0)
+"""[N, N m] of commands."""
+
+
+def drive(
+    stage: Stage, p: np.ndarray, *, seed: int, t_end: float = 30.0, noise: float = 0.0, size: Sequence[float] = SIZE
+) -> Recording:
     """A recording at 10 Hz of random steps of all commands, every 2 s, with late commands and velocities as p has it."""
     rng, n = np.random.default_rng(seed), round(t_end / FINE)
-    commands = rng.normal(size=(round(t_end / 2) + 1, stage.n_u)) * [12.0, 12.0, 10.0, 0.8, 0.8, 3.0]
+    commands = rng.normal(size=(round(t_end / 2) + 1, stage.n_u)) * np.array(size)
     delay, late = np.asarray(stage.delays(p)[0]).ravel()
     begun = np.asarray(stage.begun(np.repeat(commands[:1].T, PAST, axis=1), p)[0]).ravel()
     x = np.concatenate([[0, 0, -2, 0, 0, 0, 1.0], np.zeros(6), begun])

@@ -13,6 +13,8 @@ from uvms_ocp.identification.recordings.sampling import Held, angular_rate, rota
 
 N_SEEN = 9
 """[-] rows of what is seen, as `Stage.seen` has them: velocity, angular velocity, vertical; three of each."""
+RATE_WINDOW = 0.6
+"""[s] over which attitude is smoothed for an angular velocity that is not recorded."""
 COMMANDS = ("thrust", "wrench", "propeller_commands")
 
 
@@ -56,7 +58,7 @@ class Prepared:
     commands: Held
 
     @staticmethod
-    def of(recording: Recording, vehicle: Vehicle, window: float = 0.6) -> Prepared:
+    def of(recording: Recording, vehicle: Vehicle, window: float = RATE_WINDOW) -> Prepared:
         """window: [s] over which attitude is smoothed where no angular velocity is recorded.
 
         Raises NameNotFound for a channel that is missing, and InvalidInput.
@@ -76,6 +78,16 @@ class Prepared:
         n = max(1, round(total * step / duration)) if duration else 1
         size, whole = total // n, self._whole(begin + step * np.arange(total + 1))
         return tuple(self._stretch(whole, k * size, (k + 1) * size) for k in range(n))
+
+    def windows(self, step: float, known: float, horizon: float) -> tuple[Stretch, ...]:
+        """Stretches in steps of `step` [s], of the times `known` [s] and `horizon` [s] after it, that begin a horizon apart.
+
+        Their horizons follow each other without gaps; the last one, if it is cut off, is left out.
+        """
+        (whole,) = self.stretches(step)
+        before, after, n = round(known / step), round(horizon / step), len(whole.edges) - 1
+        begins = range(0, n - before - after + 1, after)
+        return tuple(self._stretch(whole, first, first + before + after) for first in begins)
 
     def _whole(self, edges: np.ndarray) -> Stretch:
         attitude, velocity = self.recording.channel("attitude"), self.recording.channel("linear_velocity")
