@@ -16,6 +16,8 @@ from uvms_ocp.record_checks import check_series
 from uvms_ocp.run_meta import PlanMeta, RunMeta, read_meta, write_meta
 from uvms_ocp.tables import record_files
 from uvms_ocp.tables.mcap import mcap_file
+from uvms_ocp.tables.series_table import meaning_of, unit_of
+from uvms_ocp.tables.small_table import SmallTable, Tabled
 from uvms_ocp.untrusted.array_file import read_arrays
 from uvms_ocp.validation import shown
 
@@ -25,8 +27,8 @@ _BLOCK = 8 * 2**20  # [bytes]
 
 
 @checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Record:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class Record(Tabled):
     """Named time series that share their first axis, and what is needed to read them.
 
     Plots and reports read nothing else. Raises `InvalidInput` for metadata of any other type.
@@ -38,6 +40,17 @@ class Record:
 
     def __len__(self) -> int:
         return len(self.series["t"])
+
+    def _table(self) -> SmallTable:
+        t, meta = self.series["t"], self.meta
+        span = f"{t[0]:g} to {t[-1]:g} s" if len(t) else "no time"
+        return SmallTable(
+            title=f"Record of a {meta.kind}, {meta.scenario}, {meta.robot}: {len(t)} rows, {span}",
+            head=("series", "shape", "unit", "meaning"),
+            rows=tuple(
+                (name, str(array.shape), unit_of(name), meaning_of(name)) for name, array in self.series.items()
+            ),
+        )
 
     @late
     def __getitem__(self, name: str) -> np.ndarray:

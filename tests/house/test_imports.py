@@ -10,7 +10,7 @@ import pytest
 
 EXTRAS = ("dask", "distributed", "pandas", "pyarrow", "SALib", "mcap", "foxglove_schemas_protobuf")
 RARE = ("scipy.stats", "scipy.optimize", "scipy.spatial", "matplotlib", "meshcat", *EXTRAS)
-_CODE = "import sys, uvms_ocp; print(*sys.modules)"
+_CODE = "import sys, uvms_ocp; [getattr(uvms_ocp, name) for name in dir(uvms_ocp)]; print(*sys.modules)"
 _WITHOUT = """
 import sys
 for name in {extras}:
@@ -41,3 +41,18 @@ def test_commands_import_without_the_extras_and_a_campaign_says_which_it_needs(t
     told = subprocess.run(words, check=True, capture_output=True, text=True, cwd=tmp_path).stdout
     assert told.strip().endswith('pip install "uvms-ocp[campaign]"')
     assert not list(tmp_path.iterdir())
+
+
+def test_the_package_itself_loads_nothing_before_it_is_asked_for() -> None:
+    code = "import sys, uvms_ocp; print(*sys.modules)"
+    told = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split()
+    assert not {"numpy", "casadi", "pinocchio", "coal", "scipy"} & set(told)
+    assert {name for name in told if name.startswith("uvms_ocp")} == {"uvms_ocp", "uvms_ocp.version"}
+
+
+def test_an_unknown_public_name_is_answered_with_the_nearest() -> None:
+    import uvms_ocp
+
+    with pytest.raises(AttributeError, match="did you mean 'load_robot'"):
+        uvms_ocp.load_robt  # noqa: B018 - the look-up is what is tested
+    assert "load_robot" in dir(uvms_ocp)

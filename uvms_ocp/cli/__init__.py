@@ -23,10 +23,23 @@ from uvms_ocp.cli.vectors import spread
 from uvms_ocp.exceptions import UvmsError, plain_line
 from uvms_ocp.version import __version__
 
+_EXAMPLES = """Examples:
+
+\b
+  uvms-ocp run                                  the paper's Case 1, in water
+  uvms-ocp run --noise --fault thruster3:dead@20
+  uvms-ocp show uvms_runs/case1-dynamic-lexls   in the browser
+  uvms-ocp show girona_maris7                   a robot, with sliders
+  uvms-ocp plan ocp --tool 12.2 37.4 -39.5 --position 11 37 -38.5
+  uvms-ocp compare RUN OTHER
+  uvms-ocp check-robot my.urdf --hydrodynamics my.yaml
+
+Completion in your shell: uvms-ocp --install-completion
+"""
 app = typer.Typer(
     help="Task-priority planning of underwater vehicle-manipulator systems.",
     no_args_is_help=True,
-    add_completion=False,
+    epilog=_EXAMPLES,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )

@@ -13,6 +13,7 @@ import typer
 from uvms_ocp.campaign import STUDIES
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.exceptions import InvalidInput, NameNotFound, OutputError
+from uvms_ocp.model.files.library import list_robots
 from uvms_ocp.parts.given import PLANTS
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.scenarios import SCENARIOS
@@ -49,17 +50,36 @@ SCENARIO_HELP = (
     "Scenario, see `uvms-ocp list`, or your own: FILE.py, FILE.py:NAME or PACKAGE.MODULE:NAME. "
     "Loading Python code runs it: give only what you trust."
 )
-Name = Annotated[str, typer.Argument(metavar="SCENARIO", help=SCENARIO_HELP)]
+
+
+def completing(*names: str) -> Callable[[str], list[str]]:
+    """Those of the names that a shell may end a word with."""
+    return lambda incomplete: [name for name in names if name.startswith(incomplete)]
+
+
+Name = Annotated[
+    str,
+    typer.Argument(metavar="SCENARIO", help=SCENARIO_HELP, autocompletion=completing(*SCENARIOS, *STUDIES)),
+]
 RobotName = Annotated[
     str | None,
-    typer.Option(help="Robot, see `uvms-ocp list`, a URDF or a folder with robot.urdf; default: the scenario's."),
+    typer.Option(
+        help="Robot, see `uvms-ocp list`, a URDF or a folder with robot.urdf; default: the scenario's.",
+        autocompletion=completing(*list_robots()),
+    ),
 ]
 Hydrodynamics = Annotated[
     str | None, typer.Option(metavar="YAML", help="Hydrodynamics file of the robot; default: the one beside its URDF.")
 ]
-PlantName = Annotated[str | None, typer.Option(help=f"Plant: {', '.join(PLANTS)}; default: the scenario's.")]
+PlantName = Annotated[
+    str | None,
+    typer.Option(help=f"Plant: {', '.join(PLANTS)}; default: the scenario's.", autocompletion=completing(*PLANTS)),
+]
 SolverName = Annotated[
-    str | None, typer.Option(help=f"Hierarchy solver: {', '.join(SOLVERS)}; default: the scenario's.")
+    str | None,
+    typer.Option(
+        help=f"Hierarchy solver: {', '.join(SOLVERS)}; default: the scenario's.", autocompletion=completing(*SOLVERS)
+    ),
 ]
 CurrentVelocity = Annotated[
     tuple[float, float, float] | None,

@@ -19,12 +19,13 @@ from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.record import Record
 from uvms_ocp.scenario import MissionController, Scenario
 from uvms_ocp.sim.loop import Progress
+from uvms_ocp.tables.small_table import SmallTable, Tabled, rows_of
 from uvms_ocp.validation import shown
 
 
 @checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class MissionPlan:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class MissionPlan(Tabled):
     """What `plan_mission` returns."""
 
     scenario: str
@@ -84,6 +85,12 @@ class MissionPlan:
             ],
             "identity": dict(self.identity),
         }
+
+    def _table(self) -> SmallTable:
+        told = {name: value for name, value in self.summary().items() if name not in ("phases", "identity")}
+        phases = zip(self.names, self.phases, strict=True)
+        rows = ((f"phase {name}", f"{part.begin:.2f} to {part.end:.2f} s") for name, part in phases)
+        return SmallTable(title=f"MissionPlan of {self.scenario}: {self.status.value}", rows=(*rows_of(told), *rows))
 
     def to_record(self, scenario: Scenario) -> Record:
         """The motion of the scenario's robot as a record, which figures, scenes and comparisons take.

@@ -20,7 +20,9 @@ CITED = re.compile(r"`(uvms_ocp(?:\.\w+)+)`")
 
 def exported_names(init: Path) -> tuple[str, ...]:
     """The names that a room passes on, by ``from x import Y as Y`` in its ``__init__.py``."""
-    imports = (node for node in ast.parse(init.read_text(encoding="utf-8")).body if isinstance(node, ast.ImportFrom))
+    imports = (
+        node for node in ast.walk(ast.parse(init.read_text(encoding="utf-8"))) if isinstance(node, ast.ImportFrom)
+    )
     return tuple(alias.name for node in imports for alias in node.names if alias.asname == alias.name)
 
 

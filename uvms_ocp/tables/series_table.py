@@ -124,6 +124,11 @@ def unit_of(name: str, part: str = "") -> str:
     return QUANTITIES.get(name.rpartition(".")[2], "-")
 
 
+def meaning_of(name: str) -> str:
+    """What a series is; empty where nobody says."""
+    return SERIES[name].meaning if name in SERIES else ""
+
+
 def column_names(name: str, width: int, meta: Any) -> list[str]:
     """Names of the columns of a series of that name with so many columns (width [-]); meta: of its record."""
     if name == "quantities":
