@@ -29,6 +29,8 @@
   and Applications 31(3), 2009.
 - [Okabe2008] M. Okabe, K. Ito, Color universal design, J*FLY data depository for Drosophila researchers, 2008.
 - [Patnaik1949] P. B. Patnaik, The non-central chi-squared and F-distributions and their applications, Biometrika 36, 1949.
+- [Rucker2022] C. Rucker, P. M. Wensing, Smooth parameterization of rigid-body inertia, IEEE Robotics and Automation Letters
+  7(2), 2022.
 - [Shepperd1978] S. W. Shepperd, Quaternion from rotation matrix, Journal of Guidance and Control 1(3), 1978.
 - [SimettiCasalino2016] E. Simetti, G. Casalino, A novel practical technique to integrate inequality control objectives
   and task transitions in priority based control, Journal of Intelligent & Robotic Systems 84, 2016.

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.arguments import Shape, checked, late
-from uvms_ocp.arrays import Array
+from uvms_ocp.arrays import Array, Indices
 from uvms_ocp.collision.coordinates import Coordinates
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.axis_reach import shape_reach
@@ -83,6 +83,16 @@ class CollisionScene:
             return Nearest(distance=np.inf, time=0.0, pair="")
         row, pair = np.unravel_index(int(np.argmin(distances)), distances.shape)
         return Nearest(distance=float(distances[row, pair]), time=float(t[row]), pair=self.pairs[pair].name)
+
+    def among(self, chosen: Indices) -> CollisionScene:
+        """The same scene with these of its pairs alone; chosen (n,) [-]."""
+        geometry = pin.GeometryModel(self.geometry)
+        geometry.removeAllCollisionPairs()
+        pairs = tuple(self.pairs[k] for k in chosen.tolist())
+        for pair in pairs:
+            geometry.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
+        parts = {name: getattr(self, name)[chosen] for name in ("moved", "reach", "carried", "gyration", "room")}
+        return replace(self, geometry=geometry, pairs=pairs, **parts)
 
     def groups(self) -> dict[str, list[int]]:
         """Indices of pairs by the obstacle they are with, and those of two links."""

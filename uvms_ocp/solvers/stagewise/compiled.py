@@ -147,7 +147,7 @@ class CompiledCore:
         return self._end()
 
     def products(self, qp: StageQp, z: Array) -> Products:
-        """As `NumpyCore.products`."""
+        """As `NumpyCore.products`; z (n,) [unit of z]."""
         self._load(qp, None)
         stages = ctypes.byref(self._problem.stages)
         self._library.products(stages, _address(z), _address(self._found))

@@ -70,6 +70,10 @@ class StageTolerances:
     """[unit of z] variables below which a gradient is compared with the curvature."""
     counts: float = 1e-6
     """[-] multiplier, beside the largest, of a bound that is reached."""
+    many_changes: int = 15
+    """[-] of bounds that are held, more than which must fall from round to round."""
+    vain_changes: int = 4
+    """[-] rounds in which fewer do not."""
     most_corrections: int = 10
     """[-] of a solution without inequalities."""
     least_missed: float = 0.1

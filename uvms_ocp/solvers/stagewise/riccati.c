@@ -214,12 +214,12 @@ void products(const Stages *s, const double *z, double *restrict found) {
   }
 }
 
-/* Largest entry of J' r + F' costate_+ - costate + C' y + y_z, but for fixed variables; y of rows, then of variables. */
+/* Largest entry of J' r + g + F' costate_+ - costate + C' y + y_z, but for fixed variables; y of rows, then of variables. */
 double stationarity(const Stages *s, const double *costate, const double *y, int m) {
   double most = 0.0, *h = s->v;
   for (int k = 0; k <= s->N; ++k) {
     const int n = n_z(s, k), after = k < s->N ? s->n_x[k + 1] : 0;
-    for (int i = 0; i < n; ++i) h[i] = y[m + s->z[k] + i] - (k && i < s->n_x[k] ? costate[s->x[k] + i] : 0.0);
+    for (int i = 0; i < n; ++i) h[i] = s->gradient[s->z[k] + i] + y[m + s->z[k] + i] - (k && i < s->n_x[k] ? costate[s->x[k] + i] : 0.0);
     for (int i = 0; i < s->n_r[k]; ++i) add_multiple(n, s->residual[s->r[k] + i], s->rows + s->J[k] + (size_t)i * n, h);
     for (int i = 0; i < after; ++i) add_multiple(n, costate[s->x[k + 1] + i], s->dynamics + s->F[k] + (size_t)i * n, h);
     for (int i = 0; i < s->n_c[k]; ++i)

@@ -45,12 +45,19 @@ class StageQpSolver:
         return _split(qp, self.find(qp, near))
 
     @late
-    def find(self, qp: StageQp, near: Near | None = None) -> Found:
-        """The same in arrays with stage after stage; near: the solution of a QP nearby. Raises `InvalidInput` as `solve` does."""
+    def find(
+        self, qp: StageQp, near: Near | None = None, *, tolerance: float | None = None, explained: bool = True
+    ) -> Found:
+        """The same in arrays with stage after stage.
+
+        near: the solution of a QP nearby. tolerance [-]: instead of that of the options. explained: False takes less time where
+        no optimum is found, and does not tell infeasible from unbounded. Raises `InvalidInput` as `solve` does.
+        """
         if qp.shape is not self.shape and qp.shape != self.shape:
             raise InvalidInput("the QP has another shape than the solver; make a solver for it")
-        end = self._core.solve(qp, self.options, near)
-        if end.status in (StageQpStatus.ITERATION_LIMIT, StageQpStatus.UNBOUNDED):
+        options = self.options if tolerance is None else replace(self.options, tolerance=tolerance)
+        end = self._core.solve(qp, options, near)
+        if explained and end.status in (StageQpStatus.ITERATION_LIMIT, StageQpStatus.UNBOUNDED):
             end = self._judged(qp, row_table(qp), end)
         return self._found(qp, end)
 
