@@ -32,8 +32,8 @@ WANTED = {"surge": 60.0, "sway": 55.0, "heave": 65.0, "yaw rate": 50.0}
 WANTED_SOON = 75.0
 """[%] asked for over the shortest horizon."""
 PROSE = """
-{n} recordings of {length:.0f} s of an AUV that is driven by its thrusters. Each is predicted by one vehicle, identified on all others:
-from the commanded wrench alone, its start fitted on the first {known:g} s. The fit is `100 (1 - |error| / |y - mean|)` in
+{n} recordings of {length:.0f} s of an AUV that is driven by its thrusters. Each is predicted by one vehicle, identified on all
+others: from the commanded wrench alone, its start fitted on the first {known:g} s. The fit is `100 (1 - |error| / |y - mean|)` in
 percent, of a channel where its standard deviation exceeds {least:g} m/s ({turning:g} rad/s in yaw). Yaw rate is that of the
 attitude, smoothed by local quadratics over {window:g} s. The table has medians over the recordings.
 
@@ -152,6 +152,26 @@ def _doubts(one: Bench) -> str:
     return "\n".join(told) or "None."
 
 
+def prose(one: Bench, drifting: Estimate) -> str:
+    """With the figures of a bench, and of an estimate with forces of each recording."""
+    forces = [float(own[0]) for own in drifting.own.values()]
+    return PROSE.format(
+        n=len(one.prepared),
+        length=_length(one),
+        known=one.predictor(one.vehicle.shared.start).known,
+        least=MOVING["surge"],
+        turning=MOVING["yaw rate"],
+        window=RATE_WINDOW,
+        wanted=", ".join(f"{name} {least:g}" for name, least in WANTED.items()),
+        short=HORIZONS[0],
+        asked=WANTED_SOON,
+        seen=SEEN,
+        own=OWN,
+        forces=f"{min(forces):.2g} to {max(forces):.2g}",
+        doubts=_doubts(one),
+    )
+
+
 def main() -> None:
     """Identify and predict."""
     parser = parser_of(__doc__)
@@ -164,17 +184,15 @@ def main() -> None:
     drifting = other.trained(other.prepared, everything.shared, stages[1:])
     rows = left_out(one, everything.shared, quick=run.quick)
     rows += in_sample(one, everything, SEEN) + in_sample(other, drifting, OWN) + nulls(one)
-    forces = [float(own[0]) for own in drifting.own.values()]
-    wanted = ", ".join(f"{name} {least:g}" for name, least in WANTED.items())
-    prose = PROSE.format(
-        n=len(one.prepared), length=_length(one), window=RATE_WINDOW, short=HORIZONS[0], asked=WANTED_SOON, known=one.predictor(everything.shared).known, least=MOVING["surge"], wanted=wanted,
-        turning=MOVING["yaw rate"], seen=SEEN, own=OWN, forces=f"{min(forces):.2g} to {max(forces):.2g}",
-        doubts=_doubts(one),
-    )  # fmt: skip
     table = Table(rows=medians(rows), columns={"prediction": "", **dict.fromkeys(CHANNELS, ".0f")})
-    title = "Identification of a driven AUV"
     run.write(
-        Report(name="identification_tauv", title=title, prose=prose, tables=[table], data={"identification_tauv": rows})
+        Report(
+            name="identification_tauv",
+            title="Identification of a driven AUV",
+            prose=prose(one, drifting),
+            tables=[table],
+            data={"identification_tauv": rows},
+        )
     )
 
 

@@ -59,6 +59,7 @@ ALONE = tuple(
         "faults",
         "gates",
         "hierarchy",
+        "identification_simulated",
         "nmpc_levels",
         "ocp_missions",
         "ocp_peers",
