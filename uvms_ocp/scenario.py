@@ -19,14 +19,14 @@ from uvms_ocp.control.navigation.pass_through import PassThrough
 from uvms_ocp.control.velocity.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.control.velocity.tick.guide import Guide
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.meta_values import FaultMeta
 from uvms_ocp.mission.mission import Mission
-from uvms_ocp.model.dynamics import robot_dynamics
+from uvms_ocp.model.dynamics import known_dynamics, robot_dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
 from uvms_ocp.model.state import Measurement, State
 from uvms_ocp.parts.fresh import ControllerOf, EstimatorOf, MissionController, maker_of, own_names
 from uvms_ocp.parts.given import part_name, plant_name, require_plant, require_suffered, specs_of, takes_forces
+from uvms_ocp.parts.struck import require_fault, struck_parts, told
 from uvms_ocp.parts.watched_plant import WatchedPlant
 from uvms_ocp.parts.watched_sensors import WatchedSensors
 from uvms_ocp.preflight.checks import check_mission
@@ -50,7 +50,7 @@ def our_controller(scenario: Scenario, guide: Guide | None = None) -> KinematicC
     kinematic = scenario.kinematic_controller(guide)
     if not scenario.takes_forces:
         return kinematic
-    model = robot_dynamics(scenario.robot)
+    model = known_dynamics(scenario.robot)
     return DynamicController(robot=scenario.robot, dynamics=model, kinematic=kinematic, gains=scenario.gains)
 
 
@@ -67,8 +67,8 @@ class Scenario:
     """Everything that one simulation needs.
 
     Raises `InvalidInput` for a start outside the joint limits or below the seafloor, for a bad period, duration, seed or
-    solver, or for a fault that robot or plant cannot have, `NameNotFound` for an unknown plant and `FrameNotFound` for an
-    unknown altimeter frame. Goals are judged by `check`.
+    solver, for what makes no part, or for a fault that robot or plant cannot have, `NameNotFound` for an unknown plant and
+    `FrameNotFound` for an unknown altimeter frame. Goals are judged by `check`.
     """
 
     name: str
@@ -109,8 +109,8 @@ class Scenario:
     """[s] at which an incomplete mission is stopped."""
     markers: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     """Points (3,) [m] in W to draw, by name."""
-    faults: tuple[Fault, ...] = ()
-    """What goes wrong, unknown to controller and pre-flight."""
+    faults: tuple[Fault | Callable[..., Any], ...] = ()
+    """What goes wrong, unknown to controller and pre-flight; also a user's own, each a `uvms_ocp.parts.FaultMaker`."""
 
     def __post_init__(self) -> None:
         require_plant(self.plant)
@@ -134,10 +134,17 @@ class Scenario:
             self._require_above_floor()
         for name, kind in (("controller", ControllerOf), ("estimator", EstimatorOf)):
             object.__setattr__(self, name, kind(maker=maker_of(name, getattr(self, name)), scenario=self))
-        if self.faults:
-            require_possible(self.faults, self.plant_robot or self.robot, kinematic=self.plant == "kinematic")
-            require_suffered(self.faults, self.plant, self.sensors)
+        for fault in self.faults:
+            require_fault(fault)
+        if faults := self.known_faults:
+            require_possible(faults, self.plant_robot or self.robot, kinematic=self.plant == "kinematic")
+            require_suffered(faults, self.plant, self.sensors)
             self._sensor_suite()
+
+    @property
+    def known_faults(self) -> tuple[Fault, ...]:
+        """Those of `faults` that are values of the toolkit, which plant and sensors have of themselves."""
+        return tuple(fault for fault in self.faults if isinstance(fault, Fault))
 
     @property
     def takes_forces(self) -> bool:
@@ -188,11 +195,12 @@ class Scenario:
         controller: a fresh one, as `controller` makes them, for who wants to look into it meanwhile.
         """
         controller = controller or self.controller()
-        kinematic, plant, estimator = controller.kinematic, self._plant(), self.estimator()
+        kinematic, estimator = controller.kinematic, self.estimator()
+        plant, sensors = struck_parts(self, self._plant(), self._sensors())
         begin = perf_counter()
         recorder = simulate(
             plant=plant,
-            sensors=self._sensors(),
+            sensors=sensors,
             estimator=estimator,
             controller=controller,
             dt=self.dt,
@@ -222,7 +230,7 @@ class Scenario:
             parts=self._part_names(controller, estimator),
             seed=self.seed,
             markers=self.markers,
-            faults=tuple(map(_told, self.faults)),
+            faults=tuple(map(told, self.faults)),
             controller=controller.kinematic,
             monitor=estimator.monitor,
             ending=ending,
@@ -242,10 +250,10 @@ class Scenario:
         if not isinstance(self.plant, str):
             return WatchedPlant(self.plant(self), self.robot, part_name(self.plant))
         if self.plant == "kinematic":
-            return KinematicPlant(self.robot, self.start, self.faults)
+            return KinematicPlant(self.robot, self.start, self.known_faults)
         real = self.plant_robot or self.robot
         dynamics = robot_dynamics(real)
-        options: dict[str, Any] = {"dynamics": dynamics, "environment": self.environment, "faults": self.faults}
+        options: dict[str, Any] = {"dynamics": dynamics, "environment": self.environment, "faults": self.known_faults}
         return DynamicPlant(real, self.start, **options, shared=real is not self.robot)
 
     def _sensors(self) -> Sensors:
@@ -256,7 +264,7 @@ class Scenario:
     def _sensor_suite(self) -> SensorSuite:
         floor = self.environment.seafloor
         specs = self.real_sensors or self.specs
-        return SensorSuite(self.robot, floor, specs, self.seed, self.altimeter_frame, self.faults)
+        return SensorSuite(self.robot, floor, specs, self.seed, self.altimeter_frame, self.known_faults)
 
     def _true_measurement(self, state: State) -> Measurement:
         floor, frame = self.environment.seafloor, self.altimeter_frame
@@ -269,11 +277,6 @@ class Scenario:
         if z <= floor:
             text = f"start position of the vehicle z = {z:g} m is below the seafloor z = {floor:g} m; raise it"
             raise InvalidInput(text)
-
-
-def _told(fault: Fault) -> FaultMeta:
-    end = fault.end if np.isfinite(fault.end) else None
-    return FaultMeta(text=str(fault), target=fault.target, kind=fault.kind, t=fault.onset, end=end)
 
 
 @checked

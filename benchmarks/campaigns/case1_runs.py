@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from uvms_ocp.campaign import LogNormal, Normal, Uniform, Variation
+from uvms_ocp.campaign import Choice, LogNormal, Normal, Uniform, Variation
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.scenarios.case1 import case1
 
@@ -17,7 +17,7 @@ VARIATIONS = (
     Variation("payload.mass", Uniform(0.0, 1.0)),
     Variation("thrusters.time_constant", LogNormal(1.0, 0.2)),
     Variation("sensors.noise", LogNormal(1.0, 0.3)),
-    Variation("sensors.delay", Uniform(0.0, 0.02)),
+    Variation("sensors.delay", Choice((0.0, 0.02))),  # none, or a tick that nobody told the estimator of
     Variation("start.x", Normal(0.0, 0.3)),
     Variation("start.y", Normal(0.0, 0.3)),
     Variation("start.yaw", Normal(0.0, 0.2)),

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from trivial_runs import TrivialRuns, cluster, identity_of
 
 from uvms_ocp.campaign.execution.carry_out import carry_out
+from uvms_ocp.campaign.runs.time_limit import OverTime, time_limit
 from uvms_ocp.campaign.store.table import read_table
 from uvms_ocp.exceptions import InvalidInput, OutputError
 
@@ -26,6 +29,31 @@ def test_a_raising_run_is_a_row_with_its_text_and_a_deadly_one_too_and_none_else
     assert "process of the run ended" in table["cause"][3]
     assert table["share"].tolist() == [run / 7.0 for run in range(10)]
     assert (told[0], told[-1]) == ((0, 0, 10), (10, 2, 10))
+
+
+def test_a_run_without_end_is_a_row_that_says_so_and_the_others_go_on(tmp_path: Path) -> None:
+    work = TrivialRuns(endless=frozenset({2}), asleep=frozenset({4}))
+    carry_out(tmp_path, identity_of(work, 8), work, workers=1, limit=1.5)
+    table = read_table(tmp_path).set_index("run")
+    assert table.index.tolist() == list(range(8))
+    assert table["outcome"][table["outcome"] != "completed"].to_dict() == {2: "time limit", 4: "time limit"}
+    assert table["cause"][2].startswith("not over after 1.5 s, and stopped")
+    assert "trivial_runs.py:" in table["cause"][2]
+    assert table["share"].tolist() == [run / 7.0 for run in range(8)]
+
+
+def test_a_time_that_is_over_ends_the_block_whatever_it_catches_and_never_what_follows() -> None:
+    for seconds in (0.0, 0.01, 0.1):
+        with pytest.raises(OverTime), time_limit(seconds, stuck=lambda: pytest.fail("it was not stuck")):
+            while True:
+                try:
+                    time.sleep(0.001)
+                except Exception:
+                    continue
+    for _ in range(200):  # ends at about the same time
+        with suppress(OverTime), time_limit(0.002, stuck=lambda: pytest.fail("it was not stuck")):
+            time.sleep(0.002)
+    time.sleep(0.1)
 
 
 def test_short_runs_share_tasks_and_come_back_whole(tmp_path: Path) -> None:

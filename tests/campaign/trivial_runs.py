@@ -24,6 +24,8 @@ class TrivialRuns(Work):
     pause: float = 0.0
     deadly: frozenset[int] = frozenset()
     broken: frozenset[int] = frozenset()
+    endless: frozenset[int] = frozenset()
+    asleep: frozenset[int] = frozenset()
     kept: bool = False
 
     @property
@@ -37,6 +39,10 @@ class TrivialRuns(Work):
         time.sleep(self.pause)
         if run in self.deadly:
             os._exit(1)
+        while run in self.endless:
+            pass
+        if run in self.asleep:
+            time.sleep(3600.0)
         if run in self.broken:
             raise ValueError(f"run {run} was\nnever to be")
         row = {**self.head(run), "square": run * run, "outcome": "completed", "success": True, "cause": ""}

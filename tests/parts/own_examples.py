@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -34,7 +34,7 @@ class ExtraDrag:
 class DraggedPlant:
     def __init__(self, scenario: Scenario, rate: float) -> None:
         robot = scenario.plant_robot or scenario.robot
-        options: dict[str, Any] = {"environment": scenario.environment, "faults": scenario.faults}
+        options: dict[str, Any] = {"environment": scenario.environment, "faults": scenario.known_faults}
         self.plant, self.rate = DynamicPlant(robot, scenario.start, dynamics=robot_dynamics(robot), **options), rate
         self.state = self.plant.state
 
@@ -207,3 +207,28 @@ class PidOfRun:
         return Command(
             v=np.zeros_like(v), thrust=thrust, torque=force[self.robot.joint_v], telemetry={"pull": error[:3]}
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class LooseCable:
+    """Readings of the DVL are those of the moment when it came loose; thrusters hear half of what they are asked."""
+
+    onset: float
+    end: float = float("inf")
+    share: float = 0.5
+
+    def __call__(self, scenario: Scenario) -> LooseCableOfRun:
+        return LooseCableOfRun(self.share)
+
+
+class LooseCableOfRun:
+    def __init__(self, share: float) -> None:
+        self.share = share
+        self.kept: Reading[np.ndarray] | None = None
+
+    def readings(self, readings: Readings, t: float) -> Readings:
+        self.kept = self.kept or readings.linear_velocity
+        return replace(readings, linear_velocity=self.kept)
+
+    def command(self, command: Command, t: float) -> Command:
+        return command if command.thrust is None else replace(command, thrust=self.share * command.thrust)

@@ -13,6 +13,7 @@ from own_examples import Bursts, ComplementaryFilter, CopiedFilter, DoubleIntegr
 
 from uvms_ocp import export_controller
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.export import exported_controller
 from uvms_ocp.model.sensing import IDEAL_SENSORS
 from uvms_ocp.model.state import Command, Measurement, Reading, Readings, State
 from uvms_ocp.scenario import Scenario
@@ -64,6 +65,9 @@ EFFORTS = {"thrust": np.zeros(8), "torque": np.zeros(7), "thruster_energy": np.f
         ({"state": {"q": np.full(14, 0.1)}}, "plant OddPlant has q with an attitude .* not of norm 1; normalize it"),
         ({"told": []}, "telemetry of plant OddPlant is list; give a dict, empty for none"),
         ({"told": {"q": 1.0}}, "telemetry of plant OddPlant has 'q', which means something else in records; rename it"),
+        ({"told": {"current": np.zeros(2)}}, r"has current of shape \(2,\); give finite numbers of shape \(3,\)"),
+        ({"told": {"contact": np.zeros(3)}}, r"has contact of shape \(3,\); give finite numbers of shape \(4,\)"),
+        ({"told": {"wrench": np.zeros(6)}}, "has 'wrench', which means something else in records; rename it"),
         ({"told": {"note": "text"}}, r"has note of shape \(\) and type <U4; give numbers \(n,\), or one"),
         ({"told": {"grid": np.eye(2)}}, r"has grid of shape \(2, 2\) and type float64; give numbers \(n,\), or one"),
         ({"told": {"thrust": np.zeros(8)}}, "has 'thrust'; give all of thrust, torque, thruster_energy, joint_energy"),
@@ -239,6 +243,14 @@ def test_the_names_of_plants_are_known() -> None:
 def test_a_fault_that_an_own_part_does_not_have_is_refused(parts: dict[str, Any], fault: str, message: str) -> None:
     with pytest.raises(InvalidInput, match=message):
         replace(case1(faults=(fault,)), **parts)
+
+
+def test_parts_that_are_not_exported_do_not_stand_in_the_way(tmp_path: Path) -> None:
+    scenario = short(plant=DoubleIntegrator, estimator=CopiedFilter)
+    export_controller(scenario, tmp_path / "c")
+    record = replace(scenario, controller=exported_controller(tmp_path / "c")).run()
+    assert record.run_meta.controller == "exported"
+    np.testing.assert_array_equal(record["q"], scenario.run()["q"])
 
 
 def test_what_cannot_be_exported_is_told_by_its_name(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from uvms_ocp.arguments import AtLeastOne, Count, checked
+from uvms_ocp.arguments import AtLeastOne, Count, Period, checked
 from uvms_ocp.campaign.execution.carry_out import Progress, carry_out
 from uvms_ocp.campaign.runs.code_source import CodeSource
 from uvms_ocp.campaign.runs.mission_runs import MissionRuns, built
@@ -68,12 +68,14 @@ class Campaign:
         *,
         workers: AtLeastOne | None = None,
         scheduler: str | None = None,
+        time_limit: Period = 3600.0,
         progress: Progress | None = None,
     ) -> Any:
         """Make all runs that are not finished in the folder `out`, and return the table of all: a pandas.DataFrame.
 
         workers [-]: processes of this machine, by default as many as it has processors. scheduler: address of a Dask cluster in
-        their place. Killed at any moment and called again, it neither loses nor repeats a run whose row is on the disk.
+        their place. time_limit [s]: of a run, whose row says so where it takes longer. Killed at any moment
+        and called again, it neither loses nor repeats a run whose row is on the disk.
         Raises `InvalidInput` where another campaign is in the folder, `OutputError` where it cannot be written, and
         `NotInstalled` without the extra ``uvms-ocp[campaign]``.
         """
@@ -84,6 +86,7 @@ class Campaign:
             sources=self.sources(),
             workers=workers,
             scheduler=scheduler,
+            limit=time_limit,
             progress=progress,
         )
         return read_table(out)

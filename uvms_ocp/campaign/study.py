@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from uvms_ocp.arguments import AtLeastOne, checked
+from uvms_ocp.arguments import AtLeastOne, Period, checked
 from uvms_ocp.campaign.execution.carry_out import Progress, carry_out
 from uvms_ocp.campaign.runs.work import COMPLETED, Done, Row, Work, columns_of
 from uvms_ocp.campaign.store.identity import Identity
@@ -64,18 +64,20 @@ class Study:
         *,
         workers: AtLeastOne | None = None,
         scheduler: str | None = None,
+        time_limit: Period = 3600.0,
         progress: Progress | None = None,
     ) -> StudyResult:
         """All cases, those aside that the folder `out` has already, and their sum; without a folder nothing is kept.
 
-        workers [-], scheduler and what is raised as `Campaign.run` has them; `InvalidInput` for cases that raised or ended
-        their process, too: they stay in the folder.
+        workers [-], scheduler, time_limit [s] and what is raised as `Campaign.run` has them; `InvalidInput`, too, for cases that
+        raised or ended their process: they stay in the folder.
         """
         if out is None:
             with tempfile.TemporaryDirectory() as folder:
-                return self.run(Path(folder, "study"), workers=workers, scheduler=scheduler, progress=progress)
-        work = _Cases(study=self)
-        carry_out(out, self._identity(work), work, workers=workers, scheduler=scheduler, progress=progress)
+                options: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "time_limit": time_limit}
+                return self.run(Path(folder, "study"), progress=progress, **options)
+        work, cluster = _Cases(study=self), dict[str, Any](workers=workers, scheduler=scheduler, limit=time_limit)
+        carry_out(out, self._identity(work), work, progress=progress, **cluster)
         rows = tuple(known_rows(out).values())
         return StudyResult(name=self.name, title=self.title, cases=rows, table=tuple(self.summarize(rows)))
 

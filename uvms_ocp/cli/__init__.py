@@ -19,6 +19,7 @@ from uvms_ocp.cli.campaigns import campaign, new_files
 from uvms_ocp.cli.options import BAD_INPUT
 from uvms_ocp.cli.plans import plan
 from uvms_ocp.cli.printing import console_of
+from uvms_ocp.cli.vectors import spread
 from uvms_ocp.exceptions import UvmsError, plain_line
 from uvms_ocp.version import __version__
 
@@ -81,7 +82,7 @@ def main() -> None:
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - for as long as the process lives
     try:
         try:
-            app()
+            app(spread(app, sys.argv[1:]))
         finally:
             sys.stdout.flush()  # here, where a full disk can still be told
     except BrokenPipeError:  # of a reader that has seen enough

@@ -17,13 +17,14 @@ def controller(
     scenario: Annotated[str, typer.Argument(help=SCENARIO_HELP)],
     out: Annotated[Path, typer.Argument(metavar="DIR", parser=folder, help="Folder for the sources.")],
     plant: Annotated[
-        str, typer.Option(help="dynamic: with thrust and torque; kinematic: velocities alone.")
-    ] = "dynamic",
+        str | None,
+        typer.Option(help="dynamic: with thrust and torque; kinematic: velocities alone; default: the scenario's."),
+    ] = None,
     robot: RobotName = None,
     hydrodynamics: Hydrodynamics = None,
 ) -> None:
     """Write the whole controller as C source that needs libm only, with a recorded run to compare with."""
-    options = {"plant": plant} | given(robot=robot, hydrodynamics=hydrodynamics)
+    options = given(plant=plant, robot=robot, hydrodynamics=hydrodynamics)
     console = console_of()
     with console.status("running the scenario once") as status, told_of_compiling(status.update, console):
         paths = export_controller(build_scenario(scenario, options), out)

@@ -60,11 +60,11 @@ def exported_controller(folder: Path) -> Callable[[Scenario], CController]:
     Where it begins to run it raises `InvalidInput` for a folder without a controller, or with that of another mission.
     """
 
-    def make(scenario: Scenario) -> CController:
+    def exported(scenario: Scenario) -> CController:
         kinematic = scenario.kinematic_controller()
         return CController(folder, sizes_of(kinematic, _n_thrusters(scenario)), forces=scenario.takes_forces)
 
-    return make
+    return exported
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

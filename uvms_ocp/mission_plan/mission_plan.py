@@ -117,7 +117,7 @@ class MissionPlan(Tabled):
         try:
             return _made(*read_plan(path))
         except InvalidInput as error:
-            raise InvalidInput(f"{shown(path)}: {error}") from error
+            raise InvalidInput(f"{shown(path)}: {error}; give the plan.npz that `plan mission` wrote") from error
         except (KeyError, TypeError, ValueError) as error:
             raise InvalidInput(f"{shown(path)}: its summary lacks or garbles {error}; plan the mission anew") from error
 

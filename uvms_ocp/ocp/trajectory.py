@@ -38,13 +38,22 @@ class Trajectory:
     """`thrust` is the wrench of `Actuation.WRENCH`, whose electrical power no one knows."""
 
     def state_at(self, model: pin.Model, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """q, v and a at time t [s]; the end is held."""
+        """q, v and a at time t [s]; the end is held. Every step ends in the configuration of the next node."""
         if t >= self.t[-1]:
             return self.q[-1], self.v[-1], np.zeros_like(self.v[-1])
         k = self.step_at(t)
         s = t - self.t[k]
         a = self.a[k]
-        return pin.integrate(model, self.q[k], s * self.v[k] + s * s / 2 * a), self.v[k] + s * a, a
+        way = s * self.leaving(model, k) + s * s / 2 * a
+        return pin.integrate(model, self.q[k], way), self.v[k] + s * a, a
+
+    def leaving(self, model: pin.Model, k: int) -> np.ndarray:
+        """(n_v,) [m/s, rad/s] Velocity at the beginning of step k with which it ends at the next node.
+
+        That of the node with `Integrator.MIDPOINT`; others make something else of it.
+        """
+        h = self.t[k + 1] - self.t[k]
+        return np.asarray(pin.difference(model, self.q[k], self.q[k + 1]) / h - h / 2 * self.a[k])
 
     def states_at(
         self, model: pin.Model, t: Annotated[np.ndarray, Shape("n")]
@@ -52,7 +61,8 @@ class Trajectory:
         """q (n, n_q) and v (n, n_v) at times t (n,) [s], and the steps that hold them (n,); the end is held."""
         steps = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.a) - 1)
         s, v, a = (t - self.t[steps])[:, None], self.v[steps], self.a[steps]
-        moves, q = s * v + s * s / 2 * a, self.q[steps]
+        leaving = np.array([self.leaving(model, k) for k in steps])
+        moves, q = s * leaving + s * s / 2 * a, self.q[steps]
         q, v = np.array([pin.integrate(model, *pair) for pair in zip(q, moves, strict=True)]), v + s * a
         over = t >= self.t[-1]
         q[over], v[over] = self.q[-1], self.v[-1]

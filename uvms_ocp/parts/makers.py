@@ -12,6 +12,7 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 from uvms_ocp.model.sensing import SensorSpecs
+from uvms_ocp.model.state import Command, Readings
 from uvms_ocp.sim.loop import Controller, Sensors, StateEstimator
 from uvms_ocp.sim.plant import Plant
 
@@ -20,7 +21,7 @@ class PlantMaker(Protocol):
     """Of ``Scenario(plant=...)``, where it is none of the names ``dynamic`` and ``kinematic``.
 
     It may have `suffers`, a tuple of ``thruster``, ``joint``, ``current`` and ``payload``: the faults that its plant has of
-    itself when the scenario lists them; others are refused, those of sensors are none of its business. Campaigns vary
+    itself when `scenario.known_faults` lists them; others are refused, those of sensors are none of its business. Campaigns vary
     `scenario.plant_robot` and `scenario.environment`, and of a maker that is a dataclass every float by its name, such as
     ``parts.plant.rate``: what a plant does not read is not varied.
     """
@@ -32,11 +33,33 @@ class PlantMaker(Protocol):
         """The plant of a `Scenario`, at its start and at rest."""
 
 
+class Disturbance(Protocol):
+    """What goes wrong in one run, asked from its onset to its end."""
+
+    def readings(self, readings: Readings, t: float) -> Readings:
+        """What arrives of the sensors at time t [s]; the same object where nothing is wrong, others are new readings."""
+
+    def command(self, command: Command, t: float) -> Command:
+        """What arrives of the command at the plant at time t [s]. The record keeps what was asked for."""
+
+
+class FaultMaker(Protocol):
+    """Among ``Scenario(faults=...)``, beside each `Fault`: what goes wrong between the parts."""
+
+    onset: float
+    """[s], 0 or more."""
+    end: float
+    """[s] from which all is well again; inf: never."""
+
+    def __call__(self, scenario: Any) -> Disturbance:
+        """The fault in a run of a `Scenario`."""
+
+
 class SensorsMaker(Protocol):
     """Of ``Scenario(sensors=...)``, where it is no `SensorSpecs`.
 
-    It may have `suffers`, a tuple of channels: the faults that its sensors have of themselves when the scenario lists them;
-    others are refused. Campaigns vary `scenario.real_sensors`, what they are truly like where that is not as `specs` say.
+    It may have `suffers`, a tuple of channels: the faults that its sensors have of themselves when `scenario.known_faults` lists
+    them; others are refused. Campaigns vary `scenario.real_sensors`, what they are truly like where that is not as `specs` say.
     """
 
     @property

@@ -11,12 +11,12 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, State
 from uvms_ocp.parts.watched_estimator import require_normalized
+from uvms_ocp.sim.contact import skid_points
 from uvms_ocp.sim.plant import EFFORTS, Plant
 from uvms_ocp.tables.series_table import SERIES
 
 _REAL = "biuf"
 _MAYBE_UNKNOWN = "thruster_energy"
-_TAKEN = SERIES.keys() - {"contact"}  # which is the plant's to tell
 
 
 class WatchedPlant(Plant):
@@ -29,7 +29,11 @@ class WatchedPlant(Plant):
             raise InvalidInput(f"plant {name} made {type(plant).__name__} without {', '.join(missing)}; make a Plant")
         self._theirs, self._robot, self._name = plant, robot, name
         n_thrusters, n_joints = len(robot.description.thrusters), robot.n_joints
-        self._shapes = dict(zip(EFFORTS, ((n_thrusters,), (n_joints,), (n_thrusters,), ()), strict=True))
+        self._shapes: dict[str, tuple[int, ...]] = dict(
+            zip(EFFORTS, ((n_thrusters,), (n_joints,), (n_thrusters,), ()), strict=True),
+            contact=(len(skid_points(robot)),),
+            current=(3,),
+        )
         self.state = self._right(plant.state)
 
     def step(self, command: Command, dt: float) -> None:
@@ -67,8 +71,8 @@ class WatchedPlant(Plant):
             raise InvalidInput(
                 f"{whose} has {name} of shape {array.shape} and type {array.dtype}; give numbers (n,), or one"
             )
-        if name not in EFFORTS:
-            if name in _TAKEN:
+        if name not in self._shapes:
+            if name in SERIES:
                 raise InvalidInput(f"{whose} has {name!r}, which means something else in records; rename it")
             return array
         known = array[~np.isnan(array)] if name == _MAYBE_UNKNOWN else array

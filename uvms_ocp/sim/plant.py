@@ -34,6 +34,8 @@ class Plant(Protocol):
 
         Reports and figures know ``thrust`` (n_thrusters,) [N], ``torque`` (n_joints,) [N m], and what was taken so far,
         ``thruster_energy`` (n_thrusters,) [J], nan where not known, and ``joint_energy`` [J]; a plant tells all four or none.
+        The scene draws ``contact`` (n_points,) [N], of the floor on each of `uvms_ocp.sim.contact.skid_points`, and ``current``
+        (3,) [m/s] in W, of the water at the vehicle. Other names of `uvms_ocp.tables.series_table.SERIES` are taken.
         """
 
 

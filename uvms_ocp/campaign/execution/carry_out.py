@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -25,9 +26,11 @@ def carry_out(
     sources: Mapping[str, bytes] | None = None,
     workers: int | None = None,
     scheduler: str | None = None,
+    limit: float = math.inf,
     progress: Progress | None = None,
 ) -> None:
-    """Make all runs of `work` that are not finished in the folder `out`; workers [-]: processes of this machine.
+    """Make all runs of `work` that are not finished in the folder `out`; workers [-]: processes of this machine;
+    limit [s] of a run.
 
     Raises what `opened`, `connected` and `Dispatch.run` raise, and `NotInstalled` without the extra ``uvms-ocp[campaign]``.
     """
@@ -39,7 +42,7 @@ def carry_out(
             from uvms_ocp.campaign.execution.dispatch import Dispatch  # with Dask, which takes a second
 
             with connected(scheduler, workers) as client:
-                Dispatch(client, work, folder, exclusive=scheduler is None).run(folder.left.tolist(), tell)
+                Dispatch(client, work, folder, limit=limit, exclusive=scheduler is None).run(folder.left.tolist(), tell)
 
 
 def _teller(folder: CampaignFolder, progress: Progress | None) -> Callable[[], None]:

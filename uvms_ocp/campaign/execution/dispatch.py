@@ -14,7 +14,7 @@ from uuid import uuid4
 
 from uvms_ocp.campaign.execution.cluster import dask
 from uvms_ocp.campaign.execution.on_worker import WorkHere, make_runs
-from uvms_ocp.campaign.runs.work import KILLED, Done, Work, failed_row
+from uvms_ocp.campaign.runs.work import KILLED, TIME_LIMIT, Done, Work, failed_row, over_time
 from uvms_ocp.campaign.store.folder import CampaignFolder
 from uvms_ocp.exceptions import OutputError
 
@@ -29,10 +29,13 @@ _ALONE = 60.0  # [s] without any worker, after which it is said
 class Dispatch:
     """Of one campaign on one cluster."""
 
-    def __init__(self, client: Any, work: Work, folder: CampaignFolder, *, exclusive: bool = False) -> None:
-        """client: a `distributed.Client`. exclusive: whether its workers have one run at a time, which alone is to blame."""
+    def __init__(
+        self, client: Any, work: Work, folder: CampaignFolder, *, limit: float = math.inf, exclusive: bool = False
+    ) -> None:
+        """client: a `distributed.Client`. limit [s] of a run. exclusive: whether workers have one at a time, alone to blame."""
         self._client, self._work, self._folder = client, work, folder
-        self._name = f"runs-{uuid4().hex}"
+        self._name, self._limit = f"runs-{uuid4().hex}", limit
+        self._overdue: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._running: dict[Any, Sequence[int]] = {}
         self._alone: deque[int] = deque()
         self._exclusive, self._suspects, self._tried = exclusive, deque[int](), set[int]()
@@ -47,10 +50,12 @@ class Dispatch:
         """
         todo = iter(runs)
         self._client.register_plugin(WorkHere(self._name, self._work), name=self._name)
+        self._client.subscribe_topic(self._name, self._overdue.put)
         try:
             self._fill(todo)
             while self._running:
                 self._take(self._wait())
+                self._give_up()
                 self._folder.flush()
                 self._fill(todo)
                 progress()
@@ -79,7 +84,7 @@ class Dispatch:
 
     def _send(self, chunk: list[int]) -> None:
         key = (self._name, chunk[0], uuid4().hex)
-        future = self._client.submit(make_runs, self._name, chunk, key=key, pure=False)
+        future = self._client.submit(make_runs, self._name, chunk, self._limit, key=key, pure=False)
         self._running[future] = chunk
         future.add_done_callback(self._arrived.put)
 
@@ -136,6 +141,18 @@ class Dispatch:
             text = f"the process of the run ended: {error}" if outcome == KILLED else f"{type(error).__name__}: {error}"
             self._folder.add(Done(row=failed_row(self._work, chunk[0], outcome, text)))
 
+    def _give_up(self) -> None:
+        """Runs that did not end in their time, nor when they were told to: their processes end just now."""
+        while not self._overdue.empty():
+            _, told = self._overdue.get_nowait()
+            for future, chunk in list(self._running.items()):
+                if told["run"] in chunk:
+                    self._running.pop(future)
+                    self._client.cancel([future], force=True)
+                    self._alone.extend(run for run in chunk if run != told["run"])
+                    row = failed_row(self._work, told["run"], TIME_LIMIT, over_time(self._limit))
+                    self._folder.add(Done(row=row))
+
     def _require_cluster(self) -> None:
         if self._client.status not in ("running", "connecting"):
             raise OutputError("the Dask scheduler is gone; start it, then give the same command again to go on")
@@ -146,5 +163,6 @@ class Dispatch:
             self._client.cancel(list(self._running), force=True)
             self._running.clear()
             self._client.unregister_worker_plugin(self._name)
+            self._client.unsubscribe_topic(self._name)
         except (OSError, ValueError, RuntimeError, TimeoutError):
             pass  # a cluster that is gone keeps nothing

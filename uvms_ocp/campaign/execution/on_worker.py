@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import logging
 import os
+import time
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from distributed import WorkerPlugin, get_worker
 
 from uvms_ocp.campaign.runs.work import Done, Work, attempted
+
+_TOLD = 1.0  # [s] in which word of it arrives
 
 
 class WorkHere(WorkerPlugin):
@@ -24,8 +28,16 @@ class WorkHere(WorkerPlugin):
         logging.getLogger("uvms_ocp").setLevel(logging.ERROR)
 
 
-def make_runs(name: str, runs: Sequence[int]) -> list[Done]:
-    """The rows of these runs [-] of the campaign of that name."""
+def make_runs(name: str, runs: Sequence[int], limit: float) -> list[Done]:
+    """The rows of these runs [-] of the campaign of that name; limit [s] of each."""
     worker = get_worker()
     work: Work = worker.plugins[name].work
-    return [attempted(work, run, f"{worker.address} {os.getpid()}") for run in runs]
+    place = f"{worker.address} {os.getpid()}"
+    return [attempted(work, run, place, limit, partial(_end, worker, name, run)) for run in runs]
+
+
+def _end(worker: Any, name: str, run: int) -> None:
+    """Of a process in a call that does not come back: whoever waits for the run is told first."""
+    worker.log_event(name, {"run": run})
+    time.sleep(_TOLD)
+    os._exit(1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 
 from uvms_ocp.campaign.runs.code_source import CodeSource, scenario_of
@@ -61,7 +62,7 @@ class MissionRuns(Work):
 
     def base(self) -> Scenario:
         """The scenario that is varied."""
-        return scenario_of(self.scenario) if isinstance(self.scenario, CodeSource) else self.scenario()
+        return scenario_of(self.scenario) if isinstance(self.scenario, CodeSource) else _made(self.scenario)
 
     def make(self, run: int) -> Done:
         """The row of a run [-], and its record where that is to be kept."""
@@ -77,6 +78,12 @@ class MissionRuns(Work):
 
     def _variations(self) -> Sequence[Variation]:
         return built(self.variations)
+
+
+@lru_cache(maxsize=2)
+def _made(scenario: Callable[[], Scenario]) -> Scenario:
+    """Once in a process: what runs share, such as the robot, is then known to be the same."""
+    return scenario()
 
 
 def built(variations: CodeSource | Sequence[Variation]) -> Sequence[Variation]:

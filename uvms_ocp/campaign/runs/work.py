@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from threading import TIMEOUT_MAX as THREADS_WAIT
 from time import perf_counter
 from typing import Any, Protocol
 
+from uvms_ocp.campaign.runs.time_limit import OverTime, time_limit
 from uvms_ocp.exceptions import plain_line
 from uvms_ocp.version import __version__
 
 Row = Mapping[str, Any]
-COMPLETED, ERROR, KILLED = "completed", "error", "killed"
-"""Outcomes: success, an exception, the end of the process. Other outcomes are those of missions."""
+COMPLETED, ERROR, KILLED, TIME_LIMIT = "completed", "error", "killed", "time limit"
+"""Outcomes: success, an exception, the end of the process, no end in the time allowed. Other outcomes are those of missions."""
 FIRST: Mapping[str, type] = {"run": int}
 LAST: Mapping[str, type] = {
     "outcome": str,
@@ -58,11 +60,19 @@ def columns_of(work: Work) -> dict[str, type]:
     return {**FIRST, **work.columns, **LAST}
 
 
-def attempted(work: Work, run: int, worker: str) -> Done:
-    """The whole row of a run [-]; an exception is one too, with its text."""
+def attempted(
+    work: Work, run: int, worker: str, limit: float = THREADS_WAIT, stuck: Callable[[], None] = lambda: None
+) -> Done:
+    """The whole row of a run [-]; an exception is one too, with its text, and the end of the time `limit` [s].
+
+    stuck: called where a run does not end by itself then.
+    """
     begin = perf_counter()
     try:
-        done = work.make(run)
+        with time_limit(min(limit, THREADS_WAIT), stuck):
+            done = work.make(run)
+    except OverTime as error:
+        done = Done(row=failed_row(work, run, TIME_LIMIT, f"{over_time(limit)}{_place(error)}"))
     except (Exception, SystemExit) as error:
         done = Done(row=failed_row(work, run, ERROR, _told(error)))
     wall = perf_counter() - begin
@@ -80,8 +90,17 @@ def failed_row(work: Work, run: int, outcome: str, text: str) -> dict[str, Any]:
     return {"run": run, **head, **own, "version": __version__}
 
 
+def over_time(limit: float) -> str:
+    """Why a run was stopped; limit [s]."""
+    return f"not over after {limit:g} s, and stopped; give more by the time limit"
+
+
 def _told(error: BaseException) -> str:
-    """Class, message and place, of the innermost call."""
+    """Class, message and place."""
+    return f"{type(error).__name__}: {error}{_place(error)}"
+
+
+def _place(error: BaseException) -> str:
+    """Of the innermost call."""
     frames = traceback.extract_tb(error.__traceback__)
-    place = f" ({frames[-1].filename.rpartition('/')[2]}:{frames[-1].lineno})" if frames else ""
-    return f"{type(error).__name__}: {error}{place}"
+    return f" ({frames[-1].filename.rpartition('/')[2]}:{frames[-1].lineno})" if frames else ""

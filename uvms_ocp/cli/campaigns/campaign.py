@@ -60,6 +60,9 @@ def campaign(
         typer.Option(metavar="ADDRESS", help="Dask cluster, such as tcp://host:8786; default: this machine."),
     ] = None,
     workers: Annotated[int | None, typer.Option(metavar="N", help="Processes of this machine; default: all.")] = None,
+    time_limit: Annotated[
+        float, typer.Option(metavar="S", help="Of a run [s]: what takes longer is stopped, and a row that says so.")
+    ] = 3600.0,
     records: Annotated[str, typer.Option(help="Whole records to keep: none, failures or all.")] = "none",
     robot: RobotName = None,
     hydrodynamics: Hydrodynamics = None,
@@ -97,7 +100,7 @@ def campaign(
         return
     if report or rerun is not None or against is not None:
         raise InvalidInput(f"{what}: no campaign is there; --report, --rerun and --against need the folder of one")
-    cluster = {"workers": workers, "scheduler": scheduler}
+    cluster = {"workers": workers, "scheduler": scheduler, "time_limit": time_limit}
     if what in STUDIES:
         chosen = given(n=runs, seed=seed or None, plant=plant, force=force or None)
         make_study(what, chosen, console, out=out, cluster=cluster, as_json=as_json)

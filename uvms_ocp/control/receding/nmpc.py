@@ -145,29 +145,28 @@ class Nmpc:
         q, v, a = now.trajectory.state_at(self._robot.model, t - now.begin)
         if t - now.begin > now.trajectory.t[-1]:
             v = np.zeros_like(v)
-        return self._law.command(state, q=q, v=v, a=a, disturbance=disturbance)
+        command = self._law.command(state, q=q, v=v, a=a, disturbance=disturbance)
+        # Last: a process that wakes up beside takes what this tick has in the cache.
+        self._plan_ahead(state, t, now.begin)
+        return command
 
     def _followed(self, state: State, t: float) -> Planned:
-        """The plan for this tick; at the beginning of a period the next one is asked for."""
+        """The plan for this tick."""
         if self._now is None:
             self._now = Planned(number=HOLD, trajectory=hold(self._problem, state), begin=t)
-            self._ask(state, t, t + self._worker.lead)
+            self._plan_ahead(state, t, t + self._worker.lead)
         self._collect(t)
-        self._take_over(t)
-        if t >= self._next - _ROUNDING and self._asked is None:
-            self._ask(state, t, self._now.begin)
-            self._collect(t)
-        return self._now
-
-    def _take_over(self, t: float) -> None:
         if self._coming is not None and t >= self._takes_over - _ROUNDING:
             self._now, self._coming = self._coming, None
+        return self._now
 
-    def _ask(self, state: State, t: float, begin: float) -> None:
-        assert self._now is not None
-        self._asked = t
-        delay = self._worker.delay
+    def _plan_ahead(self, state: State, t: float, begin: float) -> None:
+        """Ask for the next plan, at the beginning of a period; begin [s]: of the present one."""
+        if self._now is None or self._asked is not None or t < self._next - _ROUNDING:
+            return
+        self._asked, delay = t, self._worker.delay
         self._worker.ask(Request(state=state, t=t, in_use=self._now.number, begin=begin, delay=delay))
+        self._collect(t)
 
     def _collect(self, t: float) -> None:
         """Take the answer to the last solve, if there is one."""

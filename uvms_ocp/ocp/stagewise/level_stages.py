@@ -13,7 +13,8 @@ from uvms_ocp.ocp.stagewise.multipliers import Multipliers
 from uvms_ocp.ocp.stagewise.stage_memory import StageMemory
 from uvms_ocp.ocp.stagewise.stage_ranges import StageRanges
 from uvms_ocp.solvers.intervals import excess
-from uvms_ocp.solvers.stagewise import Found, Near, StageQp, StageQpOptions, StageQpSolver, StageShape
+from uvms_ocp.solvers.stagewise import StageQp, StageQpOptions, StageQpSolver, StageShape
+from uvms_ocp.solvers.stagewise.solution import Found, Near
 
 
 class LevelStages:
@@ -23,8 +24,8 @@ class LevelStages:
         self.memory, self.level = memory, level
         self.shape = self._shape()
         self.qp, self._solver = StageQp(self.shape), StageQpSolver(self.shape, options)
-        self.held = self._held_numbers()
-        """(m,) [-] which rows that may be held are those of the QP."""
+        self.held, self._bends = self._held_numbers(), False
+        """Which rows (m,) [-] that may be held are those of the QP, and whether it has curvature."""
         self.multipliers = Multipliers(memory, level)
         self.linearize, self._above = self._linearization(), self._frozen()
         self.qp.fix_initial_state(np.zeros(self.shape.n_x[0]))
@@ -95,7 +96,8 @@ class LevelStages:
 
     def bend(self, last: Found | None) -> None:
         """Curvature with the multipliers of the last QP; none without one, and for Gauss and Newton."""
-        if last is None or self.memory.whole.problem.hessian is HessianKind.GAUSS_NEWTON:
+        self._bends = last is not None and self.memory.whole.problem.hessian is HessianKind.EXACT
+        if last is None or not self._bends:
             self.qp.flat["H"][:] = 0.0
         else:
             self.multipliers.take(last)
@@ -126,15 +128,19 @@ class LevelStages:
         """Whether it is of a QP of this shape."""
         return found.shape == self.shape
 
-    def solve(self, ranges: StageRanges, damping: float, give: float, near: Near | None) -> Found:
+    def solve(
+        self, ranges: StageRanges, damping: float, give: float, near: Near | None, *, rough: float = 0.0
+    ) -> Found:
         """The step, with damping [1/unit of z^2]; it stands in the memory too.
 
-        give [1/unit of the row]: what it costs to miss levels above. near: where the QP starts.
+        give [1/unit of the row]: what it costs to miss levels above. near: where the QP starts. rough [-]: how exact it is at
+        least, where that is less than the tolerance asks for. Only what no curvature bends is explained where it fails.
         """
         flat = self.qp.flat
         flat["damping"][:], flat["l1"][self._above] = damping, give
         self._load(ranges)
-        found = self._solver.find(self.qp, near)
+        tolerance = max(rough, self._solver.options.tolerance)
+        found = self._solver.find(self.qp, near, tolerance=tolerance, explained=not self._bends)
         self.keep(found)
         return found
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from uvms_ocp.ocp.stagewise.stage_memory import StageMemory
-from uvms_ocp.solvers.stagewise import Found
+from uvms_ocp.solvers.stagewise.solution import Found
 
 
 class Multipliers:

@@ -91,7 +91,7 @@ class BlockFunctions:
 
     @cached_property
     def curvature(self) -> ca.Function:
-        """``z, z_next, parameters, water, costates, multipliers of rows that may be held, of residuals, bend -> H`` (n_z, n_z)."""
+        """``z, z_next, parameters, water, costates, multipliers of held rows, of residuals, bend -> H`` (n_z, n_z)."""
         model, tangent, rows = self.tangent.model, self.tangent, self.block.rows
         z_next, costates = ca.SX.sym("z_next", model.layout.n_z), ca.SX.sym("costates", tangent.n_x)
         value, y, e = self._weighted

@@ -17,7 +17,8 @@ from uvms_ocp.solvers.nlp.level_solver import Deadline, NlpPoint, Outcome
 from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds
-from uvms_ocp.solvers.stagewise import Found, StageQpOptions
+from uvms_ocp.solvers.stagewise import StageQpOptions
+from uvms_ocp.solvers.stagewise.solution import Found
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -27,15 +28,15 @@ class WarmStages(NlpPoint):
     solution: Found | None = None
 
 
-_EXACT = StageQpOptions(tolerance=1e-7)
+_QP_TOLERANCE = 1e-7  # [-] relative
 
 
 class StageLevels:
     """All levels, on one memory."""
 
-    def __init__(self, memory: StageMemory, first: StageQpOptions = _EXACT, lower: StageQpOptions = _EXACT) -> None:
-        """first, lower: how QPs of the first level and of those below are solved."""
-        self.memory, self._point, self._options = memory, StagePoint(memory), (first, lower)
+    def __init__(self, memory: StageMemory, tolerance: float = _QP_TOLERANCE) -> None:
+        """tolerance [-] of the QPs, relative."""
+        self.memory, self._point, self._tolerance = memory, StagePoint(memory), tolerance
         self._levels: dict[int, LevelStages] = {}
         self._raw = np.zeros(memory.whole.row_layout.n_rows + 1)
 
@@ -46,7 +47,7 @@ class StageLevels:
     def level(self, index: int) -> LevelStages:
         """Bound to the memory when it is called for first."""
         if index not in self._levels:
-            self._levels[index] = LevelStages(self.memory, index, self._options[index > 0])
+            self._levels[index] = LevelStages(self.memory, index, StageQpOptions(tolerance=self._tolerance))
         return self._levels[index]
 
     def rows_at(self, x: Array, p: Array) -> tuple[Array, ...]:

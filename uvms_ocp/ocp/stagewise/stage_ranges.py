@@ -8,7 +8,7 @@ from uvms_ocp.arrays import Array
 from uvms_ocp.ocp.stagewise.stage_memory import StageMemory
 from uvms_ocp.solvers.intervals import excess
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds
-from uvms_ocp.solvers.stagewise import Found
+from uvms_ocp.solvers.stagewise.solution import Found
 
 
 class StageRanges:

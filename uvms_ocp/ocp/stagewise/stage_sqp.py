@@ -16,12 +16,13 @@ from uvms_ocp.ocp.stagewise.stage_ranges import StageRanges
 from uvms_ocp.solvers.nlp.level_solver import Deadline
 from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
-from uvms_ocp.solvers.stagewise import Found, StageQpStatus
+from uvms_ocp.solvers.stagewise import StageQpStatus
+from uvms_ocp.solvers.stagewise.solution import Found
 
 _SMALLEST_SHARE = 1e-7
 _MORE, _LESS = 10.0, 4.0  # by how much damping grows, and by how much it falls
 _KEPT = 0.25  # share of a violation down to which a step has to bring it for less damping
-_DAMPED = 1e-6  # [1/unit of z^2] from where it grows
+_DAMPED, _IDLE = 1e-6, 1e-5  # [1/unit of z^2] from where it grows, and where steps do not lower the cost
 _NOTHING = 0.1  # share of the tolerance of a residual's norm that is not worth a step
 _STEEP = 100.0  # largest entry of the gradient at the start up to which errors are not scaled, as in IPOPT
 _GIVE = 1e4
@@ -38,6 +39,7 @@ _MODELS = (
 _PATIENCE, _DIGITS = 15, 1e-5  # iterations of the last level before a gain of this share of its cost is none
 _MENDS, _STIFF = 3, 1e6  # ways back to the rows, and what makes them short [1/unit of z^2]
 _LOUDEST = 1e4  # times the first violation
+_ROUGHLY, _ROUGHEST = 1e-3, 1e-6  # tolerance of a QP, of the violation that it starts from, and at most
 _NO_HELP = 1e-6  # share of the violation that a step must take away to count as a help
 
 
@@ -74,6 +76,8 @@ class StageSqp:
         here = self._merit()
         self._scale = max(1.0, self._level.steepest() / _STEEP)
         self._filter, self._solution = Filter(first=here.violation, most=self._most(here)), warm
+        if warm is not None and self._is_optimal(warm):
+            return self._end(NlpStatus.SOLVED, 0)
         for iteration in range(self._options.max_iterations):
             if not np.isfinite([here.cost, here.violation]).all():
                 return self._end(NlpStatus.NOT_A_NUMBER, iteration)
@@ -108,7 +112,7 @@ class StageSqp:
         return (NlpStatus.SOLVED if status is None and self._is_optimal(solution) else status), here
 
     def _is_optimal(self, found: Found) -> bool:
-        """Whether the multipliers of the step are those of the point that it led to."""
+        """Whether its multipliers are those of the point: of the step that led there."""
         if self._worst > self._options.convergence:
             return False
         return self._level.error(self._ranges, found) <= self._options.convergence * self._scale
@@ -135,7 +139,9 @@ class StageSqp:
         solution = None
         for damping, curved, give in _MODELS[self._model :]:
             self._level.bend(last if curved else None)
-            solution = self._level.solve(self._ranges, damping + self._least + self._damping, give, near)
+            damping += self._least + self._damping
+            rough = min(_ROUGHLY * self._worst, _ROUGHEST)
+            solution = self._level.solve(self._ranges, damping, give, near, rough=rough)
             if solution.status in (StageQpStatus.SOLVED, StageQpStatus.INFEASIBLE):
                 break
             # Curvature may come back to be convex; what is singular once stays so.
@@ -152,7 +158,7 @@ class StageSqp:
                     self._filter.add(here)
                 if share < 1.0:
                     self._level.linearize()
-                self._trust(share, before)
+                self._trust(share, before, idle=-slope <= _DIGITS * here.cost)
                 return None, trial
             share /= 2
         self._back()
@@ -188,14 +194,15 @@ class StageSqp:
             here = trial
         return here
 
-    def _trust(self, share: float, before: float) -> None:
+    def _trust(self, share: float, before: float, *, idle: bool) -> None:
         """Steps that had to be cut short were too long where nothing but damping makes them shorter.
 
-        So are those that leave the rows as broken as they were before.
+        So are those that leave the rows as broken as they were before, and more so idle ones, with which no cost falls.
         """
-        if share < 1.0:
-            self._damping = max(_MORE * self._damping, _DAMPED)
-        elif self._worst <= max(_KEPT * before, self._options.feasibility):
+        kept = self._options.feasibility
+        if share < 1.0 or (idle and self._worst > max(before, kept)):
+            self._damping = max(_MORE * self._damping, _IDLE if idle else _DAMPED)
+        elif self._worst <= max(_KEPT * before, kept):
             self._damping /= _LESS
 
     def _restore(self, here: Merit, solution: Found) -> tuple[NlpStatus | None, Merit]:

@@ -99,12 +99,14 @@ class Tangent:
 
     @cached_property
     def bent(self) -> ca.SX:
-        """What `forces_bent` gives, as symbols: code that is too long for the memory it is read from takes three times as long."""
+        """What `forces_bent` gives, as symbols: code too long for the memory it is read from takes three times as long."""
         return ca.SX.sym("bent", self.forces_bent(ca.SX(self.n_v, 1)).numel())
 
     def forces_bent(self, weights: ca.SX) -> ca.SX:
-        """Slope and nonzeros of the curvature of a sum of forces, weighted with weights (n_v,), by the motion they are a function
-        of: that in the middle of a step."""
+        """Slope, and nonzeros of the curvature, of a sum of forces by the motion in the middle of a step, which they come from.
+
+        weights (n_v,) [any]: of the sum.
+        """
         motion, w, slope, H = self._force_curvature
         found = ca.vertcat(slope, *H.nonzeros())
         return ca.substitute([found], [motion, w], [self.model.middle, ca.densify(weights)])[0]

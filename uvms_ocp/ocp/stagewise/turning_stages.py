@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from uvms_ocp.arrays import Array
@@ -14,27 +12,26 @@ from uvms_ocp.solvers.nlp.acceptance import Merit
 from uvms_ocp.solvers.nlp.level_turns import Point
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds
-from uvms_ocp.solvers.stagewise import Found, StageQpOptions
+from uvms_ocp.solvers.stagewise.solution import Near
 
 # An interior point that ends early keeps off the bounds: curvature then costs levels above less, and whole steps can be taken
 # more often than at the exact optimum.
-_FIRST = StageQpOptions(tolerance=1e-4)
-_LOWER = replace(_FIRST, guess=False)  # which of so many slabs bind is guessed in vain
+_QP_TOLERANCE = 1e-4  # [-] relative
 
 
 class TurningStages:
     """A `uvms_ocp.solvers.nlp.level_turns.LevelModel` on the memory of a horizon, whose points are those of all stages.
 
-    Frozen rows are slabs: where limits bind there is often no motion that keeps them as they are. Each QP starts from the last
-    one of its level.
+    Frozen rows are slabs: where limits bind there is often no motion that keeps them as they are. QPs of the first level start
+    from the last one; of so many slabs as those below have it would be guessed in vain which of them bind.
     """
 
     def __init__(self, memory: StageMemory, slack: float) -> None:
         """slack [unit of the row]: half the width of what frozen rows keep."""
-        self._levels, self._memory = StageLevels(memory, _FIRST, _LOWER), memory
+        self._levels, self._memory = StageLevels(memory, _QP_TOLERANCE), memory
         self.slack = slack
-        self._last: dict[int, Found] = {}
-        """By levels."""
+        self._last: Near | None = None
+        """QP of the first level."""
         self._ranges: StageRanges | None = None
         """Of the constraints alone."""
 
@@ -54,11 +51,11 @@ class TurningStages:
         if not np.isfinite(memory.residuals(level)).all():
             return NlpStatus.NOT_A_NUMBER
         own.bend(None)
-        last = self._last.pop(level, None)
-        found = own.solve(self._levels.ranges(bounds, level), damping, np.inf, None if last is None else last.near())
-        if not found.status.usable:
+        solution = own.solve(self._levels.ranges(bounds, level), damping, np.inf, None if level else self._last)
+        if not solution.status.usable:
             return NlpStatus.STALLED
-        self._last[level] = found
+        if level == 0:
+            self._last = solution.near()
         return None
 
     def moved(self, share: float) -> Point:

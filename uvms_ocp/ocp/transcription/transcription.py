@@ -38,15 +38,17 @@ class Transcription:
     Methods that take a problem raise `InvalidInput` for one of another shape; by default it is the one that was built in.
     """
 
-    def __init__(self, problem: OcpProblem, *, plugin: str = "ipopt") -> None:
+    def __init__(self, problem: OcpProblem, *, plugin: str = "ipopt", like: Transcription | None = None) -> None:
+        """like: of another problem, whose dynamics serve here too where they are the same."""
         self.problem, self._plugin = problem, plugin
-        self.model = StageModel(problem)
+        self.model: StageModel = StageModel(problem, like=None if like is None else like.model)
         self.blocks = term_blocks(self.model)
         self.variables = VariableLayout(model=self.model)
         self.parameter_layout = parameter_layout(problem, self.blocks)
         ends = boundary(self.model)
-        if ends.coupled and plugin != "ipopt":
-            raise InvalidInput(f"{plugin} goes from step to step, a periodic motion ties its ends: use plugin='ipopt'")
+        if plugin != "ipopt" and (ends.coupled or problem.limits_total):
+            what = "a periodic motion ties its ends" if ends.coupled else "`longest` ties all steps"
+            raise InvalidInput(f"{plugin} goes from step to step, {what}: use plugin='ipopt'")
         self.row_layout = row_layout(problem, self.blocks, ends, n_forces=self.model.n_forces)
         self._horizon = horizon(self.variables, self.parameter_layout, self.row_layout, ends)
         self._last = fitted(self.model, self.blocks, problem)
@@ -191,7 +193,7 @@ class Transcription:
 
     def _ranges(self, given: Fitted) -> RowRanges:
         layout = self.row_layout
-        lower, upper = layout.bounds(given.numbers)
+        lower, upper = layout.bounds(given.numbers, given.problem.longest)
         ends = np.cumsum([len(layout.constraints), *(len(rows) for rows in layout.held)]).tolist()
         places = zip(given.problem.levels, layout.levels, ends[:-1], ends[1:], strict=True)
         return RowRanges(

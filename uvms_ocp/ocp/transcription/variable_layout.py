@@ -48,17 +48,17 @@ class VariableLayout:
         kept[self.model.layout.h] = self.free
         return np.where(kept, np.cumsum(kept) - 1, -1)
 
-    @property
+    @cached_property
     def n_step(self) -> int:
         """Variables of a step."""
         return self.model.layout.n_z - (not self.free)
 
-    @property
+    @cached_property
     def n_state(self) -> int:
         """Variables of the last node."""
         return self.model.layout.h + self.free
 
-    @property
+    @cached_property
     def n_x(self) -> int:
         return self.N * self.n_step + self.n_state
 

@@ -109,7 +109,7 @@ class CompiledCore:
         self._work, self._table = _work(n, m, self._n_x), _table(n, m)
         self._work["loose"][:] = may_be_fixed(shape)
         self._loaded: StageQp | None = None
-        self._found = np.zeros(4)
+        self._found = np.zeros(3)
         self._now, self._other = (_residuals(n, m, self._n_x) for _ in range(2))
         _point(self._problem.stages, {**self._indices, **self._stage_work})
         _point(self._problem, self._work | self._table)
@@ -143,16 +143,16 @@ class CompiledCore:
         point = self._work["point"]
         if near is not None:
             np.concatenate([near.z, near.costate, near.y], out=point[: self._n + self._n_x + self._problem.M])
-        self._library.solve_whole(ctypes.byref(self._problem), int(near is not None), int(options.guess))
+        self._library.solve_whole(ctypes.byref(self._problem), int(near is not None))
         return self._end()
 
     def products(self, qp: StageQp, z: Array) -> Products:
-        """As `NumpyCore.products`."""
+        """As `NumpyCore.products`; z (n,) [unit of z]."""
         self._load(qp, None)
         stages = ctypes.byref(self._problem.stages)
         self._library.products(stages, _address(z), _address(self._found))
-        slope, square, change, bend = self._found.tolist()
-        return Products(slope=slope, square=square, change=change, bend=bend)
+        slope, square, change = self._found.tolist()
+        return Products(slope=slope, square=square, change=change)
 
     def stationarity(self, qp: StageQp, near: Near) -> float:
         """As `NumpyCore.stationarity`."""

@@ -152,10 +152,6 @@ static void run(Problem *q) {
   if (q->start == START_WARM) start_warm(q);
   if (q->start == START_COLD) start_cold(q);
   if (q->start == START_EQUALITIES && start_from_equalities(q)) return;
-  if (q->start == START_ACTIVE) {
-    if (!start_from_equalities(q) && q->status == SOLVED) q->status = ITERATION_LIMIT;
-    return;
-  }
   q->status = descend(q);
 }
 
@@ -186,18 +182,16 @@ static int make_table(Problem *q) {
     }
   }
   find_norms(&q->stages, q->norm);
-  return valid && has_numbers(&q->stages);
+  return valid;
 }
 
-/* Sides that hold the solution of a QP nearby where it is; 0 where slack could give way instead. */
-static int find_reached(Problem *q, const double *near) {
+/* Sides that hold the solution of a QP nearby where it is. */
+static void find_reached(Problem *q, const double *near) {
   const double most = larger_of(largest_of(q->M, Y(near)), largest_of(q->n_x, COSTATE(near)));
   for (int j = 0; j < 2 * q->M; ++j) {
     const int i = j % q->M;
-    if (q->elastic[j] != 0.0) return 0;
     q->active[j] = q->side[j] != 0.0 && (j < q->M ? -1.0 : 1.0) * Y(near)[i] * q->norm[i] > COUNTS * most;
   }
-  return 1;
 }
 
 /* The optimum with active sides as equalities and without all others; 0 where there is none. */
@@ -233,28 +227,30 @@ static int mend(Problem *q) {
 
 /* The optimum where the bounds that it reaches are found soon, starting with those of a QP nearby. */
 static int solve_near(Problem *q) {
-  int before = 2 * q->M, changes;
-  if (!find_reached(q, q->trial)) return 0;
-  for (;; before = changes) {
+  int fewest = 2 * q->M, vain = 0;
+  find_reached(q, q->point);
+  for (;;) {
     if (!solve_held(q)) return 0;
-    changes = mend(q);
+    const int changes = mend(q);
     if (changes == 0) return 1;
-    if (changes >= before) return 0;
+    vain = changes < fewest ? 0 : vain + 1;
+    if (vain > (changes > MANY_CHANGES ? 0 : VAIN_CHANGES)) return 0;
+    if (!vain) fewest = changes;
   }
 }
 
-/* The same as solve_qp from nothing but the QP, or from z, costates and multipliers in `point` that are those of a QP
-nearby, whose bounds may be a guess. */
-void solve_whole(Problem *q, int near, int guess) {
+/* The same as solve_qp from nothing but the QP, or from z, costates and multipliers in `point` that are those of a QP nearby. */
+void solve_whole(Problem *q, int near) {
   q->status = NOT_A_NUMBER;
   if (!make_table(q)) return;
   begin(q, 0, 0);
-  memcpy(q->trial, q->point, sizeof(double) * (size_t)(q->n + q->n_x + q->M));
-  if (near && guess && solve_near(q)) return;
-  q->iterations = q->corrections = 0, q->start = near ? START_WARM : START_EQUALITIES;
+  if (!has_numbers(&q->stages)) return;
+  q->start = near && largest_of(2 * q->M, q->elastic) > 0.0 ? START_WARM : START_EQUALITIES;
+  if (near && q->start == START_EQUALITIES && solve_near(q)) return;
+  q->iterations = q->corrections = 0;
   find_bounded(q);
-  if (near) memcpy(q->point, q->trial, sizeof(double) * (size_t)(q->n + q->n_x + q->M));
-  else rest(q);
+  /* Where the guess of bounds is wrong it is no start either. */
+  if (q->start == START_EQUALITIES) memset(q->point, 0, sizeof(double) * (size_t)SIZE), rest(q);
   for (int v = 0; v < q->n; ++v)
     if (q->stages.fixed[v] != 0.0) Z(q->point)[v] = q->z_lower[v];
   run(q);

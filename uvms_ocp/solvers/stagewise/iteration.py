@@ -53,18 +53,18 @@ class NumpyCore:
         rest = resting(z, sum(qp.shape.n_x), len(table.norm))
         if not is_valid(qp):
             return nothing(rest)
-        if near is None:
-            return self._run(qp, table, rest, options, Start.EQUALITIES)
-        found = self._guessed(qp, table, rest, near, options)
-        z = np.where(table.fixed, qp.flat["z_lower"], near.z)
-        warm = replace(rest, z=z, costate=near.costate, y=near.y)
-        return found or self._run(qp, table, warm, options, Start.WARM)
+        if near is not None and table.elastic.any():
+            z = np.where(table.fixed, qp.flat["z_lower"], near.z)
+            warm = replace(rest, z=z, costate=near.costate, y=near.y)
+            return self._run(qp, table, warm, options, Start.WARM)
+        found = None if near is None else self._near(qp, table, rest, near, options)
+        # Where the guess of bounds is wrong it is no start either.
+        return found or self._run(qp, table, rest, options, Start.EQUALITIES)
 
-    def _guessed(self, qp: StageQp, table: RowTable, rest: Point, near: Near, options: StageQpOptions) -> End | None:
+    def _near(self, qp: StageQp, table: RowTable, rest: Point, near: Near, options: StageQpOptions) -> End | None:
         """The optimum where the bounds that it reaches are found soon, starting with those of a QP nearby."""
-        active, before = reached(table, near.y, near.costate), table.side.size
-        spent = 0
-        while options.guess and not table.elastic.any():
+        active, fewest, spent, vain = reached(table, near.y, near.costate), table.side.size, 0, 0
+        while True:
             end = self._run(qp, held(table, active), rest, options, Start.ACTIVE)
             spent += end.iterations
             if end.status is not StageQpStatus.SOLVED:
@@ -73,9 +73,10 @@ class NumpyCore:
             changes = int((better != active).sum())
             if changes == 0:
                 return replace(end, iterations=spent)
-            if changes >= before:
+            vain = 0 if changes < fewest else vain + 1
+            if vain > _patience(changes):
                 break
-            active, before = better, changes
+            active, fewest = better, min(fewest, changes)
         return None
 
     def _run(self, qp: StageQp, table: RowTable, point: Point, options: StageQpOptions, start: Start) -> End:
@@ -100,8 +101,12 @@ class NumpyCore:
             slope=float(qp.flat["r"] @ whole),
             square=float(whole @ whole),
             change=float(max(changes)),
-            bend=float(sum(own @ H @ own for H, own in zip(qp.H, parts, strict=True))),
         )
+
+
+def _patience(changes: int) -> int:
+    """Rounds without a smaller number of changes."""
+    return 0 if changes > STAGE_TOLERANCES.many_changes else STAGE_TOLERANCES.vain_changes
 
 
 def _from_equalities(method: InteriorPoint, point: Point, *, alone: bool) -> End:

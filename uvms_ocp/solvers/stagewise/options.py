@@ -23,8 +23,6 @@ class StageQpOptions:
     """[-] factors of one run; a QP that one run does not solve takes two more."""
     warm_mu: float = 1e-6
     """[-] complementarity at a warm start, relative to the largest curvature: a squared distance to bounds."""
-    guess: bool = True
-    """A warm start first tries the bounds that the QP nearby reaches; vain where rows have next to no room, and many of them."""
     compiled: bool = True
     """False keeps to NumPy."""
 
@@ -70,6 +68,10 @@ class StageTolerances:
     """[unit of z] variables below which a gradient is compared with the curvature."""
     counts: float = 1e-6
     """[-] multiplier, beside the largest, of a bound that is reached."""
+    many_changes: int = 15
+    """[-] of bounds that are held, more than which must fall from round to round."""
+    vain_changes: int = 4
+    """[-] rounds in which fewer do not."""
     most_corrections: int = 10
     """[-] of a solution without inequalities."""
     least_missed: float = 0.1

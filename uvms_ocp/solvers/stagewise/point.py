@@ -63,9 +63,10 @@ class Point:
 
 def point_of(flat: Array, n: int, n_x: int) -> Point:
     """The point in one array, with n variables [-] and n_x states [-]; flat (n + n_x + 9 M,) [any]."""
-    z, costate, rest = np.split(flat, [n, n + n_x])
-    y, s, multiplier, e, f = np.split(rest.reshape(9, -1), [1, 3, 5, 7])
-    return Point(z=z, costate=costate, y=y[0], s=s, multiplier=multiplier, e=e, f=f)
+    m = (len(flat) - n - n_x) // 9
+    parts = flat[n + n_x :].reshape(9, m)
+    s, multiplier, e, f = (parts[k : k + 2] for k in (1, 3, 5, 7))
+    return Point(z=flat[:n], costate=flat[n : n + n_x], y=parts[0], s=s, multiplier=multiplier, e=e, f=f)
 
 
 def resting(z: Array, n_x: int, m: int) -> Point:

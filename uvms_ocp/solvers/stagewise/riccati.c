@@ -189,17 +189,16 @@ static int are_finite(int n, const double *a) {
   return (nothing[0] + nothing[1]) + (nothing[2] + nothing[3]) == 0.0;
 }
 
-/* Whether all entries are finite but bounds. */
+/* Whether all entries are finite but bounds; those of residuals and Hessians are in what was made of them. */
 static int has_numbers(const Stages *s) {
   const int N = s->N;
-  return are_finite(s->F[N], s->dynamics) && are_finite(s->x[N + 1] - s->x[1], s->offset) && are_finite(s->J[N + 1], s->rows) &&
-         are_finite(s->r[N + 1], s->residual) && are_finite(s->H[N + 1], s->hessian) && are_finite(s->z[N + 1], s->gradient) &&
-         are_finite(s->z[N + 1], s->damping) && are_finite(s->C[N + 1], s->constraints);
+  return are_finite(s->F[N], s->dynamics) && are_finite(s->x[N + 1] - s->x[1], s->offset) && are_finite(s->M[N + 1], s->Q) &&
+         are_finite(s->z[N + 1], s->q) && are_finite(s->C[N + 1], s->constraints);
 }
 
-/* Of the residuals' rows along z: r' J z, |J z|^2 and the largest entry of J' J z; and z' H z. */
+/* Of the residuals' rows along z: r' J z, |J z|^2 and the largest entry of J' J z. */
 void products(const Stages *s, const double *z, double *restrict found) {
-  for (int i = 0; i < 4; ++i) found[i] = 0.0;
+  for (int i = 0; i < 3; ++i) found[i] = 0.0;
   for (int k = 0; k <= s->N; ++k) {
     const int n = n_z(s, k);
     const double *v = z + s->z[k];
@@ -210,16 +209,15 @@ void products(const Stages *s, const double *z, double *restrict found) {
       add_multiple(n, along, row, s->v);
     }
     for (int i = 0; i < n; ++i) found[2] = fabs(s->v[i]) > found[2] ? fabs(s->v[i]) : found[2];
-    for (int i = 0; i < n; ++i) found[3] += v[i] * dot(n, s->hessian + s->H[k] + (size_t)i * n, v);
   }
 }
 
-/* Largest entry of J' r + F' costate_+ - costate + C' y + y_z, but for fixed variables; y of rows, then of variables. */
+/* Largest entry of J' r + g + F' costate_+ - costate + C' y + y_z, but for fixed variables; y of rows, then of variables. */
 double stationarity(const Stages *s, const double *costate, const double *y, int m) {
   double most = 0.0, *h = s->v;
   for (int k = 0; k <= s->N; ++k) {
     const int n = n_z(s, k), after = k < s->N ? s->n_x[k + 1] : 0;
-    for (int i = 0; i < n; ++i) h[i] = y[m + s->z[k] + i] - (k && i < s->n_x[k] ? costate[s->x[k] + i] : 0.0);
+    for (int i = 0; i < n; ++i) h[i] = s->gradient[s->z[k] + i] + y[m + s->z[k] + i] - (k && i < s->n_x[k] ? costate[s->x[k] + i] : 0.0);
     for (int i = 0; i < s->n_r[k]; ++i) add_multiple(n, s->residual[s->r[k] + i], s->rows + s->J[k] + (size_t)i * n, h);
     for (int i = 0; i < after; ++i) add_multiple(n, costate[s->x[k + 1] + i], s->dynamics + s->F[k] + (size_t)i * n, h);
     for (int i = 0; i < s->n_c[k]; ++i)

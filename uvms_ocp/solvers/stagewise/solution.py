@@ -128,8 +128,6 @@ class Products:
     """[-] of J z."""
     change: float
     """[1/unit of z] largest entry of J' J z: of what the gradient of the half square changes by."""
-    bend: float
-    """[-] z' H z"""
 
 
 kkt_residual = trusted(KktResidual)

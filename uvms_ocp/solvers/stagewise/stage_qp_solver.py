@@ -20,6 +20,7 @@ from uvms_ocp.solvers.stagewise.second_look.ways_down import leads_down, may_fal
 from uvms_ocp.solvers.stagewise.solution import Found, Near, StageQpSolution, StageQpStatus, stage_qp_solution
 from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape, slices
 
+_UNCLEAR = (StageQpStatus.ITERATION_LIMIT, StageQpStatus.UNBOUNDED)
 _MISSED = 1e-5  # relative violation that no point does without
 _ROUGH = 1e-6  # tolerance of phase one
 
@@ -45,15 +46,23 @@ class StageQpSolver:
         return _split(qp, self.find(qp, near))
 
     @late
-    def find(self, qp: StageQp, near: Near | None = None) -> Found:
-        """The same in arrays with stage after stage; near: the solution of a QP nearby. Raises `InvalidInput` as `solve` does."""
+    def find(
+        self, qp: StageQp, near: Near | None = None, *, tolerance: float | None = None, explained: bool = True
+    ) -> Found:
+        """The same in arrays with stage after stage.
+
+        near: the solution of a QP nearby. tolerance [-]: instead of that of the options. explained: False takes less time where
+        no optimum is found, and does not tell infeasible from unbounded. Raises `InvalidInput` as `solve` does.
+        """
         if qp.shape is not self.shape and qp.shape != self.shape:
             raise InvalidInput("the QP has another shape than the solver; make a solver for it")
-        end = self._core.solve(qp, self.options, near)
-        if end.status in (StageQpStatus.ITERATION_LIMIT, StageQpStatus.UNBOUNDED):
+        options = self.options if tolerance is None else replace(self.options, tolerance=tolerance)
+        end = self._core.solve(qp, options, near)
+        if explained and (end.status in _UNCLEAR or _only_rounding(qp, end)):
             end = self._judged(qp, row_table(qp), end)
         return self._found(qp, end)
 
+    @late
     def error(self, qp: StageQp, near: Near) -> float:
         """By how much the multipliers of the QP that was solved last miss the optimality conditions of another one at 0.
 
@@ -85,11 +94,11 @@ class StageQpSolver:
         return self.options.tolerance * STAGE_TOLERANCES.inexact_tolerances
 
     def _last_word(self, best: End) -> StageQpStatus:
-        """Endless steps alone prove nothing."""
+        """Endless steps, and rounding, prove nothing."""
         if best.status is StageQpStatus.SOLVED:
             return best.status
-        endless = best.status is StageQpStatus.UNBOUNDED
-        status = StageQpStatus.ITERATION_LIMIT if endless else best.status
+        known = best.status is StageQpStatus.NOT_A_NUMBER
+        status = best.status if known else StageQpStatus.ITERATION_LIMIT
         return StageQpStatus.INEXACT if best.worst <= self._inexact else status
 
     def _is_endless(self, qp: StageQp) -> bool:
@@ -144,6 +153,11 @@ class StageQpSolver:
         )
 
 
+def _only_rounding(qp: StageQp, end: End) -> bool:
+    """Whether a cost that is convex, as a sum of squares, seemed not to be."""
+    return end.status is StageQpStatus.NOT_CONVEX and not qp.flat["H"].any() and bool((qp.flat["damping"] >= 0.0).all())
+
+
 def _split(qp: StageQp, found: Found) -> StageQpSolution:
     shape, m = qp.shape, len(found.excess)
     z = _parts(found.z, shape.n_z)
@@ -180,4 +194,5 @@ def _near(solution: StageQpSolution) -> Near:
 def _cost(qp: StageQp, found: Found) -> float:
     r, z, flat, products = qp.flat["r"], found.z, qp.flat, found.products
     straight = products.slope + z @ flat["g"]
-    return float((r @ r + products.square + products.bend + z @ (flat["damping"] * z)) / 2 + straight)
+    bend = sum(own @ H @ own for H, own in zip(qp.H, _parts(z, qp.shape.n_z), strict=True))
+    return float((r @ r + products.square + bend + z @ (flat["damping"] * z)) / 2 + straight)
