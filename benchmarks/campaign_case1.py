@@ -85,7 +85,7 @@ def main() -> None:
         campaign.run(folder / "campaign", workers=workers)
         took = f"It took {perf_counter() - begun:.0f} s with {workers} workers."
         if not run.quick:
-            one, two = (throughput(variations, min(100, runs), folder / f"workers{n}", n) for n in (1, 2))
+            one, two = (throughput(variations, min(100, runs), Path(temporary, f"workers{n}"), n) for n in (1, 2))
             took += (
                 f" Two workers make {two / one:.2f} times as many runs in a second as one ({two:.2f} and {one:.2f})."
             )
