@@ -721,6 +721,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "MissionPlan.load": lambda: {"path": whole().save(Path(mkdtemp(), "plan.npz"))},
     "MissionPlan.save": lambda: {"path": Path(mkdtemp(), "plan.npz")},
     "show": lambda: {"what": robot(), "robot_or_q": q()},
+    "figure_of": lambda: {"name": "q"},
     "Plan.load": lambda: {"path": plan().save("plan.npz")},
     "replay": lambda: {"plan": plan(), "where": from_pool("Where", "where")},
     "Trajectory": lambda: fields_of(plan().trajectory),
@@ -868,7 +869,7 @@ REFUSES = {"Task.residual", "BufferedFunction.__call__"}
 """Calls that are never right: the base class of tasks refuses, and a list of arguments has no names."""
 
 EXPENSIVE = {
-    *("write_figures", "write_plan_figures", "write_scene", "write_frames", "show"),
+    *("write_figures", "write_plan_figures", "write_scene", "show"),
     *("solve_ocp", "solve", "plan_soft_collision"),
     *(
         "Nmpc",

@@ -10,7 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 from synthetic_record import QUANTITIES, synthetic_record
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.exceptions import NameNotFound
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.obstacle_data import ObstacleData
 from uvms_ocp.record import Record
@@ -37,8 +37,8 @@ def test_an_unknown_name_is_answered_with_the_nearest(record: Record) -> None:
         plot(record, "T.position_eror")
     with pytest.raises(NameNotFound, match=r"Did you mean 'q.joint3'"):
         plot(record, "q.jiont3")
-    with pytest.raises(InvalidInput, match="no name given"):
-        figure_of(record)
+    with pytest.raises(NameNotFound, match="unknown quantity, series or column 'nothing'"):
+        figure_of(record, "q", "nothing")
 
 
 def test_without_a_name_a_run_gives_every_figure_and_a_notebook_shows_them(record: Record) -> None:

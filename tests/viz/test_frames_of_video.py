@@ -13,8 +13,9 @@ from synthetic_record import synthetic_record
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.viz import ScenePage, show, write_frames
+from uvms_ocp.viz import ScenePage, show
 from uvms_ocp.viz.scene.page import pictures
+from uvms_ocp.viz.scene.page.pictures import write_frames
 
 
 @pytest.mark.skipif(bool(pictures.missing()), reason=pictures.missing() or "all is there")

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.padding import Padding
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as ProgressBar
 from rich.table import Table
@@ -196,14 +197,13 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
     )
     for column in ("phase", "start [s]", "end [s]", "J", "m"):
         table.add_column(column, no_wrap=True, justify="left" if column == "phase" else "right")
-    table.add_column("why it ended, errors at its end")
     for phase in report["phases"]:
         times = (f"{phase['start_s']:.2f}", f"{phase['end_s']:.2f}")
         energy = cell(phase["energy_j"])
-        errors = (Text(plain_line(error), style="dim") for error in _active_errors(phase))
-        why = Text("\n").join([Text(plain_line(phase["reason"])), *errors])
-        table.add_row(_title(phase["name"], phase["title"]), *times, energy, f"{phase['path_length_m']:.2f}", why)
+        table.add_row(_title(phase["name"], phase["title"]), *times, energy, f"{phase['path_length_m']:.2f}")
     console.print(table)
+    for phase in report["phases"]:
+        _print_end(console, phase)
     _print_what_went_wrong(console, report)
     resources = _transposed(report["resources"])
     console.print(table_of("resources", resources, tuple(resources[0])))
@@ -215,6 +215,13 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
     if not report["completed"] or report["ended_too_early"]:
         console.print(plain_line(f"cause: {report['cause']['kind']}: {report['cause']['text']}"))
     print_paths(console, paths)
+
+
+def _print_end(console: Console, phase: dict[str, Any]) -> None:
+    """Why a phase ended and, indented below, the errors at its end."""
+    console.print(Text(plain_line(f"{phase['name']} ended: {phase['reason']}")))
+    if errors := "; ".join(_active_errors(phase)):
+        console.print(Padding(Text(plain_line(errors), style="dim"), (0, 0, 0, 4)))
 
 
 def _of_controller(report: dict[str, Any]) -> str:

@@ -24,7 +24,6 @@ from uvms_ocp.viz.quantity_figures import figure_quantities as figure_quantities
 from uvms_ocp.viz.quantity_figures import figure_tool_error as figure_tool_error
 from uvms_ocp.viz.run_figures import plot as plot
 from uvms_ocp.viz.run_figures import write_figures as write_figures
-from uvms_ocp.viz.scene.page.pictures import write_frames as write_frames
 from uvms_ocp.viz.scene.page.viewer import ScenePage as ScenePage
 from uvms_ocp.viz.scene.show import show as show
 from uvms_ocp.viz.scene.show import write_scene as write_scene

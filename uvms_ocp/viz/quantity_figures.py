@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from uvms_ocp.arguments import checked
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.exceptions import NameNotFound
 from uvms_ocp.record import Record
 from uvms_ocp.tables.series_table import column_names, column_units, unit_of
 from uvms_ocp.viz.series import as_known, labelled, quantity, require_rows, task_gate, thresholds
@@ -176,23 +176,22 @@ def _free_panel(axis: Axes, record: Record, name: str, color: str) -> None:
 
 @checked
 @styled
-def figure_of(record: Record, *names: str) -> Figure:
+def figure_of(record: Record, name: str, *names: str) -> Figure:
     """One panel for each of the names: a quantity such as ``T.position_error``, a series such as ``thrust``, or a column ``q.z``.
 
-    Raises `NameNotFound` for what the record has not, and `InvalidInput` for no name at all.
+    Raises `NameNotFound` for what the record has not, and `InvalidInput` where it has nothing to draw.
     """
     require_rows(record)
-    if not names:
-        raise InvalidInput("no name given; give some, such as figure_of(record, 'T.position_error')")
+    names = (name, *names)
     curves = [_curves(record, name) for name in names]
     figure, axes = stacked(len(names), 1.75, ", ".join(shown(name) for name in names[:4]) + as_known(record))
-    for axis, name, (lines, unit) in zip(axes, names, curves, strict=True):
+    for axis, one, (lines, unit) in zip(axes, names, curves, strict=True):
         for k, (label, values) in enumerate(lines.items()):
             style = DASHES[k // len(LINES) % len(DASHES)]
             axis.plot(record["t"], values, color=LINES[k % len(LINES)], ls=style, lw=1.1, label=shown(label, 20))
-        for limit in thresholds(record, name):
+        for limit in thresholds(record, one):
             threshold(axis, limit, f"threshold {limit:g}")
-        axis.set_ylabel(f"{shown(name, 24)}\n[{unit}]")
+        axis.set_ylabel(f"{shown(one, 24)}\n[{unit}]")
         if len(lines) > 1:
             legend_beside(axis)
     mark_time(axes, record, share=0.92 if any(len(lines) > 1 for lines, _ in curves) else 1.0)

@@ -60,16 +60,25 @@ def show(
     the same times, such as another run or the plan that was followed. fps [Hz]: frames per second. Raises `InvalidInput`
     where a record is not of this robot or has nothing to draw, and for an fps that is not positive.
     """
+    if not 0 < fps <= _MOST_FPS:
+        raise InvalidInput(f"fps = {fps}; give a number > 0, of {_MOST_FPS} at most")
     if isinstance(what, Robot):
         if ghosts or isinstance(robot_or_q, Robot):
             raise InvalidInput("a robot alone does not move; give show(robot, q), or a record and its robot")
-        q = what.configuration() if robot_or_q is None else what.check_configuration(robot_or_q)
-        return posed_page(what, q, height)
+        return posed_page(what, _configuration(what, robot_or_q), height)
     if isinstance(robot_or_q, np.ndarray):
         raise InvalidInput("a record and a plan know their configurations; give show(robot, q) for one of your own")
     robot = what.robot if isinstance(what, Plan) else robot_or_q or robot_of(what)
     others = {name: _record_of(ghost) for name, ghost in ghosts.items()}
     return _page(_record_of(what), robot, others, fps, height)
+
+
+def _configuration(robot: Robot, q: np.ndarray | None) -> np.ndarray:
+    """A checked q (n_q,) [m, rad]; at home where none is given."""
+    try:
+        return robot.configuration() if q is None else robot.check_configuration(q)
+    except InvalidInput as error:
+        raise InvalidInput(f"robot_or_q: {error}") from error
 
 
 def robot_of(record: Record) -> Robot:
@@ -86,8 +95,6 @@ def _record_of(what: Record | Plan) -> Record:
 
 def _page(record: Record, robot: Robot, others: Mapping[str, Record], fps: float, height: int) -> ScenePage:
     require_fit(record, robot)
-    if not 0 < fps <= _MOST_FPS:
-        raise InvalidInput(f"fps = {fps}; give a number > 0, of {_MOST_FPS} at most")
     frames, ghosts = frames_of(record, robot, fps), list(ghosts_of(others, robot, fps))
     centre = _centre(record, frames)
     log = CommandLog()
