@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from recording.kept_rows import KeptRows
+from recording.kept_rows import kept_rows
 from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.campaign import faults
@@ -127,7 +127,7 @@ def main() -> None:
         kinds = ["altimeter_range frozen", "joint 2 jammed"]
         study = faults(n=1, fault_free=1, kinds=kinds, phases=("A",), plant="kinematic", dt=0.05, duration=12.0)
     with tempfile.TemporaryDirectory() as own:
-        rows = KeptRows(given.work or Path(own), given.jobs).run(study, given.hours)
+        rows = kept_rows(study, (given.work or Path(own)) / "study", given.jobs, given.hours)
     run.write(report(rows, study))
 
 

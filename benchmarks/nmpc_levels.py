@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 
 from horizon.conflict_runs import LEVELS, ConflictRuns, conflict_rows
-from horizon.receding_conflicts import MARGIN, SETTLING, SPEED, WAY
+from horizon.receding_conflicts import LEEWAY, MARGIN, SETTLING, SPEED, WAY
 from horizon.worst_of_seeds import worst_of_seeds
 from recording.processes import hide_compiler
 from recording.report import Report, Row, Table, begin, parser_of
@@ -22,8 +22,9 @@ PROSE = """
 tool*: the goal goes {way:g} m out and back at {speed:g} m/s, and the vehicle goes along without tilting; wanted: the tool within
 {tool:g} mm. *vehicle above tool*: the same, out of the reach of the arm, while the vehicle stays; wanted: the vehicle within
 {held:g} mm, the tool within {back:g} mm from {settling:g} s after the goal's return. The same with an arm that is stretched at
-first towards a goal out of reach. *clearance above tool*: a ball comes to where the tool is to be and leaves again; planned
-gap {margin:g} mm, and the tool as before. `unfit` are plans that broke constraints, so that the last one went on.
+first towards a goal out of reach. *clearance above tool*: a ball comes to where the tool is to be and leaves again; wanted: a gap
+of {margin:g} mm, for which plans keep {leeway:g} mm more at their nodes, and the tool as before. `unfit` are plans that broke
+constraints, so that the last one went on.
 
 Weights rank the same terms in one level, those of a level so many times as heavy as those of the next.
 
@@ -36,7 +37,7 @@ def kept(row: Row) -> bool:
     if row["conflict"].startswith("tilt"):
         return bool(row["largest tool error [mm]"] <= TOOL)
     held = not row["conflict"].startswith("vehicle") or row["largest way of the vehicle [mm]"] <= HELD
-    return bool(held and row["largest tool error afterwards [mm]"] <= BACK and row["smallest gap [mm]"] > 0)
+    return bool(held and row["largest tool error afterwards [mm]"] <= BACK and row["smallest gap [mm]"] >= 1e3 * MARGIN)
 
 
 def prose(runs: ConflictRuns, table: Sequence[Row]) -> str:
@@ -51,6 +52,7 @@ def prose(runs: ConflictRuns, table: Sequence[Row]) -> str:
         back=BACK,
         settling=SETTLING,
         margin=1e3 * MARGIN,
+        leeway=1e3 * LEEWAY,
         kept=sum(kept(row) for row in own),
         all=len(own),
         unfit=sum(row["unfit"] for row in own),

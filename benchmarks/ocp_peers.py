@@ -31,7 +31,8 @@ because it interprets.
 
 **Limited**: the same with hard limits on the velocity of every axis, on the torque and the position of every joint, a third
 below what the unlimited motion takes. The peer is mim-solvers' constrained SQP with crocoddyl's models, with as many
-iterations as crocoddyl gets; `ratio` is to its processor time whether it converges or not.
+iterations as crocoddyl gets; `ratio` is to its processor time whether it converges or not, `to_fatrop` to that of our own
+problem in fatrop with the same tolerance.
 
 **Quickest**: the arm alone on a fixed base, posture to posture in the least time within limits on velocity and
 acceleration. The answer is known ({best:.4g} s); `off` is the share by which a result exceeds it, `ratio` is to the
@@ -46,6 +47,7 @@ FORMATS = {
     "cpu_ms": ".2f",
     "wall_ms": ".2f",
     "ratio": ".2f",
+    "to_fatrop": ".2f",
     "warm_cpu_ms": ".2f",
     "iterations": "",
     "result": ".9f",

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 
-from recording.progress import show_progress
+from recording.progress import show_runs
 from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.campaign.random_missions import random_missions
@@ -89,7 +89,7 @@ def main() -> None:
     chosen = (
         random_missions(n=1, seed=1, plant="kinematic") if run.quick else random_missions(n=given.missions, force=True)
     )
-    result = chosen.run(jobs=1 if run.quick else given.jobs, progress=show_progress)
+    result = chosen.run(workers=1 if run.quick else given.jobs, progress=show_runs)
     run.write(
         Report(
             name="random_missions",

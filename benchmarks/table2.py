@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 
-from recording.progress import show_progress
+from recording.progress import show_runs
 from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.campaign.table2 import FLOORS, MARGIN, table2
@@ -64,7 +64,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
     given, run = begin(parser)
     seeds, length, jobs = (1, 2.0, 1) if run.quick else (given.seeds, 30.0, given.jobs)
-    result = table2(seeds=seeds, length=length).run(jobs=jobs, progress=show_progress)
+    result = table2(seeds=seeds, length=length).run(workers=jobs, progress=show_runs)
     run.write(
         Report(
             name="table2",

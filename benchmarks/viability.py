@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from typing import Any
 
-from recording.progress import show_progress
+from recording.progress import show_runs
 from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.campaign.random_limits import (
@@ -50,7 +50,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
     given, run = begin(parser)
     runs, jobs = (1, 1) if run.quick else (given.runs, given.jobs)
-    result = random_limits(n=runs, dt=1.0 / given.rate).run(jobs=jobs, progress=show_progress)
+    result = random_limits(n=runs, dt=1.0 / given.rate).run(workers=jobs, progress=show_runs)
     (total,) = result.table
     run.write(
         Report(

@@ -14,6 +14,10 @@ from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.record_checks import check_series
 from uvms_ocp.run_meta import PlanMeta, RunMeta, read_meta, write_meta
+from uvms_ocp.tables import record_files
+from uvms_ocp.tables.mcap import mcap_file
+from uvms_ocp.tables.series_table import meaning_of, unit_of
+from uvms_ocp.tables.small_table import SmallTable, Tabled
 from uvms_ocp.untrusted.array_file import read_arrays
 from uvms_ocp.validation import shown
 
@@ -23,8 +27,8 @@ _BLOCK = 8 * 2**20  # [bytes]
 
 
 @checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Record:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class Record(Tabled):
     """Named time series that share their first axis, and what is needed to read them.
 
     Plots and reports read nothing else. Raises `InvalidInput` for metadata of any other type.
@@ -37,12 +41,28 @@ class Record:
     def __len__(self) -> int:
         return len(self.series["t"])
 
+    def _table(self) -> SmallTable:
+        t, meta = self.series["t"], self.meta
+        span = f"{t[0]:g} to {t[-1]:g} s" if len(t) else "no time"
+        return SmallTable(
+            title=f"Record of a {meta.kind}, {meta.scenario}, {meta.robot}: {len(t)} rows, {span}",
+            head=("series", "shape", "unit", "meaning"),
+            rows=tuple(
+                (name, str(array.shape), unit_of(name), meaning_of(name)) for name, array in self.series.items()
+            ),
+        )
+
     @late
     def __getitem__(self, name: str) -> np.ndarray:
-        """The series `name` (n, ...); raises `NameNotFound` with the names there are."""
-        if name not in self.series:
-            raise NameNotFound("series", name, sorted(self.series))
-        return self.series[name]
+        """The series `name` (n, ...), or that of a measured quantity such as ``T.position_error``.
+
+        Raises `NameNotFound` with the names there are.
+        """
+        if name in self.series:
+            return self.series[name]
+        if name in self.meta.quantities and "quantities" in self.series:
+            return self.series["quantities"][:, self.meta.quantities.index(name)]
+        raise NameNotFound("series", name, [*sorted(self.series), *self.meta.quantities])
 
     @property
     def run_meta(self) -> RunMeta:
@@ -63,6 +83,43 @@ class Record:
         text = np.array(write_meta(self.meta))
         with Path(path).open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **{_META_KEY: text}, **self.series)
+
+    def to_dataframe(self) -> Any:
+        """A pandas.DataFrame, one row per tick; `uvms_ocp.tables.series_table.SERIES` says what the columns are.
+
+        Raises `NotInstalled` without pandas, as do the files below.
+        """
+        return record_files.to_dataframe(self.series, self.meta)
+
+    def to_csv(self, path: Path | str) -> None:
+        """Write the table of `to_dataframe`, every number in full. Raises `OutputError`, `NotInstalled`."""
+        record_files.to_csv(self.series, self.meta, Path(path))
+
+    def to_parquet(self, path: Path | str) -> None:
+        """Write a file that `from_parquet` reads as the same record. Raises `OutputError`, `NotInstalled`."""
+        record_files.to_parquet(self.series, self.meta, Path(path))
+
+    @staticmethod
+    def from_parquet(path: Path | str) -> Record:
+        """Read a file of `to_parquet`. Raises `InvalidInput` for another or a damaged one, and `NotInstalled`."""
+        series, meta = record_files.from_parquet(Path(path))
+        check_series(series, meta)
+        return Record(series=series, meta=meta)
+
+    def to_mcap(self, path: Path | str) -> None:
+        """Write a file that Foxglove opens, and `from_mcap` as the same record. Raises `OutputError`, `NotInstalled`.
+
+        ``/tf`` has the poses of vehicle, its estimate and tool, ``/goals`` those of goals, ``/joint_states`` what a URDF layer
+        moves by, ``/wrench`` and others the forces, ``/log`` phases, alarms and faults, ``/series/...`` every series.
+        """
+        mcap_file.to_mcap(self.series, self.meta, Path(path))
+
+    @staticmethod
+    def from_mcap(path: Path | str) -> Record:
+        """Read a file of `to_mcap`. Raises `InvalidInput` for another or a damaged one, and `NotInstalled`."""
+        series, meta = mcap_file.from_mcap(Path(path))
+        check_series(series, meta)
+        return Record(series=series, meta=meta)
 
     @staticmethod
     def load(path: Path | str) -> Record:

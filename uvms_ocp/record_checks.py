@@ -17,7 +17,7 @@ _AXES = ("x", "x_rate", "x_acceleration", "x_jerk", "x_snap")
 _COLUMNS = ("altimeter_range", "altimeter_spread", "joint_energy", "tick_time", "controller_time")
 """(n,) real numbers."""
 _TABLES = ("q", "v", "command", "gates", "activity", "residual", "quantities", "disturbance", "q_spread")
-_PLANT_TABLES = ("thrust", "torque", "thruster_energy", "clearance")
+_PLANT_TABLES = ("thrust", "torque", "thruster_energy", "clearance", "current")
 _REAL = (*_COLUMNS, *_TABLES, *_PLANT_TABLES, *_AXES)
 _UNKNOWN = ("thruster_energy",)
 """Where NaN means that it is not known."""
@@ -89,6 +89,7 @@ def _widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[float, 
     """The fewest and the most columns of each series that has some."""
     rows = sum(level.rows for level in meta.levels)
     exact = {"gates": len(meta.tasks), "activity": rows, "residual": rows, "quantities": len(meta.quantities)}
+    exact["current"] = 3
     if isinstance(meta, PlanMeta):
         exact |= {name: len(meta.axes) for name in _AXES} | {"clearance": len(meta.clearance_groups)}
     if meta.limits is not None:

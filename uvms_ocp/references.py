@@ -12,6 +12,8 @@
 - [Ericson2005] C. Ericson, Real-Time Collision Detection, Morgan Kaufmann, 2005.
 - [Escande2014] A. Escande, N. Mansard, P.-B. Wieber, Hierarchical quadratic programming: fast online humanoid-robot
   motion generation, International Journal of Robotics Research 33(7), 2014.
+- [Fletcher1982] R. Fletcher, Second order corrections for non-differentiable optimization, in: Numerical Analysis, Lecture
+  Notes in Mathematics 912, Springer, 1982.
 - [Fossen2021] T. I. Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control, 2nd ed., Wiley, 2021.
 - [Gao2022] H. Gao et al., UVMS task-priority planning framework for underwater task goal classification optimization,
   Frontiers in Neurorobotics 16, 982505, 2022.
@@ -29,6 +31,8 @@
   and Applications 31(3), 2009.
 - [Okabe2008] M. Okabe, K. Ito, Color universal design, J*FLY data depository for Drosophila researchers, 2008.
 - [Patnaik1949] P. B. Patnaik, The non-central chi-squared and F-distributions and their applications, Biometrika 36, 1949.
+- [Rucker2022] C. Rucker, P. M. Wensing, Smooth parameterization of rigid-body inertia, IEEE Robotics and Automation Letters
+  7(2), 2022.
 - [Shepperd1978] S. W. Shepperd, Quaternion from rotation matrix, Journal of Guidance and Control 1(3), 1978.
 - [SimettiCasalino2016] E. Simetti, G. Casalino, A novel practical technique to integrate inequality control objectives
   and task transitions in priority based control, Journal of Intelligent & Robotic Systems 84, 2016.

@@ -85,6 +85,12 @@ class RunMeta(RecordMeta):
     kind: Literal["run"] = "run"
     plant: str
     solver: str
+    controller: str = ""
+    """Name of what ran, a user's own or the toolkit's; empty in older records."""
+    estimator: str = ""
+    """The same of the estimator."""
+    sensors: str = ""
+    """The same of the sensors."""
     floating: bool
     """Whether q begins with the pose of a vehicle."""
     dt: Annotated[float, Field(ge=SHORTEST_TICK, le=LARGEST)]

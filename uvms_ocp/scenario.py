@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -15,73 +15,50 @@ from uvms_ocp.arguments import DAY, Count, checked
 from uvms_ocp.control.force.dynamic import DynamicController, VelocityGains
 from uvms_ocp.control.navigation.estimator import Estimator
 from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
-from uvms_ocp.control.navigation.health.monitor import HealthMonitor
 from uvms_ocp.control.navigation.pass_through import PassThrough
 from uvms_ocp.control.velocity.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.control.velocity.tick.guide import Guide
-from uvms_ocp.control.watched import WatchedController
-from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.meta_values import FaultMeta
+from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.mission.mission import Mission
-from uvms_ocp.model.dynamics import robot_dynamics
+from uvms_ocp.model.dynamics import known_dynamics, robot_dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
-from uvms_ocp.model.state import Command, Measurement, State
+from uvms_ocp.model.state import Measurement, State
+from uvms_ocp.parts.fresh import ControllerOf, EstimatorOf, MissionController, maker_of, own_names
+from uvms_ocp.parts.given import part_name, plant_name, require_plant, require_suffered, specs_of, takes_forces
+from uvms_ocp.parts.struck import require_fault, struck_parts, told
+from uvms_ocp.parts.watched_plant import WatchedPlant
+from uvms_ocp.parts.watched_sensors import WatchedSensors
 from uvms_ocp.preflight.checks import check_mission
 from uvms_ocp.preflight.findings import PreflightReport
 from uvms_ocp.preflight.setup import Setup
 from uvms_ocp.record import Record, Recorder
-from uvms_ocp.report.meta import Ending, run_meta
+from uvms_ocp.report.meta import Ending, PartNames, run_meta
 from uvms_ocp.run_meta import RunMeta
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.faults.fault import Fault
 from uvms_ocp.sim.faults.plant_faults import require_possible
-from uvms_ocp.sim.loop import Progress, StateEstimator, require_few_ticks, simulate
+from uvms_ocp.sim.loop import Progress, Sensors, StateEstimator, require_few_ticks, simulate
 from uvms_ocp.sim.plant import KinematicPlant, Plant
 from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
-
-PLANTS = ("dynamic", "kinematic")
-
-
-class MissionController(Protocol):
-    """What controls a run."""
-
-    @property
-    def kinematic(self) -> KinematicController:
-        """The layer that knows the mission, its events and its quantities."""
-
-    def __call__(self, measurement: Measurement, t: float) -> Command:
-        """The command for the tick at time t [s]."""
 
 
 def our_controller(scenario: Scenario, guide: Guide | None = None) -> KinematicController | DynamicController:
     """The hierarchy's, fresh."""
     kinematic = scenario.kinematic_controller(guide)
-    if scenario.plant == "kinematic":
+    if not scenario.takes_forces:
         return kinematic
-    model = robot_dynamics(scenario.robot)
+    model = known_dynamics(scenario.robot)
     return DynamicController(robot=scenario.robot, dynamics=model, kinematic=kinematic, gains=scenario.gains)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class ControllerOf:
-    """What makes the controllers of one scenario."""
-
-    maker: Callable[[Scenario], Any]
-    """Of any scenario's."""
-    scenario: Scenario = field(repr=False)
-
-    def __call__(self) -> MissionController:
-        """A fresh one. Raises `InvalidInput` where the maker makes no callable."""
-        made = self.maker(self.scenario)
-        if self.maker is our_controller:
-            return made
-        if not callable(made):
-            raise InvalidInput(f"controller made {type(made).__name__}; make a callable (Measurement, t) -> Command")
-        n = None if self.scenario.plant == "kinematic" else len(self.scenario.robot.description.thrusters)
-        return WatchedController(controller=made, kinematic=self.scenario.kinematic_controller(), n_thrusters=n)
+def our_estimator(scenario: Scenario) -> StateEstimator:
+    """The filter, fresh; ideal sensors are taken for the truth."""
+    if scenario.specs == IDEAL_SENSORS:
+        return PassThrough(scenario.robot, scenario.specs)
+    return Estimator(scenario.robot, scenario.specs, altimeter_frame=scenario.altimeter_frame)
 
 
 @checked
@@ -90,8 +67,8 @@ class Scenario:
     """Everything that one simulation needs.
 
     Raises `InvalidInput` for a start outside the joint limits or below the seafloor, for a bad period, duration, seed or
-    solver, or for a fault that robot or plant cannot have, `NameNotFound` for an unknown plant and `FrameNotFound` for an
-    unknown altimeter frame. Goals are judged by `check`.
+    solver, for what makes no part, or for a fault that robot or plant cannot have, `NameNotFound` for an unknown plant and
+    `FrameNotFound` for an unknown altimeter frame. Goals are judged by `check`.
     """
 
     name: str
@@ -101,8 +78,17 @@ class Scenario:
     start: np.ndarray
     """(n_q,) [m, rad] configuration at t = 0, at rest."""
     solver: HierarchySolver = field(default_factory=LexicographicActiveSet)
-    plant: str = "dynamic"
-    sensors: SensorSpecs = IDEAL_SENSORS
+    plant: str | Callable[..., Any] = "dynamic"
+    """``dynamic``, ``kinematic``, or what makes a plant of a user's own, a `uvms_ocp.parts.PlantMaker`."""
+    sensors: SensorSpecs | Callable[..., Any] = IDEAL_SENSORS
+    """What those of the toolkit are like, or what makes others, a `uvms_ocp.parts.SensorsMaker`."""
+    real_sensors: SensorSpecs | None = None
+    """What the sensors are truly like, where that differs from what the estimator knows."""
+    estimator: Callable[..., Any] = our_estimator
+    """What makes an estimator for a run, a `uvms_ocp.parts.EstimatorMaker`; by default the toolkit's filter.
+
+    ``scenario.estimator()`` calls it, with a monitor around what it makes that keeps from it what cannot be true.
+    """
     controller: Callable[..., Any] = our_controller
     """What makes a controller for a run: takes the scenario, returns a callable ``(Measurement, t) -> Command``.
 
@@ -123,12 +109,12 @@ class Scenario:
     """[s] at which an incomplete mission is stopped."""
     markers: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     """Points (3,) [m] in W to draw, by name."""
-    faults: tuple[Fault, ...] = ()
-    """What goes wrong, unknown to controller and pre-flight."""
+    faults: tuple[Fault | Callable[..., Any], ...] = ()
+    """What goes wrong, unknown to controller and pre-flight; also a user's own, each a `uvms_ocp.parts.FaultMaker`."""
 
     def __post_init__(self) -> None:
-        if self.plant not in PLANTS:
-            raise NameNotFound("plant", self.plant, PLANTS)
+        require_plant(self.plant)
+        specs_of(self.sensors)
         for name, value in (("dt", self.dt), ("duration", self.duration)):
             if not (np.isfinite(value) and value > 0):
                 raise InvalidInput(f"{name} = {value} s; give a finite time > 0")
@@ -146,10 +132,35 @@ class Scenario:
             self.robot.frame_id(self.altimeter_frame)
         if self.robot.n_vehicle:
             self._require_above_floor()
-        object.__setattr__(self, "controller", ControllerOf(maker=_maker_of(self.controller), scenario=self))
-        if self.faults:
-            require_possible(self.faults, self.plant_robot or self.robot, kinematic=self.plant == "kinematic")
+        for name, kind in (("controller", ControllerOf), ("estimator", EstimatorOf)):
+            object.__setattr__(self, name, kind(maker=maker_of(name, getattr(self, name)), scenario=self))
+        for fault in self.faults:
+            require_fault(fault)
+        if faults := self.known_faults:
+            require_possible(faults, self.plant_robot or self.robot, kinematic=self.plant == "kinematic")
+            require_suffered(faults, self.plant, self.sensors)
             self._sensor_suite()
+
+    @property
+    def known_faults(self) -> tuple[Fault, ...]:
+        """Those of `faults` that are values of the toolkit, which plant and sensors have of themselves."""
+        return tuple(fault for fault in self.faults if isinstance(fault, Fault))
+
+    @property
+    def takes_forces(self) -> bool:
+        """Whether the plant takes thrust and torque, or velocities alone."""
+        return takes_forces(self.plant)
+
+    @property
+    def specs(self) -> SensorSpecs:
+        """What estimator, monitor and pre-flight expect of the sensors."""
+        return specs_of(self.sensors)
+
+    @property
+    def own_parts(self) -> dict[str, str]:
+        """Names of the parts that are not the toolkit's, by what they are."""
+        parts = {what: getattr(self, what) for what in ("plant", "sensors", "estimator", "controller")}
+        return own_names(parts, (our_estimator, our_controller))
 
     def kinematic_controller(self, guide: Guide | None = None) -> KinematicController:
         """Its layer of velocities alone, fresh; guide: what stands in for the hierarchy while it lasts."""
@@ -158,11 +169,6 @@ class Scenario:
     def guided(self, guide: Guide) -> MissionController:
         """The hierarchy's controller, fresh, with a guide that stands in for the hierarchy while it lasts."""
         return our_controller(self, guide)
-
-    def estimator(self) -> GuardedEstimator:
-        """A fresh estimator, ``(Readings, t, Command | None) -> Measurement``; a monitor keeps from it what cannot be true."""
-        monitor = HealthMonitor(self.robot, self.sensors, altimeter_frame=self.altimeter_frame)
-        return GuardedEstimator(self._unguarded(), self.robot, self.sensors, monitor)
 
     def check(self) -> PreflightReport:
         """Pre-flight: whether this mission can be completed, and what has to change if not."""
@@ -176,10 +182,11 @@ class Scenario:
             environment=self.environment,
             start=np.array(self.start),
             altimeter_frame=self.altimeter_frame or self.robot.description.altimeter,
-            with_forces=self.plant == "dynamic",
+            with_forces=self.takes_forces,
             dt=self.dt,
             duration=self.duration,
-            sensors=self.sensors,
+            sensors=self.specs,
+            own_parts=self.own_parts,
         )
 
     def run(self, progress: Progress | None = None, controller: MissionController | None = None) -> Record:
@@ -188,11 +195,12 @@ class Scenario:
         controller: a fresh one, as `controller` makes them, for who wants to look into it meanwhile.
         """
         controller = controller or self.controller()
-        kinematic, plant, estimator = controller.kinematic, self._plant(), self.estimator()
+        kinematic, estimator = controller.kinematic, self.estimator()
+        plant, sensors = struck_parts(self, self._plant(), self._sensors())
         begin = perf_counter()
         recorder = simulate(
             plant=plant,
-            sensors=self._sensor_suite().read,
+            sensors=sensors,
             estimator=estimator,
             controller=controller,
             dt=self.dt,
@@ -204,7 +212,7 @@ class Scenario:
         at_events = self._truth_at_events(kinematic, recorder)
         spread = recorder.last("q_spread") if "q_spread" in recorder else None
         ending = Ending(q=recorder.last("q"), quantities=truth, at_events=at_events, wall_s=wall, spread=spread)
-        return recorder.freeze(self._meta(kinematic, estimator.monitor, ending))
+        return recorder.freeze(self._meta(controller, estimator, ending))
 
     def _truth_at_events(self, kinematic: KinematicController, recorder: Recorder) -> tuple[dict[str, float], ...]:
         """All quantities at the true state when each phase ended, of the goals that it had."""
@@ -215,35 +223,48 @@ class Scenario:
             truths.append(kinematic.evaluate(self._true_measurement(then), event.t, state))
         return tuple(truths)
 
-    def _meta(self, controller: KinematicController, monitor: HealthMonitor, ending: Ending) -> RunMeta:
+    def _meta(self, controller: MissionController, estimator: GuardedEstimator, ending: Ending) -> RunMeta:
         return run_meta(
             name=self.name,
             setup=self.setup(),
-            plant=self.plant,
-            solver=type(self.solver).__name__,
+            parts=self._part_names(controller, estimator),
             seed=self.seed,
             markers=self.markers,
-            faults=tuple(map(_told, self.faults)),
-            controller=controller,
-            monitor=monitor,
+            faults=tuple(map(told, self.faults)),
+            controller=controller.kinematic,
+            monitor=estimator.monitor,
             ending=ending,
         )
 
+    def _part_names(self, controller: MissionController, estimator: GuardedEstimator) -> PartNames:
+        own = self.own_parts
+        return PartNames(
+            plant=plant_name(self.plant),
+            solver=type(self.solver).__name__,
+            sensors=own.get("sensors", SensorSuite.__name__),
+            estimator=own.get("estimator", type(estimator.estimator).__name__),
+            controller=getattr(controller, "name", type(controller).__name__),
+        )
+
     def _plant(self) -> Plant:
+        if not isinstance(self.plant, str):
+            return WatchedPlant(self.plant(self), self.robot, part_name(self.plant))
         if self.plant == "kinematic":
-            return KinematicPlant(self.robot, self.start, self.faults)
+            return KinematicPlant(self.robot, self.start, self.known_faults)
         real = self.plant_robot or self.robot
         dynamics = robot_dynamics(real)
-        return DynamicPlant(real, self.start, dynamics=dynamics, environment=self.environment, faults=self.faults)
+        options: dict[str, Any] = {"dynamics": dynamics, "environment": self.environment, "faults": self.known_faults}
+        return DynamicPlant(real, self.start, **options, shared=real is not self.robot)
+
+    def _sensors(self) -> Sensors:
+        if isinstance(self.sensors, SensorSpecs):
+            return self._sensor_suite().read
+        return WatchedSensors(self.sensors(self), self.robot, self.specs, part_name(self.sensors))
 
     def _sensor_suite(self) -> SensorSuite:
         floor = self.environment.seafloor
-        return SensorSuite(self.robot, floor, self.sensors, self.seed, self.altimeter_frame, self.faults)
-
-    def _unguarded(self) -> StateEstimator:
-        if self.sensors == IDEAL_SENSORS:
-            return PassThrough(self.robot, self.sensors)
-        return Estimator(self.robot, self.sensors, altimeter_frame=self.altimeter_frame)
+        specs = self.real_sensors or self.specs
+        return SensorSuite(self.robot, floor, specs, self.seed, self.altimeter_frame, self.known_faults)
 
     def _true_measurement(self, state: State) -> Measurement:
         floor, frame = self.environment.seafloor, self.altimeter_frame
@@ -256,20 +277,6 @@ class Scenario:
         if z <= floor:
             text = f"start position of the vehicle z = {z:g} m is below the seafloor z = {floor:g} m; raise it"
             raise InvalidInput(text)
-
-
-def _maker_of(given: Callable[..., Any]) -> Callable[..., Any]:
-    """What was given, also to the scenario that a changed one is made of."""
-    if isinstance(given, ControllerOf):
-        return given.maker
-    if not callable(given):
-        raise InvalidInput(f"controller = {given!r}; give a callable that takes the scenario and makes a controller")
-    return given
-
-
-def _told(fault: Fault) -> FaultMeta:
-    end = fault.end if np.isfinite(fault.end) else None
-    return FaultMeta(text=str(fault), target=fault.target, kind=fault.kind, t=fault.onset, end=end)
 
 
 @checked

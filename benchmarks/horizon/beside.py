@@ -1,17 +1,19 @@
-"""What a tick takes while plans are made beside it, in real time."""
+"""What a tick takes while plans are made beside it, within it, and not at all: in real time, in blocks that take turns."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from time import perf_counter, sleep, thread_time
+from typing import Any
 
 import numpy as np
 from recording.report import Row
 
-from horizon.following import CURRENT, DT, GUSTS, PERIOD, Experiment, problem, start_of
+from horizon.following import CURRENT, DT, GUSTS, PERIOD, Experiment, problem, start_of, tool_position
 from horizon.receding_conflicts import moving_goal
 from uvms_ocp.control.receding.nmpc import Nmpc
-from uvms_ocp.control.receding.workers import Beside
+from uvms_ocp.control.receding.workers import Beside, InLine
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.state import Measurement
@@ -20,44 +22,105 @@ from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
 
-WARM = 2.0
-"""[s] at the beginning of a run that are not counted."""
+SELDOM = 2.5
+"""[s] between two plans where none is to be counted: less than a horizon, so that there is always one to follow."""
+NONE, LINE, BESIDE = "no plans", "plans in line", "plans beside"
+_WORKERS: dict[str, tuple[float, InLine | Beside]] = {
+    NONE: (SELDOM, InLine()),
+    LINE: (PERIOD, InLine()),
+    BESIDE: (PERIOD, Beside()),
+}
 
 
-def tick_rows(experiment: Experiment) -> Iterator[Row]:
-    """Ticks with plans made beside them, and without: the controller is closed after the first plans."""
-    robot = load_robot("girona_maris7_full")
-    for name, closed in (("plans beside", False), ("no plans", True)):
-        with Nmpc(problem(robot, moving_goal(robot), experiment), dt=DT, period=PERIOD, worker=Beside()) as nmpc:
-            times = _ticks(nmpc, experiment.seconds, closed)
-            statistics = nmpc.statistics
-        wall, own = (1e3 * np.array(column) for column in zip(*times, strict=True))
-        yield {
-            "ticks": name,
-            "p50 [ms]": float(np.median(own)),
-            "p99 [ms]": float(np.percentile(own, 99)),
-            "p99, clock on the wall [ms]": float(np.percentile(wall, 99)),
-            "plans": len(statistics.solve_times),
-            "late": statistics.missed,
-            "unfit": statistics.rejected,
-        }
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Blocks:
+    """How long is measured."""
+
+    rounds: int = 10
+    seconds: float = 3.0
+    """[s] of a block."""
+    warm: float = 2.0
+    """[s] of each way that are not counted."""
 
 
-def _ticks(nmpc: Nmpc, seconds: float, closed: bool) -> list[tuple[float, float]]:
-    """[s] by the clock on the wall and of the processor, of every tick after the first of them."""
+@dataclass(kw_only=True, slots=True)
+class _Way:
+    """One controller with a plant of its own, and the times of its ticks."""
+
+    nmpc: Nmpc
+    plant: DynamicPlant
+    goal: Any
+    ticks: int = 0
+    blocks: list[np.ndarray] = field(default_factory=list)
+    """(n, 2) [ms] processor time of the tick's own thread and time by the clock on the wall, of each block."""
+    errors: list[float] = field(default_factory=list)
+    """[mm] of the tool."""
+
+    def run(self, seconds: float, *, planning: bool) -> None:
+        """One block; ticks that plan count if `planning`."""
+        found, begin = [], perf_counter()
+        for i in range(round(seconds / DT)):
+            # Sleeping leaves the processor to the other process, as a robot's loop would.
+            sleep(max(0.0, begin + i * DT - perf_counter()))
+            solves = len(self.nmpc.statistics.solve_times)
+            times = self._tick()
+            if planning or len(self.nmpc.statistics.solve_times) == solves:
+                found.append(times)
+        self.blocks.append(1e3 * np.array(found))
+
+    def _tick(self) -> tuple[float, float]:
+        state, t = self.plant.state, self.ticks * DT
+        measurement = Measurement(q=state.q, v=state.v, altimeter_range=30.0)
+        wall, own = perf_counter(), thread_time()
+        command = self.nmpc(measurement, t)
+        own, wall = thread_time() - own, perf_counter() - wall
+        self.plant.step(command, DT)
+        self.ticks += 1
+        tool = tool_position(self.nmpc._robot, self.plant.state.q)
+        self.errors.append(1e3 * float(np.linalg.norm(tool - self.goal(self.ticks * DT)[0].translation)))
+        return own, wall
+
+
+def tick_rows(experiment: Experiment, blocks: Blocks) -> Iterator[Row]:
+    """One row per way to plan."""
+    ways = {name: _way(experiment, period, worker) for name, (period, worker) in _WORKERS.items()}
+    for way in ways.values():
+        way.run(blocks.warm, planning=True)
+        way.blocks.clear()
+        way.errors.clear()
+    for _ in range(blocks.rounds):
+        for name, way in ways.items():
+            way.run(blocks.seconds, planning=name != NONE)
+    for name, way in ways.items():
+        way.nmpc.close()
+        yield {"ticks": name, **_figures(way, ways[NONE])}
+
+
+def _figures(way: _Way, without: _Way) -> Row:
+    """Ratios are medians of those of blocks that were next to each other."""
+    all_ticks, statistics = np.concatenate(way.blocks), way.nmpc.statistics
+    peaks, others = (np.array([np.percentile(b, 99, axis=0) for b in own.blocks]) for own in (way, without))
+    own, wall = np.median(peaks / others, axis=0).tolist()
+    return {
+        "p50 [ms]": float(np.median(all_ticks[:, 0])),
+        "p99 [ms]": float(np.percentile(all_ticks[:, 0], 99)),
+        "p99 to that without plans [-]": own,
+        "p99, clock on the wall [ms]": float(np.percentile(all_ticks[:, 1], 99)),
+        "to that without plans [-]": wall,
+        "plans": len(statistics.solve_times),
+        "late": statistics.missed,
+        "unfit": statistics.rejected,
+        "rms error [mm]": float(np.sqrt(np.mean(np.square(way.errors)))),
+    }
+
+
+def _way(experiment: Experiment, period: float, worker: InLine | Beside) -> _Way:
     robot = load_robot("girona_maris7_full")
     water = GustyCurrent(base=UniformCurrent(CURRENT), sigma=GUSTS, seed=1)
     environment = Environment(seafloor=FlatSeafloor(z=-40), current=water)
-    plant = DynamicPlant(robot, start_of(robot), dynamics=robot_dynamics(robot), environment=environment)
-    times, begin = [], perf_counter()
-    for i in range(round((WARM + seconds) / DT)):
-        # Sleeping leaves the processor to the other process, as a robot's loop would.
-        sleep(max(0.0, begin + i * DT - perf_counter()))
-        if closed and i * DT >= WARM:
-            nmpc.close()
-        measurement = Measurement(q=plant.state.q, v=plant.state.v, altimeter_range=30.0)
-        wall, own = perf_counter(), thread_time()
-        command = nmpc(measurement, i * DT)
-        times.append((perf_counter() - wall, thread_time() - own))
-        plant.step(command, DT)
-    return times[round(WARM / DT) :]
+    goal = moving_goal(robot, begin=4.0)
+    return _Way(
+        nmpc=Nmpc(problem(robot, goal, experiment), dt=DT, period=period, worker=worker),
+        plant=DynamicPlant(robot, start_of(robot), dynamics=robot_dynamics(robot), environment=environment),
+        goal=goal,
+    )

@@ -98,7 +98,10 @@ def _crocoddyl_row(name: str, peer: Mapping[str, Any], judged: Mapping[str, floa
 
 
 def limited_rows(comparison: Comparison, n_steps: int) -> tuple[list[Row], dict[str, str]]:
-    """mim-solvers first: ratios are to its time, and `off` is the share by which a cost differs from its."""
+    """mim-solvers first: ratios are to its time, `to_fatrop` to that of fatrop with the same tolerance.
+
+    `off` is the share by which a cost differs from that of mim-solvers.
+    """
     name = f"limited, N = {n_steps}"
     peer: dict[str, Any] = {}
     if comparison.peers:
@@ -111,8 +114,12 @@ def limited_rows(comparison: Comparison, n_steps: int) -> tuple[list[Row], dict[
         found = {"iterations": peer["iterations"], "result": peer["cost"], "status": status}
         rows.append({**row, **times(peer, peer["cpu"]), **found})
     best = peer.get("cost") if peer.get("converged") else None
-    for row in comparison.run_ours("limited", n_steps, comparison.ways[0])["rows"]:
-        rows.append(our_row(name, row, comparison.ways[0], peer.get("cpu"), (row["cost"], best)))
+    ours = comparison.run_ours("limited", n_steps, comparison.ways[0])["rows"]
+    fatrop = {row["convergence"]: row["cpu"] for row in ours if row["plugin"] == "fatrop"}
+    for row in ours:
+        made = our_row(name, row, comparison.ways[0], peer.get("cpu"), (row["cost"], best))
+        known = row["convergence"] in fatrop
+        rows.append({**made, "to_fatrop": row["cpu"] / fatrop[row["convergence"]] if known else None})
     return rows, peer.get("versions", {})
 
 

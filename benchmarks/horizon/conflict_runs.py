@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from recording.report import Row
 
-from horizon.following import CURRENT, DT, GUSTS, PERIOD, deadlines, tool_position
+from horizon.following import CURRENT, DT, GUSTS, PERIOD, STRICT, deadlines, tool_position
 from horizon.receding_conflicts import CONFLICTS, SETTLING, RecedingConflict
 from uvms_ocp.control.receding.nmpc import Nmpc
 from uvms_ocp.model.dynamics import robot_dynamics
@@ -20,10 +20,8 @@ from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
-from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
 
 LEVELS = "levels"
-STAGES = SqpOptions(plugin="stagewise")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -49,7 +47,7 @@ def conflict_rows(runs: ConflictRuns) -> Iterator[Row]:
         problems = {LEVELS: conflict.problem} | {f"weights, {w:g}": conflict.as_sum(w) for w in runs.weights}
         for seed in runs.seeds:
             for name, problem in problems.items():
-                nmpc = Nmpc(problem, dt=DT, period=PERIOD, clock=process_time, options=STAGES)
+                nmpc = Nmpc(problem, dt=DT, period=PERIOD, clock=process_time, options=STRICT)
                 found = conflict_run(conflict, nmpc, seed, min(runs.seconds, conflict.seconds))
                 yield {"conflict": conflict.name, "priorities": name, "seed": seed, **found, **deadlines(nmpc)}
 

@@ -44,7 +44,7 @@ DT, PERIOD = 1 / 200, 1 / 20
 """[s] of control and of planning."""
 POSTURE = 0.3
 """[rad] by which joints may leave their posture at no cost."""
-STRICT = SqpOptions(plugin="stagewise", tolerance=1e-2)
+STRICT = SqpOptions(tolerance=1e-2)
 """Of strict levels: the tool gives effort a millimetre."""
 Controller: TypeAlias = Callable[[Measurement, float], Command]
 

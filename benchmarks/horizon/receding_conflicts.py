@@ -31,8 +31,8 @@ SETTLING = 1.5
 STRETCHED = (0.0, -1.2, 0.0, 0.0, 0.0, -0.9, 0.0)
 """[rad] joints with a straight elbow, from where no small motion brings the tool nearer to the vehicle."""
 CHEAP = OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.09)))
-MARGIN = 0.05
-"""[m] of clearance."""
+MARGIN, LEEWAY = 0.05, 0.012
+"""[m] of clearance that is wanted, and what plans keep on top: gusts, and the ways between nodes, take some."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -194,7 +194,7 @@ def clearance_above(robot: Robot) -> RecedingConflict:
     centre = first.translation - 1.0 * side
     balls = (Ball(frame="tool", radius=0.06), Ball(frame="flange", radius=0.08))
     clearance = BallClearance(
-        robot_balls=balls, obstacles=(Ball(centre=tuple(centre.tolist()), radius=0.15),), margin=MARGIN
+        robot_balls=balls, obstacles=(Ball(centre=tuple(centre.tolist()), radius=0.15),), margin=MARGIN + LEEWAY
     )
     motion = OutAndBack(way=0.9, speed=0.2)
     obstacle = ClosingIn(clearance=clearance, direction=side, motion=motion, weight=100.0)

@@ -5,6 +5,11 @@ from __future__ import annotations
 import sys
 
 
+def show_runs(done: int, failed: int, total: int) -> None:
+    """The same of a campaign; failures are rows, and are told there."""
+    show_progress(done, total)
+
+
 def show_progress(done: int, total: int) -> None:
     """One line on stderr for every twentieth part."""
     if done % max(1, total // 20) == 0:

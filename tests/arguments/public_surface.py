@@ -45,7 +45,7 @@ def _exported() -> Iterator[Any]:
     for init in sorted(ROOT.rglob("__init__.py")):
         if not set(APART) & set(init.relative_to(ROOT).parts):
             room = import_module(".".join(("uvms_ocp", *init.parent.relative_to(ROOT).parts)))
-            for node in ast.parse(init.read_text(encoding="utf-8")).body:
+            for node in ast.walk(ast.parse(init.read_text(encoding="utf-8"))):
                 names = node.names if isinstance(node, ast.ImportFrom) else []
                 yield from (getattr(room, alias.asname) for alias in names if alias.asname == alias.name)
     for module in OTHERS:

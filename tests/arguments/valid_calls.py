@@ -19,6 +19,7 @@ import pinocchio as pin
 from public_surface import Call
 
 from uvms_ocp import collision, control, mission, ocp, planning, report, sim, solvers, tasks, trajectories, without_arm
+from uvms_ocp.campaign import Choice, LogNormal, Normal, StudyResult, Triangular, Uniform
 from uvms_ocp.collision.conservative_advancement import ClearanceReport
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.control.receding.plan_guide import PlannedPhase
@@ -45,7 +46,7 @@ from uvms_ocp.scenarios import RunOptions, case1, reach
 from uvms_ocp.sim.faults import Fault
 from uvms_ocp.solvers import nlp, stagewise
 from uvms_ocp.tasks.task import TickSymbols
-from uvms_ocp.viz.scene.viewer import ScenePage
+from uvms_ocp.viz.scene.page.viewer import ScenePage
 
 RECORDS = Path(__file__).parents[1] / "records"
 Arguments = Mapping[str, Any]
@@ -462,6 +463,12 @@ NAMED: dict[str, Callable[[], Any]] = {
 """Right values by the name of a parameter."""
 
 POOL: dict[str, Callable[[], Any]] = {
+    "Campaign": lambda: _campaign(),
+    "Choice": lambda: Choice((1.0, 2.0)),
+    "LogNormal": LogNormal,
+    "Normal": lambda: Normal(0.0, 1.0),
+    "Triangular": lambda: Triangular(0.0, 0.5, 1.0),
+    "Uniform": lambda: Uniform(0.0, 1.0),
     "str": lambda: "HA",
     "float": lambda: 1.0,
     "Finite": lambda: 1.0,
@@ -580,12 +587,13 @@ POOL: dict[str, Callable[[], Any]] = {
     "SensorSpec": SensorSpec,
     "SensorSpecs": lambda: IDEAL_SENSORS,
     "Study": lambda: _study(),
-    "StudyResult": lambda: _study().run(),
+    "StudyResult": lambda: StudyResult(name="a", title="b", cases=({"case": 1},), table=({"case": 1},)),
     "RealTimeSqp": sqp,
     "StageShape": stage_shape,
     "StageQp": lambda: stagewise.StageQp(stage_shape()),
     "StageQpSolver": stage_solver,
     "StageQpSolution": lambda: stage_solver().solve(stagewise.StageQp(stage_shape())),
+    "Near": lambda: stage_solver().find(stagewise.StageQp(stage_shape())).near(),
     "KktResidual": lambda: stagewise.KktResidual(stationarity=0.0, primal=0.0, complementarity=0.0),
     "tuple[Array, ...]": lambda: (np.zeros(2),),
     "StageQpStatus": lambda: next(iter(stagewise.StageQpStatus)),
@@ -656,6 +664,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     **dict.fromkeys(("Estimator.outcome", "Estimator.refuse", "Estimator.used"), lambda: {"channel": "position"}),
     **{f"{kind}.{use}": lambda: {"quantities": quantities()} for kind in CONDITIONS for use in ("holds", "describe")},
     "StageShape": lambda: {"n_u": (1,)},
+    "Near": lambda: stage_solver().find(stagewise.StageQp(stage_shape())).near(),
     "KktResidual": lambda: {"stationarity": 0.0, "primal": 0.0, "complementarity": 0.0},
     "StageQp.fix_initial_state": lambda: {"x": np.zeros(2)},
     "Mission.pending": lambda: {"quantities": quantities()},
@@ -711,11 +720,13 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     },
     "MissionPlan.load": lambda: {"path": whole().save(Path(mkdtemp(), "plan.npz"))},
     "MissionPlan.save": lambda: {"path": Path(mkdtemp(), "plan.npz")},
-    "show": lambda: {"robot": robot()},
+    "show": lambda: {"what": robot(), "robot_or_q": q()},
+    "figure_of": lambda: {"name": "q"},
     "Plan.load": lambda: {"path": plan().save("plan.npz")},
     "replay": lambda: {"plan": plan(), "where": from_pool("Where", "where")},
     "Trajectory": lambda: fields_of(plan().trajectory),
     "Trajectory.state_at": lambda: {"model": arm().model},
+    "Trajectory.states_at": lambda: {"model": arm().model, "t": np.array([0.0, 0.5])},
     "Posture": lambda: {"q": arm().configuration()},
     "MinSnap": lambda: fields_of(trajectories.min_snap(curve().evaluate([0.0, 1.0, 2.0]), [0.0, 1.0, 2.0])),
     "Abort": lambda: {"phase": climb()},
@@ -795,6 +806,20 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "hold": dict,
     "lexicographic_program": lambda: lexicographic(),
     "random_limits": lambda: {"n": 2},
+    "Campaign": lambda: {"scenario": scenario, "runs": 2},
+    "Campaign.run": lambda: {"out": _campaign_folder()},
+    "Campaign.scenario_of": lambda: {"run": 0},
+    "Choice": lambda: {"values": (1.0, 2.0)},
+    "Uniform": lambda: {"lower": 0.0, "upper": 1.0},
+    "Normal": lambda: {"mean": 0.0, "sigma": 1.0},
+    "Triangular": lambda: {"lower": 0.0, "mode": 0.5, "upper": 1.0},
+    **{f"{name}.quantile": lambda: {"u": 0.5} for name in ("Choice", "LogNormal", "Normal", "Triangular", "Uniform")},
+    "Variation": lambda: {"name": "start.x", "distribution": Uniform(0.0, 1.0)},
+    "campaign_report": lambda: {"folder": _campaign_folder()},
+    "compare_campaigns": lambda: {"first": _campaign_folder(), "second": _campaign_folder()},
+    "Record.from_mcap": lambda: {"path": _mcap()},
+    "Record.from_parquet": lambda: {"path": _parquet()},
+    "read_table": lambda: {"folder": _campaign_folder()},
     "Fault": lambda: {"target": "depth", "kind": "lost"},
     "parse_fault": lambda: {"text": "depth:lost@1"},
     "random_missions": lambda: {"n": 2},
@@ -802,6 +827,36 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "scale_to_limits": dict,
 }
 """What a call needs beyond the pool."""
+
+
+def _mcap() -> Path:
+    run_record().to_mcap("record.mcap")
+    return Path("record.mcap").resolve()
+
+
+def _parquet() -> Path:
+    run_record().to_parquet("record.parquet")
+    return Path("record.parquet").resolve()
+
+
+def _campaign_folder() -> Path:
+    """Of a campaign with one run that is finished; it has no rows of others."""
+    from tempfile import mkdtemp
+
+    from uvms_ocp.campaign.runs.work import attempted
+    from uvms_ocp.campaign.store.folder import opened
+
+    campaign, folder = _campaign(), Path(mkdtemp())
+    with opened(folder, campaign.identity(), {}) as kept:
+        kept.add(attempted(campaign.work, 0, "here"))
+    return folder
+
+
+@cache
+def _campaign() -> Any:
+    from uvms_ocp.campaign import Campaign
+
+    return Campaign(scenario=scenario, runs=1)
 
 
 def _study() -> Any:
@@ -814,7 +869,8 @@ REFUSES = {"Task.residual", "BufferedFunction.__call__"}
 """Calls that are never right: the base class of tasks refuses, and a list of arguments has no names."""
 
 EXPENSIVE = {
-    *("write_figures", "write_plan_figures", "write_scene", "show", "solve_ocp", "solve", "plan_soft_collision"),
+    *("write_figures", "write_plan_figures", "write_scene", "show"),
+    *("solve_ocp", "solve", "plan_soft_collision"),
     *(
         "Nmpc",
         "Planner",

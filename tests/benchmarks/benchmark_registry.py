@@ -52,10 +52,14 @@ ALONE = tuple(
         "actuator_faults",
         "bluerov_reach",
         "calls",
+        "campaign_case1",
+        "campaign_overhead",
+        "campaign_resume",
         "exported_controller",
         "faults",
         "gates",
         "hierarchy",
+        "identification_simulated",
         "nmpc_levels",
         "ocp_missions",
         "ocp_peers",
@@ -79,9 +83,11 @@ BENCHMARKS = (
     Benchmark(script="nmpc", files=("nmpc", "nmpc_ticks")),
     Benchmark(script="ocp_priorities", files=("ocp_priorities", "ocp_toys")),
     Benchmark(script="hinsdale_replay", files=("hinsdale_replay",), variable="UVMS_OCP_POOL_RECORDINGS"),
+    Benchmark(script="identification_tauv", files=("identification_tauv",), variable="UVMS_OCP_DRIVEN_RECORDINGS"),
     *(
         Benchmark(script=script, files=(script,), option="--peers", variable="UVMS_OCP_PEERS")
         for script in ("hierarchy", "ocp_peers", "trajectories")
     ),
 )
-"""`UVMS_OCP_POOL_RECORDINGS`: folder of the recordings. `UVMS_OCP_PEERS`: folder of `peer_environments.py`."""
+"""`UVMS_OCP_POOL_RECORDINGS`, `UVMS_OCP_DRIVEN_RECORDINGS`: folders of recordings.
+`UVMS_OCP_PEERS`: folder of `peer_environments.py`."""

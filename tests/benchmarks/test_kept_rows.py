@@ -5,9 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from recording.kept_rows import KeptRows
+import numpy as np
+import pytest
+from recording.kept_rows import kept_rows, spread_out
 
 from uvms_ocp.campaign.study import Row, Study
+
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"
+)
 
 
 def tell(case: dict[str, Any]) -> Row:
@@ -26,23 +32,18 @@ def ran(folder: Path) -> list[int]:
 
 
 def test_rows_stand_in_the_order_of_the_cases_and_are_run_once(tmp_path: Path) -> None:
-    rows = KeptRows(tmp_path / "work", 2).run(study_of(tmp_path, 20), hours=1.0)
+    rows = kept_rows(study_of(tmp_path, 20), tmp_path / "work", 2, hours=1.0)
     assert [row["k"] for row in rows] == list(range(20))
-    assert KeptRows(tmp_path / "work", 2).run(study_of(tmp_path, 20), hours=1.0) == rows
+    assert kept_rows(study_of(tmp_path, 20), tmp_path / "work", 2, hours=1.0) == rows
     assert ran(tmp_path) == list(range(20))
 
 
-def test_without_time_there_are_the_rows_that_are_known(tmp_path: Path) -> None:
-    KeptRows(tmp_path / "work", 1).run(study_of(tmp_path, 3), hours=1.0)
-    rows = KeptRows(tmp_path / "work", 1).run(study_of(tmp_path, 9), hours=0.0)
-    assert [row["k"] for row in rows] == [0, 1, 2]
+def test_without_time_no_case_is_begun(tmp_path: Path) -> None:
+    assert kept_rows(study_of(tmp_path, 9), tmp_path / "work", 1, hours=0.0) == []
+    assert not (tmp_path / "ran").exists()
 
 
-def test_a_row_that_was_cut_short_is_run_again_and_no_other(tmp_path: Path) -> None:
-    kept = KeptRows(tmp_path / "work", 1)
-    whole = kept.run(study_of(tmp_path, 8), hours=1.0)
-    file = tmp_path / "work" / "rows.jsonl"
-    file.write_text(file.read_text()[:-15])
-    for _ in range(2):
-        assert kept.run(study_of(tmp_path, 8), hours=1.0) == whole
-    assert len(ran(tmp_path)) == 9
+def test_any_beginning_of_a_study_is_a_fair_share() -> None:
+    order = spread_out(range(70))
+    assert sorted(order) == list(range(70))
+    assert max(np.diff(sorted(order[:7]))) <= 11

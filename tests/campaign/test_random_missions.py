@@ -10,6 +10,10 @@ from uvms_ocp.campaign.random_missions import boulder_clearance, random_mission,
 from uvms_ocp.campaign.study import StudyResult
 from uvms_ocp.scenario import Scenario
 
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"
+)
+
 
 @pytest.fixture(scope="module")
 def result() -> StudyResult:

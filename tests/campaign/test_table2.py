@@ -9,6 +9,10 @@ import pytest
 from uvms_ocp.campaign.study import StudyResult
 from uvms_ocp.campaign.table2 import FLOORS, PAPER, THRESHOLDS, run_transit, table2, verdict
 
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"
+)
+
 
 @pytest.fixture(scope="module")
 def result() -> StudyResult:

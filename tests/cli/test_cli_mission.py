@@ -43,7 +43,7 @@ def test_a_plan_is_flown_from_its_folder(planned: tuple[subprocess.CompletedProc
     ("words", "text"),
     [
         (("run", "reach", "--seed", "5", "--follow", "plan"), "another mission than reach"),
-        (("run", "case1", "--follow", "plan/report.json"), "damaged, or no .npz file"),
+        (("run", "case1", "--follow", "plan/report.json"), "give the plan.npz that `plan mission` wrote"),
         (("run", "table2", "--follow", "plan"), "leave out --follow"),
         (("plan", "mission", "table2"), "is a study of many missions"),
         (("plan", "mission", "nothing"), "unknown scenario"),

@@ -28,10 +28,10 @@ class BrokenSensors:
     last: Measurement | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
-        self.sound, self.monitor = PassThrough(self.robot), HealthMonitor(self.robot, IDEAL_SENSORS)
+        self.estimator, self.monitor = PassThrough(self.robot), HealthMonitor(self.robot, IDEAL_SENSORS)
 
     def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:
-        measured = self.sound(readings, t)
+        measured = self.estimator(readings, t)
         if self.last is None or not self.start <= t < self.end:
             self.last = measured
             return replace(measured, health=self._health(()))

@@ -138,7 +138,7 @@ def test_a_folder_without_a_controller_is_refused(tmp_path: Path) -> None:
     ("changes", "message"),
     [
         ({"solver": uo.Icat()}, "no form in C: solver Icat; LexicographicActiveSet has"),
-        ({"controller": lambda scenario: None}, "no form in C: the controller that the scenario was given"),
+        ({"controller": lambda scenario: None}, "no form in C: controller lambda; the toolkit's own has"),
     ],
 )
 def test_what_has_no_form_in_c_is_refused_by_its_name(changes: dict, message: str, tmp_path: Path) -> None:

@@ -62,10 +62,10 @@ def test_a_changed_scenario_keeps_its_controller() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"v": np.zeros(3)}, r"the controller's command has v of shape \(3,\); give 13 finite numbers"),
+        ({"v": np.zeros(3)}, r"the command of controller wrong has v of shape \(3,\); give 13 finite numbers"),
         ({"thrust": None}, "has thrust None; give 8 finite numbers"),
         ({"torque": np.full(7, np.nan)}, "has torque not finite; give 7 finite numbers"),
-        ({"telemetry": {"phase": 1}}, "telemetry of the controller has 'phase', which the mission tells; rename it"),
+        ({"telemetry": {"phase": 1}}, "telemetry of controller wrong has 'phase', which the mission tells; rename it"),
         ({"telemetry": {"q": 1}}, r"telemetry \['q'\] is what the loop records; rename it"),
     ],
 )
@@ -82,7 +82,7 @@ def test_a_command_that_no_plant_can_take_is_refused_in_one_line(change: dict[st
     ("maker", "message"),
     [
         (lambda scenario: None, r"controller made NoneType; make a callable \(Measurement, t\) -> Command"),
-        (lambda scenario: lambda measurement, t: 3.0, "the controller returned float; return a Command"),
+        (lambda scenario: lambda measurement, t: 3.0, "controller lambda returned float; return a Command"),
     ],
 )
 def test_what_is_no_controller_is_refused_in_one_line(maker: Any, message: str) -> None:

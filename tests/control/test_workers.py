@@ -75,7 +75,7 @@ def test_plans_made_beside_are_those_made_in_line(robot: Robot, beside: Running)
     within = started(InLine(), job(robot))
     number, began = HOLD, 0.0
     for t in (0.0, 0.0, 0.05, 0.1):
-        request = Request(state=start(robot), t=t, in_use=number, begin=began)
+        request = Request(state=start(robot), t=t, in_use=number, begin=began, delay=PERIOD)
         one, other = answered(within, request), answered(beside, request)
         assert one.first is other.first is (number == HOLD)
         assert one.planned is not None
@@ -119,7 +119,7 @@ def test_a_process_that_was_killed_is_a_status_and_ticks_go_on(robot: Robot) -> 
 def test_a_solve_that_takes_too_long_is_stopped(robot: Robot) -> None:
     worker = started(Beside(timeout=1e-9), job(robot))
     process = worker._process  # type: ignore[attr-defined]
-    worker.ask(Request(state=start(robot), t=0.0, in_use=HOLD, begin=0.0))
+    worker.ask(Request(state=start(robot), t=0.0, in_use=HOLD, begin=0.0, delay=PERIOD))
     assert worker.answer() is None
     assert worker.status is WorkerStatus.SILENT
     worker.close()
@@ -134,7 +134,7 @@ def test_closing_ends_the_process_and_may_be_done_twice(robot: Robot, beside: Ru
     beside.close()
     assert not process.is_alive()
     assert beside.status is WorkerStatus.CLOSED
-    beside.ask(Request(state=start(robot), t=0.0, in_use=HOLD, begin=0.0))
+    beside.ask(Request(state=start(robot), t=0.0, in_use=HOLD, begin=0.0, delay=PERIOD))
     assert beside.answer() is None
 
 

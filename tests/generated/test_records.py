@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from drawing import binary, chosen, integers, texts
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -148,6 +149,25 @@ ODD_SERIES: tuple[Callable[[np.ndarray], np.ndarray], ...] = (
     *(lambda a, x=x: np.where(np.arange(a.size).reshape(a.shape) == 7, x, a) for x in (0.0, 1e30, np.nan, -np.inf)),
 )
 """What may have become of a series; in the last line, of one of its numbers."""
+
+
+@pytest.mark.parametrize("form", ["parquet", "mcap"])
+def test_any_change_of_an_exported_record_is_as_promised_or_refused_in_one_line(form: str, tmp_path: Path) -> None:
+    tally, path = Tally(bad=30), tmp_path / f"record.{form}"
+    content, load = (RECORDS / f"run_v1.{form}").read_bytes(), getattr(Record, f"from_{form}")
+
+    @settings(max_examples=100)
+    @given(DAMAGES)
+    def broken(damage: Damage) -> None:
+        path.write_bytes(damaged_bytes(content, damage))
+        record = tally.outcome(lambda: load(path))
+        if record is not None:
+            check_record(record)
+
+    path.write_bytes(content)
+    check_record(load(path))
+    broken()
+    tally.check()
 
 
 def test_any_record_that_is_read_can_be_reported_or_is_refused(tmp_path: Path) -> None:

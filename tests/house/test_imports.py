@@ -4,11 +4,25 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-RARE = ("scipy.stats", "scipy.optimize", "scipy.spatial", "matplotlib", "meshcat")
-_CODE = "import sys, uvms_ocp; print(*sys.modules)"
+EXTRAS = ("dask", "distributed", "pandas", "pyarrow", "SALib", "mcap", "foxglove_schemas_protobuf")
+RARE = ("scipy.stats", "scipy.optimize", "scipy.spatial", "matplotlib", "meshcat", *EXTRAS)
+_CODE = "import sys, uvms_ocp; [getattr(uvms_ocp, name) for name in dir(uvms_ocp)]; print(*sys.modules)"
+_WITHOUT = """
+import sys
+for name in {extras}:
+    sys.modules[name] = None  # as if it was not installed
+import uvms_ocp.campaign, uvms_ocp.cli
+from pathlib import Path
+from uvms_ocp.exceptions import NotInstalled
+try:
+    uvms_ocp.campaign.Campaign(scenario="case1", runs=1).run(Path("never"))
+except NotInstalled as error:
+    print(error)
+"""
 
 
 @pytest.fixture(scope="module")
@@ -20,3 +34,25 @@ def imported() -> set[str]:
 @pytest.mark.parametrize("library", RARE)
 def test_what_few_calls_need_is_not_imported_at_once(imported: set[str], library: str) -> None:
     assert library not in imported
+
+
+def test_commands_import_without_the_extras_and_a_campaign_says_which_it_needs(tmp_path: Path) -> None:
+    words = [sys.executable, "-c", _WITHOUT.format(extras=EXTRAS)]
+    told = subprocess.run(words, check=True, capture_output=True, text=True, cwd=tmp_path).stdout
+    assert told.strip().endswith('pip install "uvms-ocp[campaign]"')
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_package_itself_loads_nothing_before_it_is_asked_for() -> None:
+    code = "import sys, uvms_ocp; print(*sys.modules)"
+    told = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split()
+    assert not {"numpy", "casadi", "pinocchio", "coal", "scipy"} & set(told)
+    assert {name for name in told if name.startswith("uvms_ocp")} == {"uvms_ocp", "uvms_ocp.version"}
+
+
+def test_an_unknown_public_name_is_answered_with_the_nearest() -> None:
+    import uvms_ocp
+
+    with pytest.raises(AttributeError, match="did you mean 'load_robot'"):
+        uvms_ocp.load_robt  # noqa: B018 - the look-up is what is tested
+    assert "load_robot" in dir(uvms_ocp)

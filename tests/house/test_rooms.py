@@ -43,14 +43,15 @@ def test_a_room_holds_few_files_and_says_what_comes_in_and_what_goes_out(room: P
         name = ".".join(("uvms_ocp", *room.relative_to(house.ROOT).parts))
         module = importlib.import_module(name)
         assert module.__doc__, f"{name} has no docstring"
-        own = [public for public in vars(module) if not public.startswith("_") and _is_exported(room, public)]
+        own = [public for public in dir(module) if not public.startswith("_") and _is_exported(room, public)]
         assert len(own) <= MOST_NAMES, f"{len(own)} public names"
 
 
 def _is_exported(room: Path, name: str) -> bool:
     tree = house.tree_of(room / "__init__.py")
     return any(
-        isinstance(node, ast.ImportFrom) and any(alias.asname == name for alias in node.names) for node in tree.body
+        isinstance(node, ast.ImportFrom) and any(alias.asname == name for alias in node.names)
+        for node in ast.walk(tree)
     )
 
 

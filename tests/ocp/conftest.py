@@ -1,9 +1,9 @@
-"""The robot that reaches, and a planner that needs to be built once."""
+"""The robot that reaches, and planners that need to be built once."""
 
 from __future__ import annotations
 
 import pytest
-from reaches import patient, reach
+from reaches import SOLVERS, patient, reach
 
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
@@ -18,3 +18,14 @@ def robot() -> Robot:
 @pytest.fixture(scope="session")
 def planner(robot: Robot) -> Planner:
     return patient(reach(robot))
+
+
+@pytest.fixture(scope="session", params=SOLVERS)
+def plugin(request: pytest.FixtureRequest) -> str:
+    """Laws of plans hold with every one of them."""
+    return str(request.param)
+
+
+@pytest.fixture(scope="session")
+def planner_of_each(robot: Robot, plugin: str) -> Planner:
+    return patient(reach(robot), plugin)

@@ -10,16 +10,18 @@ from uvms_ocp.model.state import State
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import AtRest, Effort, Smoothness, TaskTerm
-from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
+from uvms_ocp.solvers.nlp.nlp_options import PLUGINS, NlpOptions
 from uvms_ocp.tasks.pose import ToolPose
 from uvms_ocp.tasks.task import Task
 
 CHEAP = OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.09)))
+SOLVERS = tuple(plugin for plugin in PLUGINS if plugin != "fatrop")
+"""That laws of plans hold with: fatrop holds levels by equations, and looks at the time between NLPs only."""
 PATIENCE = 600.0  # [s] for other programs on the machine must not decide a verdict
 
 
-def patient(problem: OcpProblem) -> Planner:
-    return Planner(problem, NlpOptions(time_limit=PATIENCE))
+def patient(problem: OcpProblem, plugin: str = PLUGINS[0]) -> Planner:
+    return Planner(problem, NlpOptions(time_limit=PATIENCE, plugin=plugin))
 
 
 def tool_goal(robot: Robot, q: np.ndarray, shift: tuple[float, float, float]) -> Task:

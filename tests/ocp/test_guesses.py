@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from reaches import patient
 
 from uvms_ocp.collision import collision_scene, coordinates
 from uvms_ocp.collision.coal_distances import CoalDistances
@@ -17,13 +18,11 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Measurement
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
-from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.tool_reach import tool_reach
 from uvms_ocp.ocp.trajectory import Trajectory, through
 from uvms_ocp.planning.inverse_kinematics import tool_goal
 from uvms_ocp.sim.plant import KinematicPlant
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
-from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
 from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.joints import JointLimits
 from uvms_ocp.tasks.pose import ToolPose
@@ -31,13 +30,7 @@ from uvms_ocp.trajectories import min_snap
 
 DURATION = 8.0
 WAYS = ("hierarchy", "minimum snap", "last solution")
-
-
-PATIENCE = 600.0  # [s] for other programs on the machine must not decide a verdict
-
-
-def patient(problem: OcpProblem) -> Planner:
-    return Planner(problem, NlpOptions(time_limit=PATIENCE))
+SAME = {"ipopt": 1e-6, "stagewise": 0.01}  # [-] of the cost: there are optima beside each other
 
 
 @pytest.fixture(scope="module")
@@ -57,8 +50,8 @@ def goal(robot: Robot, start: np.ndarray) -> pin.SE3:
 
 
 @pytest.fixture(scope="module")
-def planner(robot: Robot, start: np.ndarray, goal: pin.SE3) -> Planner:
-    return patient(tool_reach(robot, start, goal, duration=DURATION, n_steps=20))
+def planner(robot: Robot, start: np.ndarray, goal: pin.SE3, plugin: str) -> Planner:
+    return patient(tool_reach(robot, start, goal, duration=DURATION, n_steps=20), plugin)
 
 
 @pytest.fixture(scope="module")
@@ -102,5 +95,7 @@ def test_every_guess_leads_to_the_same_optimum(way: str, planner: Planner, goal:
     again = planner.plan(guess=guess)
     assert plan.status is again.status is OcpStatus.SOLVED
     assert again.levels[0].residual < 1e-5
-    assert again.levels[1].residual ** 2 == pytest.approx(plan.levels[1].residual ** 2, rel=1e-6)
+    assert again.levels[1].residual ** 2 == pytest.approx(
+        plan.levels[1].residual ** 2, rel=SAME[planner.options.plugin]
+    )
     assert again.iterations <= (1 if way == "last solution" else 60)

@@ -31,8 +31,8 @@ from uvms_ocp.tasks.pose import VehiclePose
 from uvms_ocp.tasks.velocity import NullVelocity, UnderActuation
 
 
-def test_the_tool_reaches_its_goal_within_all_limits(robot: Robot, planner: Planner) -> None:
-    plan = planner.plan()
+def test_the_tool_reaches_its_goal_within_all_limits(robot: Robot, planner_of_each: Planner) -> None:
+    plan = planner_of_each.plan()
     assert plan.status is OcpStatus.SOLVED
     assert plan.iterations <= 60
     assert plan.levels[0].residual < 1e-5
@@ -46,22 +46,22 @@ def test_the_tool_reaches_its_goal_within_all_limits(robot: Robot, planner: Plan
     np.testing.assert_allclose(np.linalg.norm(trajectory.q[:, 3:7], axis=1), 1.0, atol=1e-8)
 
 
-def test_a_warm_solve_of_the_same_problem_needs_no_iterations(planner: Planner) -> None:
-    first = planner.plan()
-    again = planner.plan(guess=first)
+def test_a_warm_solve_of_the_same_problem_needs_no_iterations(planner_of_each: Planner) -> None:
+    first = planner_of_each.plan()
+    again = planner_of_each.plan(guess=first)
     assert again.iterations <= 1
     np.testing.assert_allclose(again.trajectory.q, first.trajectory.q, atol=1e-5)
 
 
-def test_a_guess_through_configurations_leads_to_the_same_plan(robot: Robot, planner: Planner) -> None:
-    first = planner.plan()
-    guess = through(planner.problem, first.trajectory.t, first.trajectory.q)
-    again = planner.plan(guess=guess)
+def test_a_guess_through_configurations_leads_to_the_same_plan(robot: Robot, planner_of_each: Planner) -> None:
+    first = planner_of_each.plan()
+    guess = through(planner_of_each.problem, first.trajectory.t, first.trajectory.q)
+    again = planner_of_each.plan(guess=guess)
     assert again.levels[1].residual == pytest.approx(first.levels[1].residual, rel=1e-4)
 
 
-def test_a_plan_is_carried_out_to_millimetres(robot: Robot) -> None:
-    plan = patient(reach(robot, n_steps=40)).plan()
+def test_a_plan_is_carried_out_to_millimetres(robot: Robot, plugin: str) -> None:
+    plan = patient(reach(robot, n_steps=40), plugin).plan()
     environment = Environment(seafloor=FlatSeafloor(z=-40))
     record = tracked(robot, plan.trajectory, environment, dt=1 / 200, duration=2 * plan.duration)
     assert record["t"][-1] == pytest.approx(plan.duration)
@@ -70,7 +70,7 @@ def test_a_plan_is_carried_out_to_millimetres(robot: Robot) -> None:
     assert found.end_orientation < 1e-2
 
 
-def test_the_higher_level_wins_where_two_goals_exclude_each_other(robot: Robot) -> None:
+def test_the_higher_level_wins_where_two_goals_exclude_each_other(robot: Robot, plugin: str) -> None:
     problem = reach(robot)
     q = problem.start.q
     stay = TaskTerm(task=VehiclePose(goal=pin.SE3(pin.Quaternion(q[3:7]).matrix(), q[:3])))
@@ -79,18 +79,18 @@ def test_the_higher_level_wins_where_two_goals_exclude_each_other(robot: Robot) 
         problem, levels=(OcpLevel(name="vehicle", terms=(stay,)), OcpLevel(name="tool", terms=(far,)), CHEAP)
     )
     second = replace(first, levels=(first.levels[1], first.levels[0], CHEAP))
-    options = NlpOptions(time_limit=PATIENCE, max_iterations=100)
+    options = NlpOptions(time_limit=PATIENCE, max_iterations=100, plugin=plugin)
     vehicle_first = Planner(first, options).plan(diagnose=False)
     tool_first = Planner(second, options).plan(diagnose=False)
     assert vehicle_first.levels[0].residual < 1e-5 < 1.0 < vehicle_first.levels[1].residual
     assert tool_first.levels[0].residual < 1e-5 < 1.0 < tool_first.levels[1].residual
 
 
-def test_a_clearance_is_kept_on_the_way(robot: Robot) -> None:
+def test_a_clearance_is_kept_on_the_way(robot: Robot, plugin: str) -> None:
     ball = Ball(frame="base_link", radius=0.9)
     obstacle = Ball(centre=(2.0, 0.6, -5.0), radius=0.5)
     clearance = BallClearance(robot_balls=(ball,), obstacles=(obstacle,), margin=0.1)
-    plan = patient(reach(robot, shift=(3.0, 1.0, 0.0), duration=16.0, constraints=(AtRest(), clearance))).plan()
+    plan = patient(reach(robot, shift=(3.0, 1.0, 0.0), duration=16.0, constraints=(AtRest(), clearance)), plugin).plan()
     assert plan.status is OcpStatus.SOLVED
     distance = np.linalg.norm(plan.trajectory.q[:, :3] - obstacle.centre, axis=1)
     assert distance.min() >= 0.9 + 0.5 + 0.1 - 1e-5

@@ -23,7 +23,7 @@ from uvms_ocp.ocp.clearance.ball_clearance import Ball, BallClearance
 from uvms_ocp.ocp.own_term import residual_term
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
-from uvms_ocp.ocp.problem import Actuation, OcpLevel, OcpPhase, OcpProblem, single_phase
+from uvms_ocp.ocp.problem import Actuation, Integrator, OcpLevel, OcpPhase, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import At, Effort, TaskTerm, Term
 from uvms_ocp.record import Record
 from uvms_ocp.replay import replay
@@ -48,6 +48,35 @@ def on_arm(arm: Robot, *constraints: Term, levels: tuple[OcpLevel, ...] = (), **
     start = State(q=arm.configuration(), v=np.zeros(arm.n_v))
     chosen = {"duration": 2.0, "n_steps": 6, "constraints": constraints, "water": False}
     return single_phase(robot=arm, start=start, levels=(*levels, cheap), **(chosen | options))  # type: ignore[arg-type]
+
+
+def test_an_error_in_a_residual_is_told_with_the_name_of_its_term(arm: Robot) -> None:
+    def rows(stage: object) -> ca.SX:
+        return {}["speed"]
+
+    term = residual_term("my speed", rows)
+    with pytest.raises(InvalidInput, match=r"term 'my speed': its residual raised KeyError: 'speed'") as raised:
+        Planner(on_arm(arm, term))
+    assert isinstance(raised.value.__cause__, KeyError)
+    assert "\n" not in str(raised.value)
+
+
+def test_two_levels_of_one_name_are_refused(arm: Robot) -> None:
+    with pytest.raises(InvalidInput, match=r"levels \['effort', 'effort'\] share a name; give each its own"):
+        on_arm(arm, levels=(OcpLevel(name="effort", terms=(Effort(),)),))
+
+
+@pytest.mark.parametrize("integrator", Integrator)
+def test_a_motion_between_nodes_goes_through_them(integrator: Integrator) -> None:
+    """Whatever the integrator makes of an acceleration, a step ends where the next one begins."""
+    bluerov, dt = load_robot("bluerov2_alpha5"), 1e-9
+    turn = residual_term("turn", lambda stage: stage.tick.velocity[5] - 0.5)
+    given = on_arm(bluerov, levels=(OcpLevel(name="turn", terms=(turn,)),), integrator=integrator)
+    path = Planner(given).plan().trajectory
+    assert np.abs(path.a[:, 5]).max() > 0.05
+    for k in range(1, len(path.a)):
+        before = path.state_at(bluerov.model, path.t[k] - dt)[0]
+        assert np.abs(pin.difference(bluerov.model, before, path.q[k])).max() < 1e-7
 
 
 # --- own rows -----------------------------------------------------------------------------------------
@@ -244,6 +273,14 @@ def test_a_plan_is_replayed_in_the_plant_within_10_mm(planner: Planner, tmp_path
     plant = DynamicPlant(plan.robot, plan.trajectory.q[0], dynamics=robot_dynamics(plan.robot), environment=SEA)
     again = replay(plan, plant)
     np.testing.assert_array_equal(again.record["q"], flight.record["q"])
+
+
+def test_a_plan_below_the_sea_floor_is_told_when_it_is_replayed(planner: Planner) -> None:
+    plan = planner.plan()
+    assert plan.replay(SEA).record.run_meta.alarms == ()
+    shallow = Environment(seafloor=FlatSeafloor(z=float(plan.trajectory.q[0, 2]) + 0.5))
+    (alarm,) = plan.replay(shallow).record.run_meta.alarms
+    assert "m below the sea floor (seafloor - " in alarm.text
 
 
 def test_a_plan_of_a_wrench_has_nothing_to_replay(planner: Planner) -> None:

@@ -115,6 +115,35 @@ def test_derivatives_of_stages_equal_differences_on_the_manifold(robot: Robot, o
         assert value.numel() == len(slope)
 
 
+@pytest.mark.parametrize("options", [{}, {"integrator": Integrator.EULER}], ids=["middle", "euler"])
+def test_curvature_of_stages_is_the_second_difference_on_the_manifold(
+    robot: Robot, options: dict[str, object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("uvms_ocp.ocp.stagewise.stage_functions.compile_function", lambda function: function)
+    tangent = Tangent(model=StageModel(reach(robot, **({"n_steps": 3} | options)), eliminated=True))
+    model, rng, e = tangent.model, np.random.default_rng(3), 1e-3
+    function = BlockFunctions(block=term_blocks(model)[0], tangent=tangent, forces=force_rows(model), extra=0)
+    z, s, u = 0.1 * rng.standard_normal(model.layout.n_z), np.ones(function.block.rows.n_parameters), np.full(3, 0.1)
+    z[model.layout.q], z[model.layout.h] = model.problem.start.q, 0.4
+    after, step = z + 0.01 * rng.standard_normal(len(z)), ca.SX.sym("step", tangent.n_x + tangent.n_u)
+    after[model.layout.q] = model.problem.start.q
+    y, r = (rng.standard_normal(function.bend.numel_in(i)) for i in (3, 4))
+    costates, d = rng.standard_normal(tangent.n_x), rng.standard_normal(step.numel())
+    H = function.curvature(z, after, s, u, costates, y, r, function.bend(z, s, u, y, r))
+    moved = ca.Function("moved", [model.z, step], [tangent.moved(step)])
+    motion = ca.Function("motion", [model.z], [tangent.motion(ca.SX(ca.DM(after)))])
+    n_errors = len(function.errors)
+
+    def value(share: float) -> float:
+        there = np.array(moved(z, share * d)).ravel()
+        rows = [np.array(part).ravel() for part in function.values.call([there, s, u])]
+        held, errors = np.concatenate(rows[n_errors:-1]), np.concatenate(rows[:n_errors])
+        return float(y @ held + r @ errors + costates @ np.array(motion(there)).ravel())
+
+    second = (value(e) - 2 * value(0.0) + value(-e)) / e**2
+    assert float(d @ np.array(H) @ d) == pytest.approx(second, rel=1e-4)
+
+
 def test_a_current_that_thrusters_cannot_hold_against_is_named_infeasible(robot: Robot) -> None:
     plan = stagewise(reach(robot, current=np.array([3.0, 0.0, 0.0]), n_steps=8)).plan()
     assert plan.status is OcpStatus.INFEASIBLE

@@ -7,9 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
+from uvms_ocp.ocp.plan import OcpStatus
+from uvms_ocp.ocp.planner import Planner, plan
 from uvms_ocp.ocp.problem import OcpLevel, OcpPhase, OcpProblem
 from uvms_ocp.ocp.terms import At, AtRest, Duration, Effort, Posture
 from uvms_ocp.ocp.trajectory import hold
@@ -21,6 +24,7 @@ from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.ocp.transcription.term_rows import term_blocks
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.ocp.transcription.variable_layout import VariableLayout
+from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +55,7 @@ def layout(problem: OcpProblem) -> RowLayout:
 
 
 def test_every_row_is_in_one_group_and_the_groups_follow_each_other(layout: RowLayout) -> None:
-    groups = (layout.dynamics, layout.start, layout.equal_steps, *layout.terms, layout.costs)
+    groups = (layout.dynamics, layout.start, layout.equal_steps, layout.total, *layout.terms, layout.costs)
     numbers = np.concatenate([group.ravel() for group in groups])
     np.testing.assert_array_equal(numbers, np.arange(layout.n_rows))
 
@@ -85,6 +89,33 @@ def test_only_free_durations_have_rows_of_equal_steps(problem: OcpProblem, free:
     model = StageModel(given)
     rows = row_layout(given, term_blocks(model), boundary(model), n_forces=model.n_forces)
     assert len(rows.equal_steps) == (4 if free else 0)
+
+
+def test_a_time_of_all_phases_is_a_row_that_a_longer_motion_breaks(problem: OcpProblem) -> None:
+    limited = Transcription(replace(problem, longest=3.5))
+    still = hold(problem)
+    assert len(limited.row_layout.total) == 1
+    assert len(Transcription(problem).row_layout.total) == 0
+    broken = limited.violations(limited.pack(still), limited.parameters())
+    assert broken["total duration"] == pytest.approx(still.t[-1] - 3.5)
+    more = limited.violations(limited.pack(still), limited.parameters(), replace(problem, longest=still.t[-1]))
+    assert more["total duration"] <= 1e-12
+
+
+def test_a_plan_whose_time_is_limited_takes_that_time_where_it_would_take_more(problem: OcpProblem) -> None:
+    level = OcpLevel(name="cheap", terms=(Effort(),))
+    goal = OcpLevel(name="posture", terms=(Posture(q=problem.start.q + 0.3),))
+    cheap = replace(problem, levels=(goal, level), constraints=(AtRest(),))
+    free, limited = plan(cheap), plan(replace(cheap, longest=3.0))
+    assert free.duration > 4.5
+    assert limited.status is OcpStatus.SOLVED
+    assert limited.duration == pytest.approx(3.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("plugin", ["fatrop", "stagewise"])
+def test_solvers_that_go_from_step_to_step_refuse_a_limited_total(problem: OcpProblem, plugin: str) -> None:
+    with pytest.raises(InvalidInput, match="`longest` ties all steps: use plugin='ipopt'"):
+        Planner(replace(problem, longest=3.5), NlpOptions(plugin=plugin))
 
 
 def test_a_violation_is_told_by_the_name_of_its_row(problem: OcpProblem, robot: Robot) -> None:

@@ -26,15 +26,15 @@ from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 from uvms_ocp.tasks.task import Residual, zero_residual
 
 
-def test_a_horizon_that_is_too_short_says_how_long_it_should_be(planner: Planner, robot: Robot) -> None:
-    plan = planner.plan(reach(robot, duration=1.2))
+def test_a_horizon_that_is_too_short_says_how_long_it_should_be(planner_of_each: Planner, robot: Robot) -> None:
+    plan = planner_of_each.plan(reach(robot, duration=1.2))
     assert plan.status is OcpStatus.TOO_SHORT
     assert "level 'tool' is missed by" in plan.reason
     assert "would do" in plan.reason
 
 
 @pytest.mark.parametrize("weight", [1.0, 1e-8])
-def test_a_goal_out_of_reach_of_a_fixed_arm_is_unreachable_whatever_its_weight(weight: float) -> None:
+def test_a_goal_out_of_reach_of_a_fixed_arm_is_unreachable_whatever_its_weight(weight: float, plugin: str) -> None:
     robot = load_robot("planar5")
     q = robot.configuration()
     goal = TaskTerm(task=tool_goal(robot, q, (0.0, 0.0, 2.0)), weight=weight)
@@ -46,7 +46,7 @@ def test_a_goal_out_of_reach_of_a_fixed_arm_is_unreachable_whatever_its_weight(w
         levels=[OcpLevel(name="tool", terms=(goal,)), OcpLevel(name="effort", terms=(Effort(),))],
         water=False,
     )
-    plan = patient(problem).plan()
+    plan = patient(problem, plugin).plan()
     assert plan.status is OcpStatus.UNREACHABLE
     assert "more time does not help" in plan.reason
     assert np.isfinite(plan.trajectory.q).all()
@@ -60,7 +60,6 @@ def test_a_start_inside_an_obstacle_is_reported_at_once(robot: Robot) -> None:
     assert "clearance is broken by" in plan.reason
 
 
-@pytest.mark.parametrize("plugin", ["ipopt", "stagewise"])
 def test_a_constraint_that_is_no_number_at_the_start_is_not_called_an_obstacle(plugin: str) -> None:
     robot = load_robot("planar5")
     rows = residual_term("root", lambda stage: ca.sqrt(stage.tick.q[0] - 50.0), upper=1.0, at=At.PATH)
@@ -98,17 +97,17 @@ def test_a_joint_that_runs_into_its_stop_is_proven_impossible(planner: Planner, 
     assert "first step" in plan.reason
 
 
-def test_the_limits_of_the_first_step_condemn_no_start_that_has_a_plan(planner: Planner, robot: Robot) -> None:
+def test_the_limits_of_the_first_step_condemn_no_start_that_has_a_plan(planner_of_each: Planner, robot: Robot) -> None:
     moving = np.zeros(robot.n_v)
     moving[0], moving[9] = 0.3, 0.2
-    problem = replace(planner.problem, start=State(q=planner.problem.start.q, v=moving))
-    assert planner.plan(problem).status is OcpStatus.SOLVED
+    problem = replace(planner_of_each.problem, start=State(q=planner_of_each.problem.start.q, v=moving))
+    assert planner_of_each.plan(problem).status is OcpStatus.SOLVED
     assert impossible_start(problem) is None
 
 
-def test_a_current_that_thrusters_cannot_hold_against_names_level_and_constraint(robot: Robot) -> None:
+def test_a_current_that_thrusters_cannot_hold_against_names_level_and_constraint(robot: Robot, plugin: str) -> None:
     problem = reach(robot, current=np.array([3.0, 0.0, 0.0]), n_steps=10)
-    plan = Planner(problem, NlpOptions(time_limit=10.0)).plan()
+    plan = Planner(problem, NlpOptions(time_limit=10.0, plugin=plugin)).plan()
     assert plan.status in (OcpStatus.INFEASIBLE, OcpStatus.UNFINISHED)
     assert "level 'tool'" in plan.reason
     assert "broken by" in plan.reason
@@ -117,23 +116,29 @@ def test_a_current_that_thrusters_cannot_hold_against_names_level_and_constraint
 
 
 @pytest.mark.parametrize("limit", [0.02, 0.6])
-def test_the_time_limit_holds_for_the_whole_plan_without_a_nan(robot: Robot, planner: Planner, limit: float) -> None:
-    far = TaskTerm(task=tool_goal(robot, planner.problem.start.q, (100.0, 0.0, 0.0)))
+def test_the_time_limit_holds_for_the_whole_plan_without_a_nan(
+    robot: Robot, planner_of_each: Planner, limit: float
+) -> None:
+    far = TaskTerm(task=tool_goal(robot, planner_of_each.problem.start.q, (100.0, 0.0, 0.0)))
     problem = reach(robot, levels=[OcpLevel(name="tool", terms=(far,)), CHEAP])
-    plan = Planner(problem, NlpOptions(time_limit=limit, max_iterations=3000)).plan()
+    plan = Planner(
+        problem, NlpOptions(time_limit=limit, max_iterations=3000, plugin=planner_of_each.options.plugin)
+    ).plan()
     assert plan.status in (OcpStatus.UNFINISHED, OcpStatus.MISSED, OcpStatus.TOO_SHORT)
     assert plan.iterations < 3000
     assert np.isfinite(plan.trajectory.q).all()
 
 
-def test_a_limit_of_iterations_is_no_proof_of_infeasibility(robot: Robot) -> None:
-    plan = Planner(reach(robot), NlpOptions(time_limit=PATIENCE, max_iterations=3)).plan()
+def test_a_limit_of_iterations_is_no_proof_of_infeasibility(robot: Robot, plugin: str) -> None:
+    plan = Planner(reach(robot), NlpOptions(time_limit=PATIENCE, max_iterations=3, plugin=plugin)).plan()
     assert plan.status is OcpStatus.UNFINISHED
     assert "iteration limit" in plan.reason
 
 
-def test_a_missed_goal_is_not_called_unreachable_before_more_time_was_tried(planner: Planner, robot: Robot) -> None:
-    assert planner.plan(reach(robot, duration=1.2), diagnose=False).status is OcpStatus.MISSED
+def test_a_missed_goal_is_not_called_unreachable_before_more_time_was_tried(
+    planner_of_each: Planner, robot: Robot
+) -> None:
+    assert planner_of_each.plan(reach(robot, duration=1.2), diagnose=False).status is OcpStatus.MISSED
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -156,7 +161,7 @@ class Fee(Far):
 
 
 @pytest.mark.parametrize(("term", "status"), [(Far(), OcpStatus.MISSED), (Fee(), OcpStatus.SOLVED)])
-def test_a_goal_can_be_missed_and_a_cost_cannot(term: Term, status: OcpStatus) -> None:
+def test_a_goal_can_be_missed_and_a_cost_cannot(term: Term, status: OcpStatus, plugin: str) -> None:
     robot = load_robot("planar5")
     problem = single_phase(
         robot=robot,
@@ -166,7 +171,7 @@ def test_a_goal_can_be_missed_and_a_cost_cannot(term: Term, status: OcpStatus) -
         levels=[OcpLevel(name="it", terms=(term, Effort(weight=0.01)))],
         water=False,
     )
-    assert patient(problem).plan(diagnose=False).status is status
+    assert patient(problem, plugin).plan(diagnose=False).status is status
 
 
 def test_costs_of_the_package_are_no_goals(robot: Robot) -> None:

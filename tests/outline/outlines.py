@@ -17,8 +17,8 @@ from typer.testing import CliRunner
 
 from uvms_ocp.cli import app
 from uvms_ocp.cli.options import SOLVERS
+from uvms_ocp.parts.given import PLANTS
 from uvms_ocp.report.summary import summarize
-from uvms_ocp.scenario import PLANTS
 from uvms_ocp.scenarios.case1 import case1
 
 RECORDED = Path(__file__).with_suffix(".json")

@@ -70,6 +70,18 @@ def test_a_horizon_without_bounds_is_solved_by_hpipm() -> None:
     np.testing.assert_allclose(result.x, other.x, atol=1e-5)
 
 
+def test_a_step_along_rows_that_are_curved_is_mended_instead_of_cut() -> None:
+    x = ca.SX.sym("x", 2)
+    levels = [NlpLevel(y=ca.sumsqr(x) - 1.0), NlpLevel(y=x - ca.DM([1.0, 0.3]))]
+    program = with_derivatives(lexicographic_program(x, levels))
+    options = SqpOptions(plugin="piqp", tolerance=1e-2)
+    result = RealTimeSqp(program, options).solve(np.array([1.0, 0.0]), p=np.zeros(0))
+    assert result.steps == 1
+    assert abs(result.x @ result.x - 1.0) <= 1.1e-2
+    # A quarter of the step is all that costs the circle no more than the tolerance.
+    assert result.x[1] > 0.25
+
+
 def test_steps_go_on_until_the_constraints_are_kept() -> None:
     x = ca.SX.sym("x", 2)
     circle = with_derivatives(lexicographic_program(x, [NlpLevel(y=x - 0.8)], g=ca.sumsqr(x), g_lower=1.0, g_upper=1.0))

@@ -266,3 +266,50 @@ def test_shapes_that_do_not_fit_are_refused() -> None:
         StageShape(n_x=(1, 1), n_u=(-1,), n_r=(0, 0), n_c=(0, 0))
     with pytest.raises(InvalidInput, match="no stage"):
         StageShape(n_x=(0, 0), n_u=(0,), n_r=(0, 0), n_c=(0, 0))
+
+
+def moved_to(qp: StageQp, z: np.ndarray) -> StageQp:
+    """The same with z as its origin."""
+    there, parts = StageQp(qp.shape), np.split(z, np.cumsum(qp.shape.n_z)[:-1])
+    for name, array in qp.flat.items():
+        there.flat[name][:] = array
+    for k, own in enumerate(parts):
+        there.r[k][:] += qp.J[k] @ own
+        there.g[k][:] += qp.H[k] @ own + qp.damping[k] * own
+        there.lower[k][:] -= qp.C[k] @ own
+        there.upper[k][:] -= qp.C[k] @ own
+        if k < qp.shape.N:
+            there.b[k][:] += qp.dynamics[k] @ own - parts[k + 1][: qp.shape.n_x[k + 1]]
+    there.flat["z_lower"][:] -= z
+    there.flat["z_upper"][:] -= z
+    return there
+
+
+@pytest.mark.parametrize("options", [StageQpOptions(), NUMPY], ids=["c", "numpy"])
+@pytest.mark.parametrize("seed", range(10))
+def test_multipliers_miss_the_conditions_nowhere_but_away_from_the_optimum(seed: int, options: StageQpOptions) -> None:
+    qp = random_qp(seed, equalities=seed % 2 > 0)
+    solver = StageQpSolver(qp.shape, options)
+    found = solver.find(qp)
+    assert solver.error(moved_to(qp, found.z), found.near()) < 1e-6
+    rng = np.random.default_rng(seed)
+    away = found.z + 0.1 * rng.standard_normal(len(found.z))
+    assert solver.error(moved_to(qp, away), found.near()) > 1e-4
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_from_a_qp_nearby_c_and_numpy_take_the_same_rounds(seed: int) -> None:
+    qp, other = random_qp(seed), random_qp(seed)
+    other.flat["r"][:] *= 1.1
+    ours, twin = StageQpSolver(qp.shape), StageQpSolver(qp.shape, NUMPY)
+    near = ours.find(other).near()
+    found, same = ours.find(qp, near), twin.find(qp, near)
+    assert abs(found.iterations - same.iterations) <= 1  # the same as above
+    np.testing.assert_allclose(found.z, same.z, atol=1e-8)
+    np.testing.assert_allclose(found.z, flat(solved(qp).z), atol=1e-6)
+
+
+def test_a_loose_tolerance_costs_fewer_factors() -> None:
+    qp = reach_qp(1, goal=True)
+    solver = StageQpSolver(qp.shape)
+    assert solver.find(qp, tolerance=1e-3).iterations < solver.find(qp).iterations

@@ -12,7 +12,14 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.record import Record
 from uvms_ocp.run_meta import RunMeta
 
-QUANTITIES = ("AT.misalignment", "LA.altitude", "PC.position_error", "PC.orientation_error", "T.position_error")
+QUANTITIES = (
+    "AT.misalignment",
+    "LA.altitude",
+    "PC.position_error",
+    "PC.orientation_error",
+    "T.position_error",
+    "MP.posture_error",
+)
 
 SURROUNDINGS = SurroundingsMeta(
     floor_z=-40.0,
@@ -39,7 +46,7 @@ def synthetic_record(robot: Robot, *, duration: float = 6.0, dt: float = 0.02, *
         "phase": phase,
         "gates": np.column_stack([1.0 - phase, phase, np.ones(len(t))]),
         "activity": np.column_stack([np.ones((len(t), robot.n_v)), 1.0 - phase, 1.0 - phase, phase]),
-        "quantities": np.exp(-np.outer(t, np.arange(1, 1 + len(QUANTITIES)))),
+        "quantities": np.exp(-np.outer(t, np.arange(1, 1 + len(meta.get("quantities", QUANTITIES))))),
         "status": np.zeros(len(t), dtype=int),
         "health": _health(t),
         "tick_time": 1e-4 * (1.5 + np.sin(7 * t)),

@@ -92,9 +92,7 @@ def test_every_panel_has_units_or_a_task_and_every_phase_is_named(record: Record
     assert figure is not None
     labels = [axis.get_xlabel() for axis in figure.axes]
     assert any("[" in label for label in labels)
-    named = _texts(figure) + "".join(
-        text.get_text() for axis in figure.axes if axis.get_legend() for text in axis.get_legend().texts
-    )
+    named = _texts(figure) + "".join(text.get_text() for legend in figure.legends for text in legend.texts)
     assert "A way point" in named
     assert "B tool frame" in named
 

@@ -7,6 +7,7 @@ import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
 
@@ -15,17 +16,21 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import umsgpack
-from synthetic_record import SURROUNDINGS, synthetic_record, without
+from synthetic_record import QUANTITIES, SURROUNDINGS, synthetic_record, without
 
+from uvms_ocp.collision.obstacle_file import build_obstacle
 from uvms_ocp.exceptions import InvalidInput, OutputError
 from uvms_ocp.meta_values import FaultMeta, FloorRelief, FrameMeta, MarkerMeta, SurroundingsMeta
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.collision_model import CollisionModel
+from uvms_ocp.model.thrusters import thruster_matrix
 from uvms_ocp.obstacle_data import ObstacleData
 from uvms_ocp.record import Record
+from uvms_ocp.viz.scene.page.loopback import served
+from uvms_ocp.viz.scene.page.viewer import CommandLog, ScenePage
 from uvms_ocp.viz.scene.shapes import draw_shape, tube
 from uvms_ocp.viz.scene.show import show, write_scene
-from uvms_ocp.viz.scene.viewer import CommandLog
 from uvms_ocp.viz.series import floor_heights
 
 _FPS = 25
@@ -186,12 +191,134 @@ def test_text_of_a_user_cannot_break_out_of_the_page(robot: Robot) -> None:
     assert all(reference.startswith("data:") for reference in parser.found)
 
 
+def test_quantities_of_own_tasks_are_read_out_too(robot: Robot) -> None:
+    names = ("OWN.swing", *QUANTITIES[1:])
+    rows = _details(show(synthetic_record(robot, quantities=names), robot).html)["readouts"]
+    assert [(row["task"], row["label"], row["unit"]) for row in rows][:2] == [
+        ("OWN", "OWN swing", ""),
+        ("LA", "LA altitude", "m"),
+    ]
+
+
+def test_health_and_alarms_stand_on_the_time_line(page: str, record: Record) -> None:
+    details = _details(page)
+    assert [spell["state"] for spell in details["health"]] == ["suspect", "lost", "suspect"]
+    assert {spell["channel"] for spell in details["health"]} == {"altimeter_range"}
+    assert details["health"][0]["end"] == details["health"][1]["start"]
+    assert [alarm["t"] for alarm in details["alarms"]] == [1.2, 1.5, 2.4]
+
+
+def test_arrows_are_in_the_frame_of_the_vehicle(record: Record, robot: Robot) -> None:
+    current = np.tile([0.3, -0.1, 0.0], (len(record), 1))
+    groups = _details(show(replace(record, series={**record.series, "current": current}), robot).html)["arrows"]
+    by_label = {group["label"]: group for group in groups}
+    assert list(by_label) == ["thrust", "current", "disturbance, force", "disturbance, moment"]
+    assert len(by_label["thrust"]["arrows"]) == len(robot.description.thrusters)
+    R_WB = pin.XYZQUATToSE3(record["q"][-1, :7]).rotation
+    np.testing.assert_allclose(R_WB @ by_label["current"]["arrows"][0]["vectors"][-1], current[-1], atol=2e-3)
+    wrench = np.zeros(6)
+    for arrow in by_label["thrust"]["arrows"]:
+        force = np.array(arrow["vectors"][-1])
+        wrench += np.concatenate([force, np.cross(arrow["at"], force)])
+    np.testing.assert_allclose(
+        wrench, thruster_matrix(robot) @ record["thrust"][-1][: len(robot.description.thrusters)], atol=1.0
+    )
+
+
+def test_a_line_leads_to_the_nearest_point_of_an_obstacle_and_is_left_out_afar(record: Record, robot: Robot) -> None:
+    near, far = (
+        ObstacleData(name=name, shape="sphere", size=(0.4,), position=(2.0, y, -37.0))
+        for name, y in (("near", 1.5), ("far", 30.0))
+    )
+    details = _details(show(_with_surroundings(record, obstacles=(near, far)), robot).html)
+    witness, centre = details["witness"], np.array(near.position) - _position_of(details, "near")
+    distance = CollisionModel(robot, [build_obstacle(near)], self_collision=False)
+    told_of, lines = (witness["obstacles"][0][key][::20] for key in ("distance", "line"))
+    for t, told, line in zip(witness["t"][::20], told_of, lines, strict=True):
+        least = distance.values(record["q"][np.argmin(np.abs(record["t"] - t))]).min()
+        assert told == pytest.approx(least, rel=5e-3, abs=1e-5)
+        if told < witness["near"]:
+            ends = np.array(line).reshape(2, 3)
+            assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(abs(least), abs=1e-3)
+            assert np.linalg.norm(ends[1] + centre - near.position) == pytest.approx(0.4, abs=1e-3)
+    assert min(witness["obstacles"][0]["distance"]) < witness["near"]
+    assert not np.any(witness["obstacles"][1]["line"])
+
+
+def _position_of(details: dict[str, Any], name: str) -> Any:
+    (label,) = [label for label in details["labels"] if label["text"] == name]
+    return label["position"]
+
+
+def test_a_name_stands_once_at_each_place(record: Record, robot: Robot) -> None:
+    marker = record.meta.surroundings.markers[0]
+    goal = FrameMeta(name="goal of T", pose=(*marker.position, 1.0, 0.0, 0.0, 0.0))
+    labels = _details(show(_with_surroundings(record, frames=(goal,)), robot).html)["labels"]
+    assert [label["text"] for label in labels] == ["target", "way point"]
+
+
+def test_ghosts_move_beside_the_run_and_the_page_lasts_as_long_as_the_longest(record: Record, robot: Robot) -> None:
+    longer = synthetic_record(robot, duration=9.0)
+    html = show(record, robot, ghosts={"slower": longer}).html
+    keys = next(keys for (path, name), keys in _tracks(html).items() if "/ghost 0/" in path and name == ".position")
+    assert keys[-1]["time"] / _FPS == pytest.approx(9.0)
+    details = _details(html)
+    assert details["duration"] == pytest.approx(9.0)
+    assert "slower" in [row["label"] for row in details["legend"]]
+
+
+def test_a_ghost_of_another_robot_and_more_than_can_be_told_apart_are_refused(record: Record, robot: Robot) -> None:
+    with pytest.raises(InvalidInput, match="its own robot"):
+        show(record, robot, ghosts={"arm": synthetic_record(load_robot("planar5"))})
+    with pytest.raises(InvalidInput, match="4 at most"):
+        show(record, robot, ghosts={f"run {k}": record for k in range(5)})
+
+
+def test_a_robot_of_the_library_need_not_be_given(record: Record, robot: Robot) -> None:
+    assert len(show(record).html) == len(show(record, robot).html)
+    stranger = replace(record, meta=record.meta.model_copy(update={"robot": "my_own"}))
+    with pytest.raises(InvalidInput, match="my_own does not hold its robot"):
+        show(stranger)
+
+
+def test_a_robot_alone_is_shown_at_its_configuration(robot: Robot) -> None:
+    q = robot.configuration(position=(1.0, -2.0, -5.0), rpy=(0.1, -0.2, 0.3))
+    joints = _details(show(robot, q).html)["joints"]
+    np.testing.assert_allclose(joints[0]["values"], [1.0, -2.0, -5.0, 0.1, -0.2, 0.3], atol=1e-9)
+    np.testing.assert_allclose([joint["values"][0] for joint in joints[1:]], robot.home)
+    with pytest.raises(InvalidInput, match=r"show\(robot, q\)"):
+        show(robot, robot)
+
+
+def test_the_page_is_served_to_this_machine_alone() -> None:
+    with served(ScenePage(html="<p>a page</p>")) as address:
+        host, port = address.removeprefix("http://").rstrip("/").split(":")
+        assert host == "127.0.0.1"
+        assert [_asked(port, *asked) for asked in (("/", host), ("/other", host), ("/", "elsewhere.example"))] == [
+            (200, b"<p>a page</p>"),
+            (404, b""),
+            (403, b""),
+        ]
+        with pytest.raises(OutputError, match="give another"), served(ScenePage(html=""), int(port)):
+            pass
+
+
+def _asked(port: str, path: str, host: str) -> tuple[int, bytes]:
+    connection = HTTPConnection("127.0.0.1", int(port), timeout=10)
+    connection.request("GET", path, headers={"Host": f"{host}:{port}"})
+    answer = connection.getresponse()
+    found = answer.status, answer.read()
+    connection.close()
+    return found
+
+
 def test_what_is_not_known_is_no_number_in_the_readouts(record: Record, robot: Robot) -> None:
     html = show(without(record, "LA.altitude", rows=slice(0, 40)), robot).html
-    readouts = {item["label"]: item["values"] for item in _details(html)["readouts"]}
-    altitude, times = readouts["altitude"], np.array(readouts[""])
+    details = _details(html)
+    readouts = {item["label"]: item["values"] for item in details["readouts"]}
+    altitude, times = readouts["LA altitude"], np.array(details["times"])
     assert [value is None for value in altitude] == (times < record["t"][40] - 1e-9).tolist()
-    assert None not in readouts["tool error"]
+    assert None not in readouts["T position error"]
     assert 'value === null ? "-"' in html
 
 

@@ -1,22 +1,27 @@
-"""A study: independent cases, run one by one or in parallel, and a table made of their rows."""
+"""A study: independent cases on a cluster, kept as they finish, and a table made of their rows."""
 
 from __future__ import annotations
 
 import csv
-import pickle
+import hashlib
+import json
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from uvms_ocp.arguments import Range, checked
+from uvms_ocp.arguments import AtLeastOne, Period, checked
+from uvms_ocp.campaign.execution.carry_out import Progress, carry_out
+from uvms_ocp.campaign.runs.work import COMPLETED, Done, Row, Work, columns_of
+from uvms_ocp.campaign.store.identity import Identity
+from uvms_ocp.campaign.store.table import read_table
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.version import __version__
 
 _MOST_RUNS = 1_000_000
-_MOST_JOBS = 4096
-Row = Mapping[str, Any]
-"""One line of a table: plain values by column name."""
+_ROW = "row"
+_SUCCESS = ("completed", "passed")  # columns of studies that tell of it
 
 
 @checked
@@ -45,7 +50,7 @@ class StudyResult:
 @checked
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Study:
-    """Cases are arguments of `run_case`, a function at module level so that other processes find it."""
+    """Cases are arguments of `run_case`; both go to other processes."""
 
     name: str
     title: str
@@ -54,20 +59,74 @@ class Study:
     summarize: Callable[[Sequence[Row]], Sequence[Row]]
 
     def run(
-        self, *, jobs: Annotated[int, Range(1, _MOST_JOBS)] = 1, progress: Callable[[int, int], None] | None = None
+        self,
+        out: Path | None = None,
+        *,
+        workers: AtLeastOne | None = None,
+        scheduler: str | None = None,
+        time_limit: Period = 3600.0,
+        progress: Progress | None = None,
     ) -> StudyResult:
-        """All cases, in `jobs` processes; `progress` is told how many of them are done, and of how many.
+        """All cases, those aside that the folder `out` has already, and their sum; without a folder nothing is kept.
 
-        Raises `InvalidInput` for several processes where they cannot find `run_case` or get a case.
+        workers [-], scheduler, time_limit [s] and what is raised as `Campaign.run` has them; `InvalidInput`, too, for cases that
+        raised or ended their process: they stay in the folder.
         """
-        if jobs > 1:
-            _check_sent(self.run_case, self.cases)
-        rows = []
-        for row in _mapped(self.run_case, self.cases, jobs):
-            rows.append(row)
-            if progress is not None:
-                progress(len(rows), len(self.cases))
-        return StudyResult(name=self.name, title=self.title, cases=tuple(rows), table=tuple(self.summarize(rows)))
+        if out is None:
+            with tempfile.TemporaryDirectory() as folder:
+                options: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "time_limit": time_limit}
+                return self.run(Path(folder, "study"), progress=progress, **options)
+        work, cluster = _Cases(study=self), dict[str, Any](workers=workers, scheduler=scheduler, limit=time_limit)
+        carry_out(out, self._identity(work), work, progress=progress, **cluster)
+        rows = tuple(known_rows(out).values())
+        return StudyResult(name=self.name, title=self.title, cases=rows, table=tuple(self.summarize(rows)))
+
+    def _identity(self, work: Work) -> Identity:
+        cases = hashlib.sha256(repr(list(self.cases)).encode()).hexdigest()
+        return Identity(
+            name=self.name,
+            package=__version__,
+            runs=len(self.cases),
+            seed=0,
+            sampler="random",
+            parameters={},
+            columns={name: kind.__name__ for name, kind in columns_of(work).items()},
+            scenario={"study": self.name, "cases": cases},
+            variations={"values": []},
+            records="none",
+        )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Cases(Work):
+    """Run k is case k; its row, of any columns, is kept as JSON."""
+
+    study: Study
+
+    @property
+    def columns(self) -> Mapping[str, type]:
+        return {_ROW: str}
+
+    def head(self, run: int) -> Row:
+        return {}
+
+    def make(self, run: int) -> Done:
+        row = dict(self.study.run_case(self.study.cases[run]))
+        success = next((bool(row[name]) for name in _SUCCESS if name in row), True)
+        outcome = COMPLETED if success else str(row.get("end", row.get("cause", "failed")))
+        told = {"outcome": outcome, "success": success, "cause": str(row.get("text", row.get("cause", "")))}
+        return Done(row={_ROW: json.dumps(row), **told})
+
+
+def known_rows(out: Path) -> dict[int, Row]:
+    """Of the finished cases of a study, by number. Raises `InvalidInput` where some raised or ended their process."""
+    table = read_table(out)
+    failed = table[table[_ROW].isna()]
+    if len(failed):
+        first = failed.iloc[0]
+        text = f"{len(failed)} of {len(table)} cases made no row, such as {first['run']}: {first['cause']}"
+        raise InvalidInput(f"{out}: {text}; mend it and take a new folder")
+    return {int(run): json.loads(text) for run, text in zip(table["run"], table[_ROW], strict=True)}
 
 
 def seeds_from(seed: int, n: int) -> range:
@@ -77,19 +136,3 @@ def seeds_from(seed: int, n: int) -> range:
     if n > _MOST_RUNS:
         raise InvalidInput(f"n = {n} runs of a study; give at most {_MOST_RUNS:,}: the table keeps a row of each")
     return range(seed, seed + n)
-
-
-def _check_sent(function: Callable[[Any], Row], cases: Sequence[Any]) -> None:
-    try:
-        pickle.dumps((function, cases))
-    except Exception as error:  # what values raise that cannot be sent is their own
-        reason = " ".join(str(error).split())
-        raise InvalidInput(f"jobs > 1, but other processes cannot get run_case and cases ({reason}); give 1") from error
-
-
-def _mapped(function: Callable[[Any], Row], cases: Sequence[Any], jobs: int) -> Any:
-    if jobs <= 1:
-        yield from map(function, cases)
-        return
-    with ProcessPoolExecutor(max_workers=jobs) as pool:
-        yield from pool.map(function, cases)

@@ -1,4 +1,5 @@
-"""Command line: ``run``, ``check``, ``mission``, ``compare``, ``plan``, ``list``, ``check-robot``, ``schema``, ``export``.
+"""Command line: `run`, `check`, `mission`, `compare`, `campaign`, `show`, `plan`, `list`, `check-robot`, `schema`, `new-robot`,
+`new-mission`, `export`.
 
 Exit codes: 0 done, 1 internal error, 2 bad input or refused by pre-flight, 3 mission not completed or no plan free of
 collision.
@@ -13,27 +14,46 @@ from typing import Annotated
 
 import typer
 
-from uvms_ocp.cli import check, compare, export, listing, robots, run
+from uvms_ocp.cli import check, compare, export, listing, robots, run, show
+from uvms_ocp.cli.campaigns import campaign, new_files
 from uvms_ocp.cli.options import BAD_INPUT
 from uvms_ocp.cli.plans import plan
 from uvms_ocp.cli.printing import console_of
+from uvms_ocp.cli.vectors import spread
 from uvms_ocp.exceptions import UvmsError, plain_line
 from uvms_ocp.version import __version__
 
+_EXAMPLES = """Examples:
+
+\b
+  uvms-ocp run                                  the paper's Case 1, in water
+  uvms-ocp run --noise --fault thruster3:dead@20
+  uvms-ocp show uvms_runs/case1-dynamic-lexls   in the browser
+  uvms-ocp show girona_maris7                   a robot, with sliders
+  uvms-ocp plan ocp --tool 12.2 37.4 -39.5 --position 11 37 -38.5
+  uvms-ocp compare RUN OTHER
+  uvms-ocp check-robot my.urdf --hydrodynamics my.yaml
+
+Completion in your shell: uvms-ocp --install-completion
+"""
 app = typer.Typer(
     help="Task-priority planning of underwater vehicle-manipulator systems.",
     no_args_is_help=True,
-    add_completion=False,
+    epilog=_EXAMPLES,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
 app.command(name="run")(run.run)
 app.command(name="check")(check.check)
 app.command(name="mission")(check.mission)
+app.command(name="campaign")(campaign.campaign)
 app.command(name="compare")(compare.compare_runs)
+app.command(name="show")(show.show_scene)
 app.command(name="list")(listing.list_all)
 app.command(name="check-robot")(robots.check_robot)
 app.command(name="schema")(robots.schema)
+app.command(name="new-robot")(new_files.new_robot)
+app.command(name="new-mission")(new_files.new_mission)
 
 export_app = typer.Typer(help="Write what runs without Python.", no_args_is_help=True)
 export_app.command(name="controller")(export.controller)
@@ -62,7 +82,7 @@ def main() -> None:
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - for as long as the process lives
     try:
         try:
-            app()
+            app(spread(app, sys.argv[1:]))
         finally:
             sys.stdout.flush()  # here, where a full disk can still be told
     except BrokenPipeError:  # of a reader that has seen enough

@@ -10,6 +10,7 @@ import typer
 from uvms_ocp.cli.options import (
     BAD_INPUT,
     CurrentVelocity,
+    Hydrodynamics,
     Json,
     Name,
     PlantName,
@@ -24,13 +25,15 @@ from uvms_ocp.cli.printing import console_of, print_findings, print_json
 def check(
     name: Name = "case1",
     robot: RobotName = None,
+    hydrodynamics: Hydrodynamics = None,
     plant: PlantName = None,
     current: CurrentVelocity = None,
     seabed: Seabed = None,
     as_json: Json = False,
 ) -> None:
     """Check whether a mission can be completed, without running it; exit code 2 where it cannot."""
-    scenario = build_scenario(name, given(robot=robot, plant=plant, current=current, seabed=seabed))
+    options = given(robot=robot, hydrodynamics=hydrodynamics, plant=plant, current=current, seabed=seabed)
+    scenario = build_scenario(name, options)
     preflight = scenario.check()
     print_findings(console_of(stderr=as_json), preflight, notes=True)
     if as_json:
@@ -41,8 +44,10 @@ def check(
 
 def mission(
     name: Name = "case1",
+    robot: RobotName = None,
+    hydrodynamics: Hydrodynamics = None,
     mermaid: Annotated[bool, typer.Option("--mermaid", help="Print a state diagram in Mermaid's notation.")] = False,
 ) -> None:
     """Print which tasks are on in which phase of a scenario, or its phases as a diagram."""
-    plan = build_scenario(name, {}).mission
+    plan = build_scenario(name, given(robot=robot, hydrodynamics=hydrodynamics)).mission
     sys.stdout.write(plan.mermaid() if mermaid else f"{plan}\n")

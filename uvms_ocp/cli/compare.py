@@ -6,27 +6,42 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
 
-from uvms_ocp.cli.options import Json
+from uvms_ocp.cli.compiling import told_of_compiling
+from uvms_ocp.cli.options import SCENARIO_HELP, Json, build_scenario
 from uvms_ocp.cli.printing import console_of, print_json, table_of
+from uvms_ocp.exceptions import plain_line
 from uvms_ocp.output import settle
 from uvms_ocp.record import Record
 from uvms_ocp.report.compare import compare
+from uvms_ocp.scenarios import SCENARIOS
+from uvms_ocp.scenarios.own_code import own_code
+
+_WHAT = "Folder of a run or of a plan, its record.npz, or what is run first:"
 
 
 def compare_runs(
-    first: Annotated[Path, typer.Argument(metavar="A", help="Folder of a run or of a plan, or its record.npz.")],
-    second: Annotated[Path, typer.Argument(metavar="B", help="The other of the same kind.")],
+    first: Annotated[str, typer.Argument(metavar="A", help=f"{_WHAT} {SCENARIO_HELP}")],
+    second: Annotated[str, typer.Argument(metavar="B", help="The other of the same kind.")],
     as_json: Json = False,
 ) -> None:
     """Compare the resources that two runs took, or two plans would take."""
-    records = [_load(path) for path in (first, second)]
-    rows = compare(records[0], records[1])
     console = console_of(stderr=as_json)
+    records = [_record(words, console) for words in (first, second)]
+    rows = compare(records[0], records[1])
     shown = [row | {"change": _percent(row["change"])} for row in rows]
     console.print(table_of(f"{first} against {second}", shown, ("figure", "first", "second", "change")))
     if as_json:
         print_json(rows)
+
+
+def _record(words: str, console: Console) -> Record:
+    """Of a folder or a file, or of a scenario that is run."""
+    if (Path(words).exists() and own_code(words) is None) or not (own_code(words) or words in SCENARIOS):
+        return _load(Path(words))
+    with console.status(f"running {plain_line(words, 60)}") as status, told_of_compiling(status.update, console):
+        return build_scenario(words, {}).run()
 
 
 def _load(path: Path) -> Record:

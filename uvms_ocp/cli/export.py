@@ -8,21 +8,23 @@ from typing import Annotated
 import typer
 
 from uvms_ocp.cli.compiling import told_of_compiling
-from uvms_ocp.cli.options import build_scenario, folder
+from uvms_ocp.cli.options import SCENARIO_HELP, Hydrodynamics, RobotName, build_scenario, folder, given
 from uvms_ocp.cli.printing import console_of, print_paths
 from uvms_ocp.export import export_controller
 
 
 def controller(
-    scenario: Annotated[str, typer.Argument(help="Scenario, see `uvms-ocp list`.")],
+    scenario: Annotated[str, typer.Argument(help=SCENARIO_HELP)],
     out: Annotated[Path, typer.Argument(metavar="DIR", parser=folder, help="Folder for the sources.")],
     plant: Annotated[
-        str, typer.Option(help="dynamic: with thrust and torque; kinematic: velocities alone.")
-    ] = "dynamic",
-    robot: Annotated[str | None, typer.Option(help="Robot; default: the scenario's.")] = None,
+        str | None,
+        typer.Option(help="dynamic: with thrust and torque; kinematic: velocities alone; default: the scenario's."),
+    ] = None,
+    robot: RobotName = None,
+    hydrodynamics: Hydrodynamics = None,
 ) -> None:
     """Write the whole controller as C source that needs libm only, with a recorded run to compare with."""
-    options = {"plant": plant} | ({} if robot is None else {"robot": robot})
+    options = given(plant=plant, robot=robot, hydrodynamics=hydrodynamics)
     console = console_of()
     with console.status("running the scenario once") as status, told_of_compiling(status.update, console):
         paths = export_controller(build_scenario(scenario, options), out)

@@ -11,7 +11,7 @@ from uvms_ocp.campaign import STUDIES
 from uvms_ocp.cli.options import SOLVERS
 from uvms_ocp.cli.printing import console_of, print_json
 from uvms_ocp.model.files.library import list_robots
-from uvms_ocp.scenario import PLANTS
+from uvms_ocp.parts.given import PLANTS
 from uvms_ocp.scenarios import SCENARIOS
 
 

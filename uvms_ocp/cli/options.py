@@ -13,8 +13,12 @@ import typer
 from uvms_ocp.campaign import STUDIES
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.exceptions import InvalidInput, NameNotFound, OutputError
-from uvms_ocp.scenario import PLANTS, Scenario
+from uvms_ocp.model.files.library import list_robots
+from uvms_ocp.parts.given import PLANTS
+from uvms_ocp.scenario import Scenario
 from uvms_ocp.scenarios import SCENARIOS
+from uvms_ocp.scenarios.chosen import chosen_scenario
+from uvms_ocp.scenarios.own_code import own_code
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.cascade.solver import LexicographicQp
 from uvms_ocp.solvers.hierarchy.daqp import Daqp
@@ -42,11 +46,40 @@ def folder(words: str | Path) -> Path:
     return Path(words)
 
 
-Name = Annotated[str, typer.Argument(metavar="SCENARIO", help="Scenario, see `uvms-ocp list`.")]
-RobotName = Annotated[str | None, typer.Option(help="Robot, see `uvms-ocp list`; default: the scenario's.")]
-PlantName = Annotated[str | None, typer.Option(help=f"Plant: {', '.join(PLANTS)}; default: the scenario's.")]
+SCENARIO_HELP = (
+    "Scenario, see `uvms-ocp list`, or your own: FILE.py, FILE.py:NAME or PACKAGE.MODULE:NAME. "
+    "Loading Python code runs it: give only what you trust."
+)
+
+
+def completing(*names: str) -> Callable[[str], list[str]]:
+    """Those of the names that a shell may end a word with."""
+    return lambda incomplete: [name for name in names if name.startswith(incomplete)]
+
+
+Name = Annotated[
+    str,
+    typer.Argument(metavar="SCENARIO", help=SCENARIO_HELP, autocompletion=completing(*SCENARIOS, *STUDIES)),
+]
+RobotName = Annotated[
+    str | None,
+    typer.Option(
+        help="Robot, see `uvms-ocp list`, a URDF or a folder with robot.urdf; default: the scenario's.",
+        autocompletion=completing(*list_robots()),
+    ),
+]
+Hydrodynamics = Annotated[
+    str | None, typer.Option(metavar="YAML", help="Hydrodynamics file of the robot; default: the one beside its URDF.")
+]
+PlantName = Annotated[
+    str | None,
+    typer.Option(help=f"Plant: {', '.join(PLANTS)}; default: the scenario's.", autocompletion=completing(*PLANTS)),
+]
 SolverName = Annotated[
-    str | None, typer.Option(help=f"Hierarchy solver: {', '.join(SOLVERS)}; default: the scenario's.")
+    str | None,
+    typer.Option(
+        help=f"Hierarchy solver: {', '.join(SOLVERS)}; default: the scenario's.", autocompletion=completing(*SOLVERS)
+    ),
 ]
 CurrentVelocity = Annotated[
     tuple[float, float, float] | None,
@@ -80,18 +113,23 @@ def build_scenario(name: str, options: Mapping[str, Any], solver: str | None = N
     """
     if name in STUDIES:
         raise InvalidInput(f"{name} is a study of many missions; give one scenario: {', '.join(SCENARIOS)}")
-    if name not in SCENARIOS:
+    if own_code(name) is None and name not in SCENARIOS:
         raise NameNotFound("scenario", name, (*SCENARIOS, *STUDIES))
+    return chosen_scenario(name, with_solver(options, solver), SCENARIOS)
+
+
+def with_solver(options: Mapping[str, Any], solver: str | None) -> Mapping[str, Any]:
+    """The options with the solver of that name, if one is given. Raises `NameNotFound` for an unknown one."""
     if solver is None:
-        return SCENARIOS[name](**options)
+        return options
     if solver not in SOLVERS:
         raise NameNotFound("solver", solver, SOLVERS)
-    return SCENARIOS[name](solver=SOLVERS[solver](), **options)
+    return {**options, "solver": SOLVERS[solver]()}
 
 
 def solver_name(solver: HierarchySolver) -> str:
     """The name by which the command line knows a solver of that kind."""
-    return next(name for name, kind in SOLVERS.items() if kind is type(solver))
+    return next((name for name, kind in SOLVERS.items() if kind is type(solver)), label(type(solver).__name__))
 
 
 def default_folder(parts: Sequence[str], options: Mapping[str, Any]) -> Path:
@@ -106,7 +144,18 @@ def _word(name: str, value: Any) -> str:
         return "-".join(re.sub(r"\W", "_", str(fault).replace("-", "to").replace(".", "p")) for fault in value)
     if isinstance(value, tuple):
         return name + "_".join(map(str, value))
-    return value if name == "robot" else f"{name}{value}"
+    if name in ("robot", "hydrodynamics"):
+        return label(str(value))
+    return f"{name}{value}"
+
+
+def label(words: str) -> str:
+    """A name for folders, of a name, a file or code of one's own."""
+    place, _, attribute = words.partition(":")
+    plain = re.sub(
+        r"[^\w.]+", "_", "-".join(filter(None, (Path(place).stem if "." in place else Path(place).name, attribute)))
+    )
+    return plain.strip("_") or "run"
 
 
 def require_taken(name: str, build: Callable[..., Any], options: Mapping[str, Any]) -> None:

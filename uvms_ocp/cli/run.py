@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.padding import Padding
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as ProgressBar
 from rich.table import Table
@@ -18,12 +19,14 @@ from rich.text import Text
 
 from uvms_ocp.campaign import STUDIES
 from uvms_ocp.cli.beside import Job, share
+from uvms_ocp.cli.campaigns.study import make_study
 from uvms_ocp.cli.compiling import told_of_compiling
 from uvms_ocp.cli.options import (
     NOT_COMPLETED,
     CurrentVelocity,
     Duration,
     Faults,
+    Hydrodynamics,
     Json,
     Name,
     Noise,
@@ -36,7 +39,7 @@ from uvms_ocp.cli.options import (
     build_scenario,
     default_folder,
     given,
-    require_taken,
+    label,
     solver_name,
 )
 from uvms_ocp.cli.printing import cell, console_of, print_findings, print_json, print_paths, table_of
@@ -44,6 +47,7 @@ from uvms_ocp.exceptions import InvalidInput, plain_line
 from uvms_ocp.mission_plan import MissionPlan
 from uvms_ocp.model.state import Command
 from uvms_ocp.output import claimed
+from uvms_ocp.parts.given import plant_name
 from uvms_ocp.record import Record
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenario import Scenario
@@ -53,12 +57,12 @@ Follow = Annotated[
     Path | None, typer.Option(metavar="PLAN", help="Plan of this mission, of `plan mission`; the hierarchy takes over.")
 ]
 _PROGRESS_EVERY = 40  # ticks between two updates of the progress bar
-_STUDY_FILES = ("report.json", "runs.csv")
 
 
 def run(
     name: Name = "case1",
     robot: RobotName = None,
+    hydrodynamics: Hydrodynamics = None,
     plant: PlantName = None,
     solver: SolverName = None,
     current: CurrentVelocity = None,
@@ -82,55 +86,51 @@ def run(
     another mission's plan.
     """
     console = console_of(stderr=as_json)
-    options = given(robot=robot, plant=plant, current=current, seabed=seabed, noise=noise, seed=seed, duration=duration)
+    options = given(robot=robot, hydrodynamics=hydrodynamics, plant=plant, current=current, seabed=seabed)
+    options |= given(noise=noise, seed=seed, duration=duration)
     if name in STUDIES:
         if follow is not None:
             raise InvalidInput(f"{name} is a study of many missions: leave out --follow")
         chosen = given(n=n, force=force or None, solver=solver, fault=fault or None)
-        _run_study(name, options | chosen, out, console, as_json)
+        make_study(name, options | chosen, console, out=out, as_json=as_json)
         return
     if n is not None:
         raise InvalidInput(f"{name} is no study: leave out --n")
     options |= {"faults": parse_faults(fault)} if fault else {}
     scenario = build_scenario(name, options, solver)
     plan = None if follow is None else _plan_of(scenario, follow)
-    parts = (name, scenario.plant, solver_name(scenario.solver), *(("followed",) if plan else ()))
+    parts = (label(name), plant_name(scenario.plant), solver_name(scenario.solver), *(("followed",) if plan else ()))
     others = {key: value for key, value in options.items() if key != "plant"}
-    with claimed(out or default_folder(parts, others), _files()) as claim:
-        preflight = scenario.check()
-        print_findings(console, preflight)
-        if not (preflight.accepted or force):
-            raise InvalidInput(
-                f"pre-flight refuses {name} ({len(preflight.errors)} errors); --force runs it all the same"
-            )
-        record = _simulate(scenario, plan, console)
-        report = summarize(record) | {"preflight": preflight.to_dict()}
-        with claim.staged() as staging:
-            share(_jobs(scenario, record, report, staging), console.status("writing record, report, figures and scene"))
-        written = claim.written()
-    _print_summary(console, report, written)
+    report = produce(scenario, out or default_folder(parts, others), console, force=force, plan=plan)
     if as_json:
         print_json(report)
     if not report["completed"]:
         raise typer.Exit(NOT_COMPLETED)
 
 
-def _run_study(name: str, options: dict[str, Any], out: Path | None, console: Console, as_json: bool) -> None:
-    require_taken(name, STUDIES[name], options)
-    folder = out or default_folder((name,), {key: value for key, value in options.items() if key != "force"})
-    with claimed(folder, _STUDY_FILES) as claim:
-        with console.status(name) as status:
-            result = STUDIES[name](**options).run(progress=lambda done, n: status.update(f"{name}: {done} of {n} runs"))
+def produce(
+    scenario: Scenario, out: Path, console: Console, *, force: bool = True, plan: MissionPlan | None = None
+) -> dict[str, Any]:
+    """Run a scenario, by a plan if given, write all that comes of it into a folder, print a summary; returns its report.
+
+    Raises `InvalidInput` for what pre-flight refuses, unless forced.
+    """
+    with claimed(out, _files()) as claim:
+        preflight = scenario.check()
+        print_findings(console, preflight)
+        if not (preflight.accepted or force):
+            text = f"pre-flight refuses {scenario.name} ({len(preflight.errors)} errors)"
+            raise InvalidInput(f"{text}; --force runs it all the same")
+        record = _simulate(scenario, plan, console)
+        report = summarize(record) | {"preflight": preflight.to_dict()}
         with claim.staged() as staging:
-            (staging / "report.json").write_text(json.dumps(result.to_dict(), indent=2) + "\n")
-            result.write_csv(staging / "runs.csv")
-    rows = result.table
-    if len(rows) == 1:  # one wide row reads better downwards
-        rows = tuple({"figure": name, "value": value} for name, value in rows[0].items())
-    console.print(table_of(result.title, rows, tuple(rows[0])))
-    print_paths(console, [folder])
-    if as_json:
-        print_json(result.to_dict())
+            share(
+                _jobs(scenario, record, report, staging, plan),
+                console.status("writing record, report, figures and scene"),
+            )
+        written = claim.written()
+    _print_summary(console, report, written)
+    return report
 
 
 def _plan_of(scenario: Scenario, place: Path) -> MissionPlan:
@@ -176,7 +176,9 @@ def _files() -> tuple[str, ...]:
     return ("record.npz", "report.json", "scene.html", *(f"figures/{name}.png" for name in FIGURES))
 
 
-def _jobs(scenario: Scenario, record: Record, report: dict[str, Any], folder: Path) -> list[Job]:
+def _jobs(
+    scenario: Scenario, record: Record, report: dict[str, Any], folder: Path, plan: MissionPlan | None
+) -> list[Job]:
     """What writes each file, the slowest first."""
     from uvms_ocp.viz.run_figures import FIGURES, write_figure
     from uvms_ocp.viz.scene.show import write_scene
@@ -184,7 +186,8 @@ def _jobs(scenario: Scenario, record: Record, report: dict[str, Any], folder: Pa
     (folder / "report.json").write_text(json.dumps(report, indent=2) + "\n")
     (folder / "figures").mkdir()
     figures = [partial(write_figure, record, name, folder / "figures") for name in FIGURES]
-    scene = partial(write_scene, record, scenario.robot, folder / "scene.html")
+    ghosts = {} if plan is None else {"plan": plan.to_record(scenario)}
+    scene = partial(write_scene, record, scenario.robot, folder / "scene.html", ghosts=ghosts)
     return [scene, *figures, partial(record.save, folder / "record.npz")]
 
 
@@ -194,14 +197,13 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
     )
     for column in ("phase", "start [s]", "end [s]", "J", "m"):
         table.add_column(column, no_wrap=True, justify="left" if column == "phase" else "right")
-    table.add_column("why it ended, errors at its end")
     for phase in report["phases"]:
         times = (f"{phase['start_s']:.2f}", f"{phase['end_s']:.2f}")
         energy = cell(phase["energy_j"])
-        errors = (Text(plain_line(error), style="dim") for error in _active_errors(phase))
-        why = Text("\n").join([Text(plain_line(phase["reason"])), *errors])
-        table.add_row(_title(phase["name"], phase["title"]), *times, energy, f"{phase['path_length_m']:.2f}", why)
+        table.add_row(_title(phase["name"], phase["title"]), *times, energy, f"{phase['path_length_m']:.2f}")
     console.print(table)
+    for phase in report["phases"]:
+        _print_end(console, phase)
     _print_what_went_wrong(console, report)
     resources = _transposed(report["resources"])
     console.print(table_of("resources", resources, tuple(resources[0])))
@@ -213,6 +215,13 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
     if not report["completed"] or report["ended_too_early"]:
         console.print(plain_line(f"cause: {report['cause']['kind']}: {report['cause']['text']}"))
     print_paths(console, paths)
+
+
+def _print_end(console: Console, phase: dict[str, Any]) -> None:
+    """Why a phase ended and, indented below, the errors at its end."""
+    console.print(Text(plain_line(f"{phase['name']} ended: {phase['reason']}")))
+    if errors := "; ".join(_active_errors(phase)):
+        console.print(Padding(Text(plain_line(errors), style="dim"), (0, 0, 0, 4)))
 
 
 def _of_controller(report: dict[str, Any]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -83,6 +83,21 @@ class CollisionScene:
             return Nearest(distance=np.inf, time=0.0, pair="")
         row, pair = np.unravel_index(int(np.argmin(distances)), distances.shape)
         return Nearest(distance=float(distances[row, pair]), time=float(t[row]), pair=self.pairs[pair].name)
+
+    def among(self, indices: Sequence[int]) -> CollisionScene:
+        """The same scene with these of its pairs alone. Raises `InvalidInput` for an index that no pair has."""
+        chosen = np.array(indices, dtype=int)
+        if not ((chosen >= 0) & (chosen < len(self.pairs))).all():
+            raise InvalidInput(
+                f"indices are {indices}; give some of 0 to {len(self.pairs) - 1}, the pairs of the scene"
+            )
+        geometry = pin.GeometryModel(self.geometry)
+        geometry.removeAllCollisionPairs()
+        pairs = tuple(self.pairs[k] for k in indices)
+        for pair in pairs:
+            geometry.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
+        parts = {name: getattr(self, name)[chosen] for name in ("moved", "reach", "carried", "gyration", "room")}
+        return replace(self, geometry=geometry, pairs=pairs, **parts)
 
     def groups(self) -> dict[str, list[int]]:
         """Indices of pairs by the obstacle they are with, and those of two links."""

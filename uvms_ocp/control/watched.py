@@ -30,11 +30,15 @@ class WatchedController:
         controller: Callable[[Measurement, float], Command],
         kinematic: KinematicController,
         n_thrusters: int | None,
+        name: str,
     ) -> None:
-        """n_thrusters [-]: of the plant; `None` for one that takes velocities, without thrust and torque."""
+        """n_thrusters [-]: of the plant; `None` for one that takes velocities, without thrust and torque.
+
+        name: what messages call the controller.
+        """
         self.kinematic = kinematic
         """Which watches."""
-        self._theirs, robot = controller, kinematic.robot
+        self._theirs, self.name, robot = controller, name, kinematic.robot
         self._shapes: dict[str, tuple[int, ...]] = {"v": (robot.n_v,)}
         if n_thrusters is not None:
             self._shapes |= {"thrust": (n_thrusters,), "torque": (robot.n_joints,)}
@@ -61,16 +65,26 @@ class WatchedController:
 
     def _require(self, command: Any, watched: Command) -> None:
         if not isinstance(command, Command):
-            raise InvalidInput(f"the controller returned {type(command).__name__}; return a Command")
+            raise InvalidInput(f"controller {self.name} returned {type(command).__name__}; return a Command")
         for name, shape in self._shapes.items():
-            _require_numbers(name, getattr(command, name), shape)
+            require_numbers(f"the command of controller {self.name}", name, getattr(command, name), shape)
         if taken := command.telemetry.keys() & watched.telemetry.keys():
             raise InvalidInput(
-                f"telemetry of the controller has {sorted(taken)[0]!r}, which the mission tells; rename it"
+                f"telemetry of controller {self.name} has {sorted(taken)[0]!r}, which the mission tells; rename it"
             )
 
 
-def _require_numbers(name: str, value: np.ndarray | None, shape: tuple[int, ...]) -> None:
-    if value is None or value.shape != shape or not np.isfinite(value).all():
-        given = "None" if value is None else f"of shape {value.shape}" if value.shape != shape else "not finite"
-        raise InvalidInput(f"the controller's command has {name} {given}; give {shape[0]} finite numbers")
+def require_numbers(whose: str, name: str, value: np.ndarray | None, shape: tuple[int, ...]) -> None:
+    """Raise `InvalidInput`, with the words that say whose it is, for a value (n,) [any unit] that is not as wanted.
+
+    shape [-]: that it has to have.
+    """
+    if value is None or value.shape != shape:
+        given = "None" if value is None else f"of shape {value.shape}"
+    elif value.dtype != float:  # of which the record would keep the whole part alone
+        given = f"of type {value.dtype}"
+    elif not np.isfinite(value).all():
+        given = "not finite"
+    else:
+        return
+    raise InvalidInput(f"{whose} has {name} {given}; give {shape[0]} finite numbers")

@@ -17,7 +17,7 @@ from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.shapes.distance_kernels.meeting import ROUNDS
 from uvms_ocp.output import claimed
-from uvms_ocp.scenario import ControllerOf, Scenario, our_controller
+from uvms_ocp.scenario import Scenario, our_controller
 from uvms_ocp.solvers.hierarchy.active_set.patience import patience
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.solution import Status
@@ -60,12 +60,11 @@ def exported_controller(folder: Path) -> Callable[[Scenario], CController]:
     Where it begins to run it raises `InvalidInput` for a folder without a controller, or with that of another mission.
     """
 
-    def make(scenario: Scenario) -> CController:
+    def exported(scenario: Scenario) -> CController:
         kinematic = scenario.kinematic_controller()
-        forces = scenario.plant != "kinematic"
-        return CController(folder, sizes_of(kinematic, _n_thrusters(scenario)), forces=forces)
+        return CController(folder, sizes_of(kinematic, _n_thrusters(scenario)), forces=scenario.takes_forces)
 
-    return make
+    return exported
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -124,14 +123,14 @@ def _names(scenario: Scenario, controller: KinematicController) -> ControllerNam
 
 
 def _n_thrusters(scenario: Scenario) -> int:
-    return 0 if scenario.plant == "kinematic" else len(scenario.robot.description.thrusters)
+    return len(scenario.robot.description.thrusters) if scenario.takes_forces else 0
 
 
 def _require_c_form(scenario: Scenario) -> None:
-    kinematic, solver, maker = scenario.kinematic_controller(), scenario.solver, scenario.controller
+    kinematic, solver = scenario.kinematic_controller(), scenario.solver
     found = []
-    if isinstance(maker, ControllerOf) and maker.maker is not our_controller:
-        found.append("the controller that the scenario was given")
+    if "controller" in scenario.own_parts:
+        found.append(f"controller {scenario.own_parts['controller']}; the toolkit's own has")
     if not isinstance(solver, LexicographicActiveSet):
         found.append(f"solver {type(solver).__name__}; LexicographicActiveSet has")
     found += [f"task {name}: {why}" for name, why in kinematic.without_c_form.items()]

@@ -4,3 +4,4 @@ from uvms_ocp.functions.buffered import BufferedFunction as BufferedFunction
 from uvms_ocp.functions.compile import compile_function as compile_function
 from uvms_ocp.functions.compile import compile_library as compile_library
 from uvms_ocp.functions.compile import external_function as external_function
+from uvms_ocp.functions.compile import has_compiler as has_compiler

@@ -122,6 +122,11 @@ def _key(sources: Sequence[str], flags: Sequence[str], compiler: str) -> str:
     return hashlib.sha256("\0".join(identity).encode()).hexdigest()
 
 
+def has_compiler() -> bool:
+    """Whether there is one, and it has not been found to hang."""
+    return _compiler() not in {None, *_HUNG}
+
+
 @lru_cache(maxsize=1)
 def _compiler() -> str | None:
     names = (os.environ.get("CC", ""), "cc", "gcc", "clang")

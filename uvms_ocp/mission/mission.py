@@ -30,14 +30,15 @@ from uvms_ocp.mission.progress import (
     write_conditions,
     write_state,
 )
+from uvms_ocp.tables.small_table import SmallTable, Tabled
 from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.pose import PoseTask
 from uvms_ocp.tasks.task import Task
 
 
 @checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Mission:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class Mission(Tabled):
     """Phases over one hierarchy; the first phase begins at t = 0.
 
     Raises `NameNotFound` for an unknown task or phase name, and `InvalidInput` without phases, for a ramp below 0, and for
@@ -199,6 +200,12 @@ class Mission:
             {"task": task.name, "type": task.label, **dict(zip(self.phase_names, column, strict=True))}
             for task, column in zip(self.hierarchy.tasks, self._targets.T.tolist(), strict=True)
         ]
+
+    def _table(self) -> SmallTable:
+        rows = tuple(
+            tuple(f"{cell:g}" if isinstance(cell, float) else cell for cell in row.values()) for row in self.table()
+        )
+        return SmallTable(title="Mission, tasks by phases", head=("task", "type", *self.phase_names), rows=rows)
 
     def __str__(self) -> str:
         """The table of `table` as text, 1 for on and a dot for off, with the titles of the phases below."""

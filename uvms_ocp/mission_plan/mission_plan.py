@@ -14,17 +14,18 @@ from uvms_ocp.control.receding.plan_guide import FollowingTuning, PlanGuide, Pla
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.mission_plan.identity import digests
 from uvms_ocp.mission_plan.saved import read_plan, write_plan
-from uvms_ocp.ocp.plan import OcpStatus
+from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.record import Record
 from uvms_ocp.scenario import MissionController, Scenario
 from uvms_ocp.sim.loop import Progress
+from uvms_ocp.tables.small_table import SmallTable, Tabled, rows_of
 from uvms_ocp.validation import shown
 
 
 @checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class MissionPlan:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class MissionPlan(Tabled):
     """What `plan_mission` returns."""
 
     scenario: str
@@ -85,6 +86,27 @@ class MissionPlan:
             "identity": dict(self.identity),
         }
 
+    def _table(self) -> SmallTable:
+        told = {name: value for name, value in self.summary().items() if name not in ("phases", "identity")}
+        phases = zip(self.names, self.phases, strict=True)
+        rows = ((f"phase {name}", f"{part.begin:.2f} to {part.end:.2f} s") for name, part in phases)
+        return SmallTable(title=f"MissionPlan of {self.scenario}: {self.status.value}", rows=(*rows_of(told), *rows))
+
+    def to_record(self, scenario: Scenario) -> Record:
+        """The motion of the scenario's robot as a record, which figures, scenes and comparisons take.
+
+        Raises `InvalidInput` as `require_of` does.
+        """
+        self.require_of(scenario)
+        return Plan(
+            robot=scenario.robot,
+            trajectory=self.trajectory,
+            status=self.status,
+            reason=self.reason,
+            levels=(),
+            solve_time=self.solve_time,
+        ).to_record()
+
     def save(self, path: Path | str) -> Path:
         """Write it as ``.npz``. Raises `OutputError` where the file cannot be written."""
         return write_plan(path, self.trajectory, self.summary())
@@ -95,7 +117,7 @@ class MissionPlan:
         try:
             return _made(*read_plan(path))
         except InvalidInput as error:
-            raise InvalidInput(f"{shown(path)}: {error}") from error
+            raise InvalidInput(f"{shown(path)}: {error}; give the plan.npz that `plan mission` wrote") from error
         except (KeyError, TypeError, ValueError) as error:
             raise InvalidInput(f"{shown(path)}: its summary lacks or garbles {error}; plan the mission anew") from error
 

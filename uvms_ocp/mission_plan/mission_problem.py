@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from uvms_ocp.arrays import Mask
 from uvms_ocp.mission_plan.greedy_way import GreedyWay, greedy_way
 from uvms_ocp.mission_plan.margins import Margins
-from uvms_ocp.mission_plan.shapes_and_floor import clearance_terms, floor_along, floor_terms
+from uvms_ocp.mission_plan.shapes_and_floor import clearance, floor_along, floor_terms, of_links, of_obstacles
 from uvms_ocp.mission_plan.stretches import Stretch, stretches_of
 from uvms_ocp.mission_plan.translation import Terms, Weights, levels_of, terms_of
 from uvms_ocp.model.state import State
@@ -31,8 +32,9 @@ class MissionProblem:
     stretches: tuple[Stretch, ...]
     """The phases of the problem."""
     terms: Terms
-    shapes: tuple[ShapeClearance, ...]
-    """That keep the robot from obstacles and from itself; constraints of the problem from the outset where obstacles are."""
+    shapes: ShapeClearance | None
+    """That are to stay apart, obstacles and links; `None` where nothing can meet. Constraints of the problem keep those
+    with obstacles."""
     guess: Trajectory
     """The greedy way, over the nominal durations."""
     greedy_duration: float
@@ -49,24 +51,20 @@ class MissionProblem:
         changed = np.linalg.norm(u - u[0], axis=1) > _SAME
         return float(times[np.argmax(changed) - 1]) if changed.any() else np.inf
 
-    @property
-    def apart(self) -> MissionProblem:
-        """With constraints that keep the robot from itself."""
-        constraints = tuple(term for term in self.problem.constraints if term not in self.shapes)
-        return replace(self, problem=replace(self.problem, constraints=(*constraints, *self.shapes)))
-
-    @property
-    def is_apart(self) -> bool:
-        """Whether it is `apart`, as far as there is anything to keep."""
-        return all(term in self.problem.constraints for term in self.shapes)
+    def keeping(self, links: Mask) -> MissionProblem:
+        """With a constraint on pairs of links (n_pairs,) too."""
+        assert self.shapes is not None
+        constraints = (*self.problem.constraints, of_links(self.shapes, links))
+        return replace(self, problem=replace(self.problem, constraints=constraints))
 
     def at(self, weights: Weights, way: Trajectory, longest: float) -> OcpProblem:
         """The problem with other weights in its last level, and the water as it is along a way.
 
-        longest [s]: after which no plan is to go on, so that the water of later does not matter.
+        longest [s]: after which no plan goes on, so that the water of later does not matter.
         """
         levels = levels_of(self.problem.robot, self.terms, weights)
-        return replace(self.problem, levels=levels, current=_currents(self.current, way, longest))
+        current = _currents(self.current, way, longest)
+        return replace(self.problem, levels=levels, current=current, longest=longest)
 
 
 def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> MissionProblem:
@@ -74,9 +72,11 @@ def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> Mis
     way = greedy_way(scenario)
     stretches = stretches_of(scenario.mission, way, margins, step=step)
     terms = terms_of(scenario.robot, scenario.mission, way.phases, stretches, margins)
-    shapes = clearance_terms(scenario, margins)
+    shapes = clearance(scenario, margins)
     problem = _problem(scenario, way, stretches, terms, margins)
-    posed = MissionProblem(
+    if shapes is not None and scenario.environment.obstacles:
+        problem = replace(problem, constraints=(*problem.constraints, of_obstacles(shapes)))
+    return MissionProblem(
         problem=problem,
         stretches=tuple(stretches),
         terms=terms,
@@ -85,7 +85,6 @@ def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> Mis
         greedy_duration=float(way.begins[-1]),
         current=scenario.environment.current,
     )
-    return posed.apart if scenario.environment.obstacles else posed
 
 
 def _problem(

@@ -14,7 +14,7 @@ from uvms_ocp.ocp.plans.stored_result import trajectory_arrays
 from uvms_ocp.ocp.trajectory import Trajectory
 
 _KEY = "mission_plan"
-_NO_PLAN = "no plan of a mission; give the plan.npz that `plan mission` wrote"
+_NO_PLAN = "no plan of a mission"
 _ARRAYS = {"t": 0, "q": 0, "v": 0, "a": 1, "thrust": 1, "torque": 1}
 """By how many rows each is shorter than there are times."""
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from uvms_ocp.collision.collision_scene import Nearest, collision_scene
+from uvms_ocp.arrays import Mask
+from uvms_ocp.collision.collision_scene import CollisionScene, collision_scene
+from uvms_ocp.collision.conservative_advancement import ClearanceReport
 from uvms_ocp.collision.coordinates import coordinates
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.mission_plan.above_floor import AboveFloor, rims_of
@@ -14,7 +17,7 @@ from uvms_ocp.mission_plan.greedy_way import GreedyWay
 from uvms_ocp.mission_plan.kept_tasks import active
 from uvms_ocp.mission_plan.margins import Margins
 from uvms_ocp.mission_plan.stretches import Stretch
-from uvms_ocp.ocp.clearance.certificate import SteppedMotion, shortfall
+from uvms_ocp.ocp.clearance.certificate import SteppedMotion, certificate, shortfall
 from uvms_ocp.ocp.clearance.shape_clearance import ShapeClearance
 from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.trajectory import Trajectory
@@ -24,7 +27,8 @@ from uvms_ocp.tasks.clearance import Clearance
 
 _LEVEL = 0.05  # [m] by which a floor may differ along the way
 _MISSED = 2e-3  # [m] of a margin
-_OWN_ROWS = 6  # per node
+_NEAR = 0.01  # [m] beyond its margin, within which a pair gets rows
+_PAIR_ROWS = 4  # per node and pair of links
 
 
 def floor_along(scenario: Scenario, way: GreedyWay) -> float:
@@ -53,7 +57,7 @@ def floor_terms(scenario: Scenario, stretches: Sequence[Stretch], floor: float, 
     return found
 
 
-def clearance_terms(scenario: Scenario, margins: Margins) -> tuple[ShapeClearance, ...]:
+def clearance(scenario: Scenario, margins: Margins) -> ShapeClearance | None:
     """The robot keeps away from obstacles, by as much as the mission's own tasks on clearance ask for, and from itself.
 
     Links that are near each other by design keep half of what they have at rest, and at the start what they have there.
@@ -61,17 +65,41 @@ def clearance_terms(scenario: Scenario, margins: Margins) -> tuple[ShapeClearanc
     planned = coordinates(scenario.robot, reference=scenario.start)
     scene = collision_scene(planned, scenario.environment.obstacles)
     asked = [task.threshold for task in scenario.mission.hierarchy.tasks if isinstance(task, Clearance)]
-    of_links = np.isfinite(scene.room)
-    kept = np.where(of_links, np.minimum(margins.links, scene.room), max([margins.position, *asked]))
-    return (ShapeClearance(scene=scene, margins=kept, n_own_rows=_OWN_ROWS),) if scene.pairs else ()
+    kept = np.where(_links(scene), np.minimum(margins.links, scene.room), max([margins.position, *asked]))
+    return ShapeClearance(scene=scene, margins=kept) if scene.pairs else None
 
 
-def is_apart(shapes: Sequence[ShapeClearance], way: Trajectory) -> bool:
-    """Whether all pairs keep their margins along a way, at its nodes and between them."""
-    return all(shortfall(term, way, 0.0).max(initial=0.0) <= _MISSED for term in shapes)
+def _links(scene: CollisionScene) -> Mask:
+    """(n_pairs,) True for two of them."""
+    return np.isfinite(scene.room)
 
 
-def nearest_along(shapes: Sequence[ShapeClearance], way: Trajectory) -> Nearest | None:
-    """The least distance of any pair along a way, between its nodes too; `None` where there are no pairs."""
-    found = [SteppedMotion(term=term, trajectory=way).nearest() for term in shapes]
-    return min(found, key=lambda nearest: nearest.distance, default=None)
+def of_obstacles(shapes: ShapeClearance) -> ShapeClearance:
+    """Of these pairs those with obstacles."""
+    return _among(shapes, ~_links(shapes.scene))
+
+
+def of_links(shapes: ShapeClearance, pairs: Mask) -> ShapeClearance:
+    """Of these pairs the chosen (n_pairs,) of links, with rows of their own."""
+    return replace(_among(shapes, pairs), n_pair_rows=_PAIR_ROWS)
+
+
+def _among(shapes: ShapeClearance, pairs: Mask) -> ShapeClearance:
+    return replace(shapes, scene=shapes.scene.among(np.flatnonzero(pairs).tolist()), margins=shapes.margins[pairs])
+
+
+def missed_links(shapes: ShapeClearance, way: Trajectory) -> Mask:
+    """(n_pairs,) True for links that do not keep their margins along a way, at its nodes and between them."""
+    return (shortfall(shapes, way, 0.0).max(axis=0) > _MISSED) & _links(shapes.scene)
+
+
+def near_links(shapes: ShapeClearance, way: Trajectory) -> Mask:
+    """(n_pairs,) True for links that nearly do not."""
+    return missed_links(replace(shapes, margins=shapes.margins + _NEAR), way)
+
+
+def proof_along(shapes: ShapeClearance, way: Trajectory) -> ClearanceReport:
+    """The certificate that all pairs stay apart along a way, with the least distance that is met, at its nodes too."""
+    report = certificate(shapes, way)
+    sampled = SteppedMotion(term=shapes, trajectory=way).nearest()
+    return replace(report, nearest=min(report.nearest, sampled, key=lambda nearest: nearest.distance))

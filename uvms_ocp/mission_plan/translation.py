@@ -68,7 +68,7 @@ class Weights:
     """[1/kW]"""
     effort: float = 0.2
     """[-] of thrust and torque, in shares of their limits."""
-    price: float = 1e-3
+    price: float = 1e-6
     """[kW] of time."""
 
 

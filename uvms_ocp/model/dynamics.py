@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -101,3 +102,9 @@ def robot_dynamics(robot: Robot, density: Positive | None = None) -> Dynamics:
         damping=np.asarray(robot.model.damping, dtype=float),
     )
     return Dynamics(symbolic)
+
+
+@lru_cache(maxsize=2)
+def known_dynamics(robot: Robot) -> Dynamics:
+    """`robot_dynamics`, made once where many runs have one robot."""
+    return robot_dynamics(robot)

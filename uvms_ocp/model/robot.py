@@ -18,6 +18,7 @@ from uvms_ocp.model.files.description import RobotDescription, checked_copy
 from uvms_ocp.model.limits import Joint, Limits
 from uvms_ocp.model.water.coefficients import links_in_water
 from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics
+from uvms_ocp.tables.small_table import SmallTable
 
 
 @checked
@@ -45,6 +46,13 @@ class Robot:
     def __repr__(self) -> str:
         base = "free-flyer" if self.n_vehicle else "fixed base"
         return f"Robot({self.name!r}, {base}, {self.n_joints} joints, {len(self.description.thrusters)} thrusters)"
+
+    def _repr_html_(self) -> str:
+        limits = zip(self.limits.position_lower, self.limits.position_upper, strict=True)
+        rows = [
+            (joint.name, f"{low:.4g}", f"{high:.4g}") for joint, (low, high) in zip(self.joints, limits, strict=False)
+        ]
+        return SmallTable(title=repr(self), head=("joint", "lower", "upper"), rows=tuple(rows)).html()
 
     @property
     def n_q(self) -> int:

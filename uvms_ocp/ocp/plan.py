@@ -30,6 +30,7 @@ from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.record import Record
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
 from uvms_ocp.status import AdvisedStatus
+from uvms_ocp.tables.small_table import SmallTable, Tabled, rows_of
 from uvms_ocp.validation import shown
 
 if TYPE_CHECKING:
@@ -90,12 +91,12 @@ class LevelReport:
     prices: tuple[float, ...] = ()
     """[-] What each level above costs this one: by how much its cost, half the sum of squares of its rows, path terms as a
     mean over time, would fall for each unit of residual, as a norm, that the level above gave up (of cost, where that one
-    has `relax`). To first order; empty where not known, as with plugin ``stagewise``."""
+    has `relax`). To first order; empty where not known."""
 
 
 @checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Plan:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class Plan(Tabled):
     """States at nodes, inputs of steps, and how it came about."""
 
     robot: Robot
@@ -178,6 +179,11 @@ class Plan:
                 for level in self.levels
             ],
         }
+
+    def _table(self) -> SmallTable:
+        told = {name: value for name, value in self.summary().items() if name != "levels"}
+        levels = ((f"level {level.name}", f"{level.status}, residual {level.residual:.3g}") for level in self.levels)
+        return SmallTable(title=f"Plan: {self.status.value}", rows=(*rows_of(told), *levels))
 
     def to_record(self) -> Record:
         """The motion as a record, which figures, scenes and comparisons take; see `motion_series` for what it holds."""

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Annotated
 
 import numpy as np
 
-from uvms_ocp.arguments import DAY, Bound, Positive, checked
+from uvms_ocp.arguments import DAY, Bound, Positive, Range, checked
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import State
@@ -105,9 +106,9 @@ class OcpLevel:
 class OcpProblem:
     """Levels from the highest priority to the lowest, subject to dynamics, limits of the robot and `constraints`.
 
-    Raises `NameNotFound` for a term of a phase that there is not, and `InvalidInput` without phases or levels, for phases of one
-    name, a level that minimises time above others without `relax`, thrusters that the robot does not have, power that is
-    not known, a start or current of the wrong shape or not finite, and a freedom of the start that is negative.
+    Raises `NameNotFound` for a term of a phase that there is not, and `InvalidInput` without phases or levels, for phases or
+    levels of one name, a level that minimises time above others without `relax`, thrusters that the robot does not have, power
+    that is not known, a start or current of the wrong shape or not finite, and a freedom of the start that is negative.
     """
 
     robot: Robot
@@ -131,11 +132,13 @@ class OcpProblem:
     configuration, then those of the velocity; infinite where it is free, within the limits. By default not at all."""
     periodic: bool = False
     """The motion ends in the state in which it begins."""
+    longest: Annotated[float, Range(0.0)] = np.inf
+    """[s] of all phases together; says nothing where durations are fixed."""
 
     def __post_init__(self) -> None:
         if not self.phases or not self.levels:
             raise InvalidInput("an optimal control problem needs phases and levels; give at least one of each")
-        self._check_phase_names()
+        self._check_names()
         self._check_relaxed_levels()
         if np.shape(self.current) not in ((3,), (self.n_steps, 3)) or not np.isfinite(self.current).all():
             raise InvalidInput(f"current {self.current}; give three finite numbers [m/s], or three for each step")
@@ -168,6 +171,11 @@ class OcpProblem:
         return any(phase.free for phase in self.phases)
 
     @property
+    def limits_total(self) -> bool:
+        """Durations are free, but not all together."""
+        return self.free_time and bool(np.isfinite(self.longest))
+
+    @property
     def terms(self) -> tuple[Term, ...]:
         """Of constraints and levels."""
         return (*self.constraints, *(term for level in self.levels for term in level.terms))
@@ -181,10 +189,12 @@ class OcpProblem:
         steps = [np.full(phase.n_steps, phase.nominal / phase.n_steps) for phase in self.phases]
         return np.concatenate([[0.0], np.cumsum(np.concatenate(steps))])
 
-    def _check_phase_names(self) -> None:
-        names = [phase.name for phase in self.phases]
-        if len(set(names)) < len(names):
-            raise InvalidInput(f"phases {names} share a name; give each its own")
+    def _check_names(self) -> None:
+        """Reports, multipliers and terms find phases and levels by them."""
+        names, levels = [phase.name for phase in self.phases], [level.name for level in self.levels]
+        for kind, given in (("phases", names), ("levels", levels)):
+            if len(set(given)) < len(given):
+                raise InvalidInput(f"{kind} {given} share a name; give each its own")
         for term in self.terms:
             if term.phase is not None and term.phase not in names:
                 raise NameNotFound(f"phase of {term.name}", term.phase, names)

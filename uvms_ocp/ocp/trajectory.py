@@ -38,13 +38,35 @@ class Trajectory:
     """`thrust` is the wrench of `Actuation.WRENCH`, whose electrical power no one knows."""
 
     def state_at(self, model: pin.Model, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """q, v and a at time t [s]; the end is held."""
+        """q, v and a at time t [s]; the end is held. Every step ends in the configuration of the next node."""
         if t >= self.t[-1]:
             return self.q[-1], self.v[-1], np.zeros_like(self.v[-1])
         k = self.step_at(t)
         s = t - self.t[k]
         a = self.a[k]
-        return pin.integrate(model, self.q[k], s * self.v[k] + s * s / 2 * a), self.v[k] + s * a, a
+        way = s * self.leaving(model, k) + s * s / 2 * a
+        return pin.integrate(model, self.q[k], way), self.v[k] + s * a, a
+
+    def leaving(self, model: pin.Model, k: int) -> np.ndarray:
+        """(n_v,) [m/s, rad/s] Velocity at the beginning of step k with which it ends at the next node.
+
+        That of the node with `Integrator.MIDPOINT`; others make something else of it.
+        """
+        h = self.t[k + 1] - self.t[k]
+        return np.asarray(pin.difference(model, self.q[k], self.q[k + 1]) / h - h / 2 * self.a[k])
+
+    def states_at(
+        self, model: pin.Model, t: Annotated[np.ndarray, Shape("n")]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """q (n, n_q) and v (n, n_v) at times t (n,) [s], and the steps that hold them (n,); the end is held."""
+        steps = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.a) - 1)
+        s, v, a = (t - self.t[steps])[:, None], self.v[steps], self.a[steps]
+        leaving = np.array([self.leaving(model, k) for k in steps])
+        moves, q = s * leaving + s * s / 2 * a, self.q[steps]
+        q, v = np.array([pin.integrate(model, *pair) for pair in zip(q, moves, strict=True)]), v + s * a
+        over = t >= self.t[-1]
+        q[over], v[over] = self.q[-1], self.v[-1]
+        return q, v, steps
 
     def step_at(self, t: float) -> int:
         """The step that holds time t [s]."""
@@ -70,13 +92,11 @@ def hold(problem: OcpProblem, start: State | None = None) -> Trajectory:
 
 def shifted(problem: OcpProblem, last: Trajectory, delay: float, start: State) -> Trajectory:
     """Guess from a solution that is `delay` [s] old: the same motion seen from `start`, its end held."""
-    model, t = problem.robot.model, problem.nominal_times()
-    states = [last.state_at(model, moment + delay) for moment in t]
-    steps = [last.step_at(moment + delay) for moment in t[:-1]]
-    q, v = np.array([state[0] for state in states]), np.array([state[1] for state in states])
+    t = problem.nominal_times()
+    q, v, steps = last.states_at(problem.robot.model, t + delay)
     q[0], v[0] = start.q, start.v
-    inputs = {"thrust": last.thrust[steps], "torque": last.torque[steps]}
-    return Trajectory(t=t, q=q, v=v, a=last.a[steps], **inputs, of_wrench=last.of_wrench)
+    inputs = {"thrust": last.thrust[steps[:-1]], "torque": last.torque[steps[:-1]]}
+    return Trajectory(t=t, q=q, v=v, a=last.a[steps[:-1]], **inputs, of_wrench=last.of_wrench)
 
 
 @checked

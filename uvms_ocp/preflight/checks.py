@@ -17,6 +17,7 @@ from uvms_ocp.preflight.findings import Finding, PreflightReport, Severity
 from uvms_ocp.preflight.forces import check_forces
 from uvms_ocp.preflight.forecast import Visit, forecast
 from uvms_ocp.preflight.obstacles import check_obstacles
+from uvms_ocp.preflight.own_parts import check_own_parts
 from uvms_ocp.preflight.setup import Setup
 from uvms_ocp.preflight.structure import check_structure
 from uvms_ocp.preflight.tool import check_tool
@@ -32,7 +33,7 @@ def check_mission(setup: Setup) -> PreflightReport:
     setup.mission.check_quantities(problem.quantity_names)
     if not setup.robot.n_vehicle:
         findings = [*check_structure(setup.mission), *check_echo(setup), *check_goals(setup), *check_accuracy(setup)]
-        return PreflightReport(findings=(*findings, *check_unknowns(setup)))
+        return PreflightReport(findings=(*findings, *check_unknowns(setup), *check_own_parts(setup)))
     visits = forecast(setup)
     findings = [
         *check_structure(setup.mission),
@@ -44,6 +45,7 @@ def check_mission(setup: Setup) -> PreflightReport:
         *check_forces(setup, visits),
         *check_accuracy(setup),
         *check_unknowns(setup),
+        *check_own_parts(setup),
     ]
     return PreflightReport(findings=(*findings, *check_tool(setup, visits)))
 

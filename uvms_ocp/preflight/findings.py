@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from uvms_ocp.arguments import checked
+from uvms_ocp.tables.small_table import SmallTable, Tabled
 
 
 class Severity(enum.Enum):
@@ -35,8 +36,8 @@ class Finding:
 
 
 @checked
-@dataclass(frozen=True, kw_only=True, slots=True)
-class PreflightReport:
+@dataclass(frozen=True, kw_only=True, slots=True, repr=False)
+class PreflightReport(Tabled):
     """All findings of one mission, errors first."""
 
     findings: tuple[Finding, ...]
@@ -45,6 +46,11 @@ class PreflightReport:
         order = list(Severity)
         ranked = sorted(self.findings, key=lambda finding: order.index(finding.severity))
         object.__setattr__(self, "findings", tuple(ranked))
+
+    def _table(self) -> SmallTable:
+        verdict = "accepted" if self.accepted else "refused"
+        rows = tuple((item.severity.value, item.phase, item.check, item.text) for item in self.findings)
+        return SmallTable(title=f"Pre-flight: {verdict}", head=("severity", "phase", "check", "finding"), rows=rows)
 
     @property
     def errors(self) -> tuple[Finding, ...]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
@@ -35,6 +36,8 @@ class Setup:
     """[s] time limit."""
     sensors: SensorSpecs = IDEAL_SENSORS
     """What the mission is judged by while it runs."""
+    own_parts: Mapping[str, str] = field(default_factory=dict)
+    """Names of the parts that are not the toolkit's, by what they are, such as ``plant``."""
 
     def floor_at(self, x: float, y: float) -> float:
         """Height [m] of the floor in W at x [m], y [m]."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -12,7 +12,7 @@ from uvms_ocp.control.force.computed_torque import OPEN_LOOP
 from uvms_ocp.control.navigation.pass_through import PassThrough
 from uvms_ocp.control.receding.plan_tracking import PlanTracker
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.meta_values import PhaseMeta
+from uvms_ocp.meta_values import AlarmMeta, PhaseMeta
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.model.sensing import IDEAL_SENSORS
 from uvms_ocp.model.state import State
@@ -22,6 +22,7 @@ from uvms_ocp.ocp.plans.mismatch import Mismatch, mismatch
 from uvms_ocp.ocp.plans.motion_series import TOOL, tool_series
 from uvms_ocp.record import Record
 from uvms_ocp.run_meta import RunMeta, packages
+from uvms_ocp.sim.closest_approach import closest_approach
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.loop import simulate
@@ -40,7 +41,8 @@ class Flight:
     """What a plant made of a plan."""
 
     record: Record
-    """True states, thrust, torque and energy, tick by tick; figures and scenes take it."""
+    """True states, thrust, torque and energy, tick by tick; figures and scenes take it. An alarm says where the plan goes
+    below the sea floor of an environment."""
     mismatch: Mismatch
     """Of the tool, or of the robot's last frame where it has none."""
 
@@ -68,7 +70,8 @@ def replay(plan: Plan, where: Where, *, feedback: bool = True, dt: Period = 1 / 
         dt=dt,
         duration=plan.duration + dt,
     )
-    record = _record(plan, recorder.series(), dt, "with feedback" if feedback else "blind")
+    below = _below(plan, where) if isinstance(where, Environment) else ()
+    record = _record(plan, recorder.series(), dt, "with feedback" if feedback else "blind", below)
     frame = TOOL if robot.has_frame(TOOL) else robot.frame_names[-1]
     return Flight(record=record, mismatch=mismatch(trajectory, record["t"], record["q"], robot=robot, frame=frame))
 
@@ -80,7 +83,19 @@ def _plant(plan: Plan, environment: Environment, dynamics: Dynamics) -> DynamicP
     return plant
 
 
-def _record(plan: Plan, series: dict[str, np.ndarray], dt: float, how: str) -> Record:
+def _below(plan: Plan, environment: Environment) -> tuple[AlarmMeta, ...]:
+    """Where a plan goes deepest below the floor, if it does: what was flown then says little of the plan."""
+    path, water = plan.trajectory, replace(environment, obstacles=())
+    found = closest_approach(plan.robot, water, path.q)
+    if found.distance >= 0:
+        return ()
+    text = f"the plan goes {-found.distance:.2g} m below the sea floor ({found.pair}); keep clear of the floor as of an obstacle"
+    return (AlarmMeta(t=float(path.t[found.row]), text=text),)
+
+
+def _record(
+    plan: Plan, series: dict[str, np.ndarray], dt: float, how: str, alarms: tuple[AlarmMeta, ...] = ()
+) -> Record:
     """One phase, without tasks: no mission is carried out, but a motion."""
     robot = plan.robot
     meta = RunMeta(
@@ -95,6 +110,7 @@ def _record(plan: Plan, series: dict[str, np.ndarray], dt: float, how: str) -> R
         floating=bool(robot.n_vehicle),
         dt=dt,
         completed=True,
+        alarms=alarms,
     )
     tool = {} if not robot.has_frame(TOOL) else {TOOL: tool_series(robot, series["q"])}
     return Record(series=series | tool | {"phase": np.zeros(len(series["t"]), dtype=np.int64)}, meta=meta)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,7 +43,7 @@ from uvms_ocp.run_meta import PlanMeta, RunMeta
 from uvms_ocp.run_meta import packages as packages
 from uvms_ocp.sim.seafloor import floor_relief
 from uvms_ocp.solvers.hierarchy.solution import Status
-from uvms_ocp.tasks.pose import ToolPose, ToolPosition
+from uvms_ocp.tasks.pose import PoseTask, ToolPose, ToolPosition
 from uvms_ocp.tasks.reference import evaluate_pose
 
 Markers = Mapping[str, tuple[float, float, float]]
@@ -68,12 +68,22 @@ class Ending:
     """(n_v,) [m, rad] standard deviation of the estimated configuration, where the estimator tells."""
 
 
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class PartNames:
+    """What ran."""
+
+    plant: str
+    solver: str
+    controller: str
+    estimator: str
+    sensors: str
+
+
 def run_meta(
     *,
     name: str,
     setup: Setup,
-    plant: str,
-    solver: str,
+    parts: PartNames,
     seed: int,
     markers: Markers,
     faults: tuple[FaultMeta, ...],
@@ -99,8 +109,11 @@ def run_meta(
         limits=_limits(robot.limits),
         surroundings=_surroundings(setup, markers, ending.q),
         packages=packages(),
-        plant=plant,
-        solver=solver,
+        plant=parts.plant,
+        solver=parts.solver,
+        controller=parts.controller,
+        estimator=parts.estimator,
+        sensors=parts.sensors,
         floating=bool(robot.n_vehicle),
         dt=setup.dt,
         completed=state.completed,
@@ -177,15 +190,25 @@ def _limits(limits: Limits) -> LimitsMeta:
 
 
 def _surroundings(setup: Setup, markers: Markers, end: np.ndarray) -> SurroundingsMeta:
-    tasks, obstacles = setup.mission.hierarchy.tasks, map(describe_obstacle, setup.environment.obstacles)
-    goals = {task.name: evaluate_pose(task.name, task.goal, 0.0)[0] for task in tasks if isinstance(task, ToolPose)}
+    obstacles = map(describe_obstacle, setup.environment.obstacles)
     return SurroundingsMeta(
-        frames=tuple(_frame(f"goal of {name}", X_WT) for name, X_WT in goals.items()),
+        frames=tuple(_goal_frames(setup.mission)),
         markers=tuple(MarkerMeta(name=name, position=point) for name, point in markers.items()),
         obstacles=tuple(item for item in obstacles if item is not None),
         floor_z=setup.floor_at(*setup.start[:2]),
         floor=_relief(setup, markers, end),
     )
+
+
+def _goal_frames(mission: Mission) -> Iterator[FrameMeta]:
+    """Goals of all tasks that have a pose for one, those of phases too; where they begin, if they move."""
+    for task in mission.hierarchy.tasks:
+        if isinstance(task, (PoseTask, ToolPosition)):
+            own = {phase.name: phase.goals[task.name] for phase in mission.all_phases if task.name in phase.goals}
+            named = {f"goal of {task.name}": task.goal}
+            named |= {f"goal of {task.name} in {phase}": goal for phase, goal in own.items()}
+            for name, goal in named.items():
+                yield _frame(name, evaluate_pose(task.name, goal, 0.0)[0])
 
 
 def _frame(name: str, X_WF: pin.SE3) -> FrameMeta:

@@ -34,6 +34,7 @@ def summarize(record: Record) -> dict[str, Any]:
         "robot": meta.robot,
         "plant": meta.plant,
         "solver": meta.solver,
+        **{part: getattr(meta, part) or None for part in ("controller", "estimator", "sensors")},
         "completed": meta.completed,
         "pending": meta.pending,
         "cause": cause_of_end(record),

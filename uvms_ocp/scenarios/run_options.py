@@ -124,13 +124,14 @@ def run_options(
     machine, current, faults = options.pop("robot"), options.pop("current", None), options.pop("faults", ())
     return RunOptions(
         robot=load_robot(machine) if isinstance(machine, str) else machine,
-        current=_field(current),
+        current=field_of(current),
         faults=parse_faults((faults,) if isinstance(faults, str | Fault) else faults),
         **options,
     )
 
 
-def _field(given: Current | Sequence[float] | None) -> Current:
+def field_of(given: Current | Sequence[float] | None) -> Current:
+    """A current as it is; of a velocity given (3,) [m/s] in W the uniform one, still water for none."""
     if given is None:
         return StillWater()
     return UniformCurrent(given) if isinstance(given, Sequence | np.ndarray) else given

@@ -12,6 +12,7 @@ import numpy as np
 from uvms_ocp.arguments import Period, checked, late, trusted
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.compile import compile_function
+from uvms_ocp.functions.numbers_apart import compile_shared
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, State
@@ -55,8 +56,11 @@ class DynamicPlant(Plant):
         contact: ContactModel | None = None,
         stops: JointStops | None = None,
         faults: tuple[Fault, ...] = (),
+        shared: bool = False,
     ) -> None:
         """q0 (n_q,) [m, rad]: the start, at rest. max_step [s]. faults: those of sensors are left out.
+
+        shared: whether machine code serves all robots that differ in numbers alone, for one that is drawn at random.
 
         Raises `InvalidInput` for a max_step that is not > 0, and as `Robot.check_configuration`.
         """
@@ -73,7 +77,8 @@ class DynamicPlant(Plant):
             stops=stops or JointStops(),
             thrusters=Thrusters.of(robot),
         )
-        self._step = compile_function(step_function(self._model))
+        compiled = compile_shared if shared else compile_function
+        self._step = compiled(step_function(self._model))
         self._surroundings = Surroundings(self._environment, dynamics.symbolic, self._points)
         self._faults = tuple(fault for fault in faults if fault.strikes.family in _STRUCK)
         self._active: tuple[Fault, ...] = ()
@@ -114,6 +119,7 @@ class DynamicPlant(Plant):
             "contact": after[parts["contact"]],
             "thruster_energy": after[parts["thruster_energy"]],
             "joint_energy": after.item(parts["joint_energy"].start),
+            "current": self._given["u"][:1].sum(axis=0),  # nothing where no link is in water
         }
 
     def _ask(self, command: Command, memory: Mapping[str, np.ndarray]) -> None:

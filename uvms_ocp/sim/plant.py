@@ -16,17 +16,27 @@ from uvms_ocp.sim.faults.plant_faults import active_of, jammed_axes
 _state = trusted(State)
 
 
+EFFORTS = ("thrust", "torque", "thruster_energy", "joint_energy")
+"""Telemetry that reports and figures know."""
+
+
 class Plant(Protocol):
-    """Something with a true state that a command advances."""
+    """Something with a true state that a command advances; built for one run, at its start."""
 
     state: State
-    """The true one."""
+    """The true one: another value, or other arrays, after each step; with `a` where an accelerometer is among the sensors."""
 
     def step(self, command: Command, dt: float) -> None:
-        """Advance by dt [s]."""
+        """Advance by dt [s]. The command has thrust and torque where the plant takes forces, the velocity always."""
 
     def telemetry(self) -> dict[str, Any]:
-        """What it knows beside its state, for the record."""
+        """What it knows beside its state, for the record: numbers and arrays (n,), the same at every tick, empty for none.
+
+        Reports and figures know ``thrust`` (n_thrusters,) [N], ``torque`` (n_joints,) [N m], and what was taken so far,
+        ``thruster_energy`` (n_thrusters,) [J], nan where not known, and ``joint_energy`` [J]; a plant tells all four or none.
+        The scene draws ``contact`` (n_points,) [N], of the floor on each of `uvms_ocp.sim.contact.skid_points`, and ``current``
+        (3,) [m/s] in W, of the water at the vehicle. Other names of `uvms_ocp.tables.series_table.SERIES` are taken.
+        """
 
 
 @checked

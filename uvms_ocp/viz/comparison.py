@@ -11,7 +11,8 @@ from matplotlib.lines import Line2D
 from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.record import Record
-from uvms_ocp.viz.series import n_joints, phase_spans
+from uvms_ocp.tables.series_table import unit_of
+from uvms_ocp.viz.series import labelled, n_joints, phase_spans
 from uvms_ocp.viz.style import (
     BLACK,
     BLUE,
@@ -41,7 +42,7 @@ def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> 
     same joints, of one axis each.
     """
     joints = _joints_of(records)
-    figure, axes = stacked(len(joints), 0.6, f"Joint positions in phase {shown(phase)} [rad]")
+    figure, axes = stacked(len(joints), 0.6, f"Joint positions in phase {shown(phase)} [{unit_of('q', 'joints')}]")
     for (_, record), color in zip(records.items(), _COLORS, strict=False):
         spans = {span.name: span for span in phase_spans(record)}
         if phase not in spans:
@@ -53,7 +54,7 @@ def figure_joint_comparison(records: Mapping[str, Record], phase: str = "D") -> 
             axis.plot(record["t"][rows] - span.start, column, color=color, lw=1.0)
     for axis, name in zip(axes, joints, strict=True):
         axis.set_ylabel(shown(name), rotation=0, ha="right", va="center")
-    axes[-1].set_xlabel(f"time since phase {shown(phase)} began [s]")
+    axes[-1].set_xlabel(labelled(f"time since phase {shown(phase)} began", "t"))
     heading_legend(
         figure, [Line2D([], [], color=color, label=shown(name)) for name, color in zip(records, _COLORS, strict=False)]
     )
@@ -75,13 +76,13 @@ def figure_paths(paths: Mapping[str, np.ndarray]) -> Figure:
     figure = RecordFigure(figsize=(WIDTH, 3.3))
     figure.suptitle("Paths", fontsize=10, fontweight="bold", x=0.01, ha="left")
     views = figure.subplots(1, 2)
-    for axis, (i, j), labels in zip(views, ((0, 1), (0, 2)), (("x [m]", "y [m]"), ("x [m]", "z [m]")), strict=True):
+    for axis, (i, j), labels in zip(views, ((0, 1), (0, 2)), ("xy", "xz"), strict=True):
         for k, (name, path) in enumerate(paths.items()):
             color = _COLORS[k % len(_COLORS)]
             axis.plot(path[:, i], path[:, j], color=color, ls="-" if k else "--", label=shown(name), zorder=3 - k)
             axis.plot(path[0, i], path[0, j], "o", color=color, ms=4)
             axis.plot(path[-1, i], path[-1, j], "*", color=color, ms=8)
-        axis.set(xlabel=labels[0], ylabel=labels[1])
+        axis.set(xlabel=labelled(labels[0], "q", "position"), ylabel=labelled(labels[1], "q", "position"))
         axis.set_aspect("equal", adjustable="datalim")
     for axis, title in zip(views, ("from above", "from the side"), strict=True):
         axis.set_title(title)

@@ -7,11 +7,12 @@ from matplotlib.figure import Figure
 
 from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
-from uvms_ocp.viz.series import axis_names, has_vehicle
-from uvms_ocp.viz.style import AXES_XYZ, BLUE, LINES, VERMILLION, shown, stacked, styled
+from uvms_ocp.viz.series import axis_names, has_vehicle, labelled
+from uvms_ocp.viz.style import AXES_XYZ, BLUE, LINES, VERMILLION, legend_beside, shown, stacked, styled
 from uvms_ocp.viz.time_marks import mark_time
 
-_ROOM = 0.2  # above all torques, for their names
+_EFFORTS = {"thrust": "thrust", "torque": "torque", "energy": "joint_energy"}
+_TRACKED = {"velocity": "linear", "rate": "angular"}
 
 
 @checked
@@ -31,14 +32,11 @@ def figure_efforts(record: Record) -> Figure | None:
     unknown = " (not known)" if np.isnan(thrusters).any() else ""
     axes[2].plot(t, thrusters, color=BLUE, label=f"thrusters{unknown}")
     axes[2].plot(t, record["joint_energy"], color=VERMILLION, label="joints")
-    for axis, label in zip(axes, ("thrust [N]", "torque [N m]", "energy [J]"), strict=True):
-        axis.set_ylabel(label)
-    bottom, top = axes[1].get_ylim()
-    axes[1].set_ylim(bottom, top + _ROOM * (top - bottom))
-    axes[1].legend(ncols=7, fontsize=6, loc="upper right")
-    axes[2].legend(loc="upper left")
-    axes[-1].set_xlabel("time [s]")
-    mark_time(axes, record)
+    for axis, (label, name) in zip(axes, _EFFORTS.items(), strict=True):
+        axis.set_ylabel(labelled(label, name))
+    for axis in axes[1:]:
+        legend_beside(axis)
+    mark_time(axes, record, share=0.92)
     return figure
 
 
@@ -55,13 +53,13 @@ def figure_tracking(record: Record) -> Figure | None:
         axes[0].plot(t, 1e3 * error[:, i], color=color, lw=0.9, label=linear)
         axes[1].plot(t, 1e3 * error[:, 3 + i], color=color, lw=0.9, label=angular)
         axes[2].plot(t, record["disturbance"][:, i], color=color, lw=0.9, label=linear)
-    labels = ("velocity error [mm/s]", "rate error [mrad/s]", "disturbance [N]")
+    velocity, rate = (labelled(f"{what} error", "v", part, "m") for what, part in _TRACKED.items())
+    labels = (velocity, rate, labelled("disturbance", "disturbance", "force"))
     for axis, label in zip(axes, labels, strict=True):
         axis.set_ylabel(label)
-        axis.legend(ncols=3, loc="upper right")
+        legend_beside(axis)
         axis.set_ylim(*_robust_range(axis.lines))
-    axes[-1].set_xlabel("time [s]")
-    mark_time(axes, record)
+    mark_time(axes, record, share=0.92)
     return figure
 
 

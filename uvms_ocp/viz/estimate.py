@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
-from uvms_ocp.viz.series import axis_names, has_vehicle, n_joints, phase_spans
-from uvms_ocp.viz.style import AXES_XYZ, LINES, shade_phases, shown, stacked, styled
+from uvms_ocp.viz.series import axis_names, has_vehicle, labelled, n_joints, phase_spans
+from uvms_ocp.viz.style import AXES_XYZ, LINES, legend_beside, shade_phases, shown, stacked, styled
 
 _SHOWN = 98.0  # [%] of the ticks whose bands fit; before the first readings they are endless
 
@@ -27,8 +27,7 @@ def figure_estimate(record: Record) -> Figure | None:
     for axis, (label, names, colors, errors, spreads) in zip(axes, panels, strict=True):
         _draw(axis, record["t"], names, colors, errors, spreads)
         axis.set_ylabel(label)
-    axes[-1].set_xlabel("time [s]")
-    shade_phases(axes, phase_spans(record))
+    shade_phases(axes, phase_spans(record), share=0.92)
     return figure
 
 
@@ -41,14 +40,22 @@ def _panels(record: Record) -> list[_Panel]:
     if has_vehicle(record):
         place, turn = 1e3 * (measured - q)[:, :3], 1e3 * _turns(q[:, 3:7], measured[:, 3:7])
         found += [
-            ("position [mm]", ("x", "y", "z"), AXES_XYZ, place, 1e3 * spread[:, :3]),
-            ("attitude [mrad]", ("roll", "pitch", "yaw"), AXES_XYZ, turn, 1e3 * spread[:, 3:6]),
+            (labelled("position", "q", "position", "m"), ("x", "y", "z"), AXES_XYZ, place, 1e3 * spread[:, :3]),
+            (
+                labelled("attitude", "q_spread", "attitude", "m"),
+                ("roll", "pitch", "yaw"),
+                AXES_XYZ,
+                turn,
+                1e3 * spread[:, 3:6],
+            ),
         ]
     n = n_joints(record)
     if n and q.shape[1] == n + (7 if has_vehicle(record) else 0) and spread.shape[1] >= n:
         names = [shown(name, 10) for name in axis_names(record, n)]
         colors = [LINES[i % len(LINES)] for i in range(n)]
-        found.append(("joints [mrad, mm]", names, colors, 1e3 * (measured - q)[:, -n:], 1e3 * spread[:, -n:]))
+        found.append(
+            (labelled("joints", "q", "joints", "m"), names, colors, 1e3 * (measured - q)[:, -n:], 1e3 * spread[:, -n:])
+        )
     return found
 
 
@@ -68,4 +75,4 @@ def _draw(
             axis.plot(t, sign * spreads[:, i], color=color, lw=0.6, ls=":")
     largest = max(float(np.percentile(2.0 * spreads, _SHOWN)), float(np.percentile(np.abs(errors), _SHOWN)), 1e-9)
     axis.set_ylim(-1.2 * largest, 1.2 * largest)
-    axis.legend(ncols=7, fontsize=6, loc="upper right")
+    legend_beside(axis)

@@ -10,7 +10,7 @@ from matplotlib.patches import Patch
 from uvms_ocp.arguments import checked
 from uvms_ocp.meta_values import AlarmMeta
 from uvms_ocp.record import Record
-from uvms_ocp.viz.series import phase_spans
+from uvms_ocp.viz.series import labelled, phase_spans, stays
 from uvms_ocp.viz.style import GREEN, ORANGE, VERMILLION, WIDTH, RecordFigure, shade_phases, shown, styled
 
 _COLORS = {"good": GREEN, "suspect": ORANGE, "lost": VERMILLION}
@@ -34,7 +34,7 @@ def figure_health(record: Record) -> Figure | None:
     axis.set_yticks(range(len(names)), [shown(name) for name in names])
     axis.set_ylim(len(names) - 0.5, -0.5)
     axis.grid(visible=False, axis="y")
-    axis.set_xlabel("time [s]")
+    axis.set_xlabel(labelled("time", "t"))
     if told:
         figure.supxlabel("\n".join(told), x=0.01, ha="left", fontsize=7)
     shade_phases([axis], phase_spans(record), share=0.85)
@@ -45,10 +45,8 @@ def figure_health(record: Record) -> Figure | None:
 
 def _bar(axis: Axes, t: np.ndarray, row: int, codes: np.ndarray) -> None:
     """The channel of a row: a piece for every stay in one state."""
-    starts = np.flatnonzero(np.diff(codes, prepend=-1))
-    ends = np.append(starts[1:], len(t) - 1)
-    for color, code in zip(_COLORS.values(), range(len(_COLORS)), strict=True):
-        pieces = [(t[i], t[j] - t[i]) for i, j, state in zip(starts, ends, codes[starts], strict=True) if state == code]
+    for code, color in enumerate(_COLORS.values()):
+        pieces = [(t[i], t[j] - t[i]) for i, j, state in stays(codes) if state == code]
         axis.broken_barh(pieces, (row - _HEIGHT / 2, _HEIGHT), facecolors=color, lw=0)
 
 

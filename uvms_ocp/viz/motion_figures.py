@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import plain_line
 from uvms_ocp.record import Record
-from uvms_ocp.viz.series import PhaseSpan, has_vehicle, n_joints, phase_spans
-from uvms_ocp.viz.style import AXES_XYZ, DASHES, LINES, VERMILLION, WIDTH, RecordFigure, shown, styled
-from uvms_ocp.viz.time_marks import mark_time
+from uvms_ocp.viz.series import PhaseSpan, has_vehicle, labelled, n_joints, phase_spans
+from uvms_ocp.viz.style import AXES_XYZ, DASHES, LINES, VERMILLION, WIDTH, RecordFigure, legend_beside, shown, styled
+from uvms_ocp.viz.time_marks import mark_time, room_above
 
 _ZOOM = 1.0  # [s] on each side of a transition
 _MAX_ZOOMS = 4
@@ -39,8 +39,8 @@ def figure_velocities(record: Record) -> Figure | None:
 
 
 _VELOCITY_PANELS = (
-    (slice(0, 3), "linear [m/s]", ("surge", "sway", "heave")),
-    (slice(3, 6), "angular [rad/s]", ("roll", "pitch", "yaw")),
+    (slice(0, 3), labelled("linear", "v", "linear"), ("surge", "sway", "heave")),
+    (slice(3, 6), labelled("angular", "v", "angular"), ("roll", "pitch", "yaw")),
 )
 
 
@@ -49,9 +49,9 @@ def _whole_run(parent: Figure, record: Record) -> None:
     for axis, (part, label, names) in zip(axes, _VELOCITY_PANELS, strict=True):
         _velocity_lines(axis, record, part, names)
         axis.set_ylabel(label)
-        axis.legend(ncols=3, loc="best")
-    axes[-1].set_xlabel("time [s]")
-    mark_time(axes, record)
+        legend_beside(axis)
+    axes[-1].set_xlabel(labelled("time", "t"))
+    mark_time(axes, record, share=0.92)
 
 
 def _zooms(parent: Figure, record: Record, changes: Sequence[float], spans: Sequence[PhaseSpan]) -> None:
@@ -65,7 +65,7 @@ def _zooms(parent: Figure, record: Record, changes: Sequence[float], spans: Sequ
             if column == 0:
                 axis.set_ylabel(label)
         grid[0, column].set_title(_change(spans[column], spans[column + 1]), fontsize=8)
-        grid[1, column].set_xlabel("time [s]")
+        grid[1, column].set_xlabel(labelled("time", "t"))
 
 
 def _change(before: PhaseSpan, after: PhaseSpan) -> str:
@@ -102,10 +102,12 @@ def figure_joints(record: Record) -> Figure | None:
     _joint_column(grid[:, 1], record, record["v"][:, -n:], velocities)
     for axis, name in zip(grid[:, 0], names, strict=True):
         axis.set_ylabel(shown(name), rotation=0, ha="right", va="center")
-    for axis, title in zip(grid[0], ("position [rad or m]", "velocity [rad/s or m/s]"), strict=True):
-        axis.set_title(title, pad=14)
+    for axis, title in zip(
+        grid[0], (labelled("position", "q", "joints"), labelled("velocity", "v", "joints")), strict=True
+    ):
+        axis.set_title(title, pad=1 + room_above(record))
     for axis in grid[-1]:
-        axis.set_xlabel("time [s]")
+        axis.set_xlabel(labelled("time", "t"))
     for column in grid.T:
         mark_time(column, record, share=0.46)
     figure.align_ylabels(grid[:, 0])

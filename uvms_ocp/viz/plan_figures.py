@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import plain_line
 from uvms_ocp.meta_values import ClearanceMeta
-from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record import Record
+from uvms_ocp.tables.series_table import unit_of
 from uvms_ocp.viz.efforts import figure_efforts
-from uvms_ocp.viz.series import require_rows
+from uvms_ocp.viz.series import labelled, require_rows
 from uvms_ocp.viz.style import (
     BLACK,
     DASHES,
@@ -32,11 +32,11 @@ from uvms_ocp.viz.style import (
 
 _ROWS: Mapping[str, str] = MappingProxyType(
     {
-        "x": "position\n[m, rad]",
-        "x_rate": "velocity\n[m/s, rad/s]",
-        "x_acceleration": "acceleration\n[m/s², rad/s²]",
-        "x_jerk": "jerk\n[m/s³, rad/s³]",
-        "x_snap": "snap\n[m/s⁴, rad/s⁴]",
+        "x": "position",
+        "x_rate": "velocity",
+        "x_acceleration": "acceleration",
+        "x_jerk": "jerk",
+        "x_snap": "snap",
     }
 )
 _FAR = 0.5  # [m] farther than this needs no look
@@ -75,7 +75,7 @@ def figure_clearance(record: Record) -> Figure | None:
     top, bottom = min(float(d.max()), max(_FAR, 5.0 * wanted)), min(float(d.min()), 0.0)
     axis.set_ylim(1.1 * bottom - 0.03 * top, 1.05 * top)
     axis.axhspan(axis.get_ylim()[0], 0.0, color=VERMILLION, alpha=0.15, lw=0)
-    axis.set_ylabel("distance [m]")
+    axis.set_ylabel(labelled("distance", "clearance"))
     figure.legend(loc="outside upper right", ncols=4)
     _mark_breaks([axis], record)
     return figure
@@ -100,20 +100,11 @@ def _mark_least(axis: Axes, nearest: ClearanceMeta) -> None:
 @checked
 def write_plan_figures(record: Record, folder: Path | str) -> tuple[Path, ...]:
     """Write every figure that the plan can fill as PNG; returns the paths. Raises `OutputError`."""
-    return tuple(save_figure(figure, Path(folder) / f"{name}.png") for name, figure in _figures(record).items())
+    return tuple(save_figure(figure, Path(folder) / f"{name}.png") for name, figure in plan_figures(record).items())
 
 
-@checked
-def plot(plan: Plan | Record) -> tuple[Figure, ...]:
-    """Every figure that a plan, or the record of one, can fill: motion of vehicle and joints, clearance, efforts.
-
-    Raises `InvalidInput` for a record of a run, whose figures `write_figures` makes.
-    """
-    record = plan if isinstance(plan, Record) else plan.to_record()
-    return tuple(_figures(record).values())
-
-
-def _figures(record: Record) -> dict[str, Figure]:
+def plan_figures(record: Record) -> dict[str, Figure]:
+    """By name, every figure that the plan can fill. Raises `InvalidInput` for a record of a run."""
     figures = {
         "vehicle_motion": figure_vehicle_motion(record),
         "joint_motion": figure_joint_motion(record),
@@ -137,7 +128,7 @@ def _motion(record: Record, names: Collection[str], title: str) -> Figure | None
         for k, i in enumerate(wanted):
             name, style = planned[i], DASHES[k // len(LINES) % len(DASHES)]
             row.plot(record["t"], record[series][:, i], color=LINES[k % len(LINES)], ls=style, label=shown(name, 10))
-        row.set_ylabel(label)
+        row.set_ylabel(f"{label}\n[{unit_of(series, 'position')}, {unit_of(series, 'attitude')}]")
         _draw_limits(row, record, series, wanted)
     axes[0].legend(ncols=len(wanted), loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=7)
     _mark_breaks(axes, record)

@@ -10,23 +10,36 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from uvms_ocp.arguments import checked
+from uvms_ocp.exceptions import NameNotFound
 from uvms_ocp.record import Record
-from uvms_ocp.viz.series import as_known, quantity, task_gate, thresholds
+from uvms_ocp.tables.series_table import column_names, column_units, unit_of
+from uvms_ocp.viz.series import as_known, labelled, quantity, require_rows, task_gate, thresholds
 from uvms_ocp.viz.style import (
     BLACK,
     BLUE,
+    DASHES,
     FADED,
     GREEN,
+    LINES,
     ORANGE,
     VERMILLION,
     heading_legend,
+    legend_beside,
     logarithmic,
+    shown,
     stacked,
     styled,
     threshold,
 )
 from uvms_ocp.viz.time_marks import mark_time
 
+_ELSEWHERE = (
+    *("position_error", "orientation_error", "misalignment", "tilt", "altitude"),
+    *("overhead", "horizontal_error"),  # of less use than those beside them
+)
+"""Last words of quantities that have a figure of their own."""
+_MOST_PANELS = 12
+_A_TABLE = 2  # axes of a series with columns
 _LOG_FLOOR = 1e-9  # [m, rad] below this an error is rounding
 
 
@@ -47,8 +60,8 @@ def figure_tool_error(record: Record, task: str | None = None) -> Figure | None:
 
 def _pose_error_figure(record: Record, task: str, title: str) -> Figure | None:
     rows = (
-        (f"{task}.position_error", "position error [m]", BLUE),
-        (f"{task}.orientation_error", "orientation error [rad]", VERMILLION),
+        (f"{task}.position_error", "position error", BLUE),
+        (f"{task}.orientation_error", "orientation error", VERMILLION),
     )
     return _quantity_figure(record, rows, title, _logarithmic_panel)
 
@@ -66,7 +79,7 @@ def _quantity_figure(
     figure, axes = stacked(len(known), 1.75, title + as_known(record))
     for axis, (name, label, color) in zip(axes, known, strict=True):
         panel(axis, record, name, color)
-        axis.set_ylabel(label)
+        axis.set_ylabel(labelled(label, name))
     mark_time(axes, record)
     heading_legend(
         figure,
@@ -114,7 +127,7 @@ def _required(record: Record, name: str) -> np.ndarray:
 @styled
 def figure_misalignment(record: Record) -> Figure | None:
     """Angle between the vehicle's x axis and the horizontal direction to the target (AT), and tilt (HA)."""
-    rows = (("AT.misalignment", "misalignment [rad]", GREEN), ("HA.tilt", "tilt [rad]", ORANGE))
+    rows = (("AT.misalignment", "misalignment", GREEN), ("HA.tilt", "tilt", ORANGE))
     return _quantity_figure(record, rows, "Vehicle: alignment with the target, and tilt", _linear_panel)
 
 
@@ -135,8 +148,81 @@ def figure_altitude(record: Record) -> Figure | None:
             threshold(axis, limit, f"landed below {limit:g} m")
     lowest = int(np.nanargmin(altitude))
     axes[1].plot(t[lowest], altitude[lowest], "v", color=VERMILLION, ms=5, label=f"lowest: {altitude[lowest]:.3f} m")
-    axes[0].set(ylabel="altitude [m]", ylim=(0, None))
-    axes[1].set(ylabel="altitude [m], near floor", ylim=(0, near))
-    axes[1].legend(loc="lower left")
+    label = labelled("altitude", name)
+    axes[0].set(ylabel=label, ylim=(0, None))
+    axes[1].set(ylabel=f"{label},\nnear the floor", ylim=(0, near))
+    curve, *_, mark = axes[1].get_lines()
+    heading_legend(figure, [curve, mark])
     mark_time(axes, record)
     return figure
+
+
+@checked
+@styled
+def figure_quantities(record: Record) -> Figure | None:
+    """What the tasks measure and no other figure shows, those of tasks of one's own among it; `None` where there is nothing."""
+    tasks = (record.meta.tool_task, "PC", "AT", "HA", "LA", "MAC")
+    rows = [
+        (name, f"{shown(name, 24)}\n", BLUE)
+        for name in record.meta.quantities
+        if not (name.rpartition(".")[0] in tasks and name.rpartition(".")[2] in _ELSEWHERE)
+    ]
+    return _quantity_figure(record, rows[:_MOST_PANELS], "Quantities of other tasks", _free_panel)
+
+
+def _free_panel(axis: Axes, record: Record, name: str, color: str) -> None:
+    _panel(axis, record, name, color)
+
+
+@checked
+@styled
+def figure_of(record: Record, name: str, *names: str) -> Figure:
+    """One panel for each of the names: a quantity such as ``T.position_error``, a series such as ``thrust``, or a column ``q.z``.
+
+    Raises `NameNotFound` for what the record has not, and `InvalidInput` where it has nothing to draw.
+    """
+    require_rows(record)
+    names = (name, *names)
+    curves = [_curves(record, name) for name in names]
+    figure, axes = stacked(len(names), 1.75, ", ".join(shown(name) for name in names[:4]) + as_known(record))
+    for axis, one, (lines, unit) in zip(axes, names, curves, strict=True):
+        for k, (label, values) in enumerate(lines.items()):
+            style = DASHES[k // len(LINES) % len(DASHES)]
+            axis.plot(record["t"], values, color=LINES[k % len(LINES)], ls=style, lw=1.1, label=shown(label, 20))
+        for limit in thresholds(record, one):
+            threshold(axis, limit, f"threshold {limit:g}")
+        axis.set_ylabel(f"{shown(one, 24)}\n[{unit}]")
+        if len(lines) > 1:
+            legend_beside(axis)
+    mark_time(axes, record, share=0.92 if any(len(lines) > 1 for lines, _ in curves) else 1.0)
+    return figure
+
+
+def _curves(record: Record, name: str) -> tuple[dict[str, np.ndarray], str]:
+    """The lines of a name, by what they are called, and their unit."""
+    names = [key for key, series in record.series.items() if series.ndim <= _A_TABLE]
+    if name in record.meta.quantities or (name in names and record[name].ndim == 1):
+        return {name: record[name]}, unit_of(name)
+    if name in names:
+        columns = column_names(name, record[name].shape[1], record.meta)
+        return {
+            label.partition(".")[2]: column for label, column in zip(columns, record[name].T, strict=True)
+        }, unit_of(name)
+    found = _columns(record, [key for key in names if record[key].ndim == _A_TABLE])
+    if name not in found:
+        of_series = (column for column, (series, _, _) in found.items() if series == name.partition(".")[0])
+        raise NameNotFound("quantity, series or column", name, [*record.meta.quantities, *names, *of_series])
+    series, column, unit = found[name]
+    return {name: record[series][:, column]}, unit
+
+
+def _columns(record: Record, names: Sequence[str]) -> dict[str, tuple[str, int, str]]:
+    """By the name of a column: its series, its index [-] there, its unit."""
+    widths = {name: record[name].shape[1] for name in names}
+    return {
+        label: (name, k, unit)
+        for name, width in widths.items()
+        for k, (label, unit) in enumerate(
+            zip(column_names(name, width, record.meta), column_units(name, width, record.meta), strict=True)
+        )
+    }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from uvms_ocp.exceptions import InvalidInput, plain_line
 from uvms_ocp.record import Record
 from uvms_ocp.record import quantity as quantity
+from uvms_ocp.tables.series_table import unit_of
 
 _N_VEHICLE = 6  # velocity degrees of freedom of a free-flyer
 
@@ -60,6 +62,11 @@ def fault_spans(record: Record) -> tuple[FaultSpan, ...]:
     )
 
 
+def labelled(text: str, name: str, part: str = "", prefix: str = "") -> str:
+    """What stands on an axis: a text, and the unit of a series, or of one of its parts, or of a quantity; prefix: such as m."""
+    return f"{text} [{' or '.join(prefix + unit for unit in unit_of(name, part).split(' or '))}]"
+
+
 def as_known(record: Record) -> str:
     """What to add to the name of a quantity that a run measures: with noisy sensors it is an estimate."""
     return " (estimated)" if record.meta.kind == "run" and record.meta.noise else ""
@@ -77,10 +84,15 @@ def phase_spans(record: Record) -> tuple[PhaseSpan, ...]:
     Raises `InvalidInput` where there is nothing to draw.
     """
     require_rows(record)
-    t, phase = record["t"], _phase_series(record)
-    first = np.flatnonzero(np.diff(phase, prepend=-1))
-    last = [*first[1:], len(t) - 1]
-    return tuple(_span(record, int(phase[i]), t[i], t[j]) for i, j in zip(first, last, strict=True))
+    t = record["t"]
+    return tuple(_span(record, code, t[i], t[j]) for i, j, code in stays(_phase_series(record)))
+
+
+def stays(codes: np.ndarray) -> Iterator[tuple[int, int, int]]:
+    """Stretches of equal codes (n,) [-]: where each begins, where the next one does, or the last row, and its code."""
+    first = np.flatnonzero(np.diff(codes, prepend=-1))
+    for i, j in zip(first, [*first[1:], len(codes) - 1], strict=True):
+        yield int(i), int(j), int(codes[i])
 
 
 def _phase_series(record: Record) -> np.ndarray:

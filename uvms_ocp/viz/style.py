@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from base64 import b64encode
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import wraps
@@ -19,7 +20,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogFormatterSciNotation
 
 from uvms_ocp.exceptions import OutputError, plain_line
-from uvms_ocp.viz.series import PhaseSpan
+from uvms_ocp.viz.series import PhaseSpan, labelled
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -42,12 +43,17 @@ AXES_XYZ = (VERMILLION, GREEN, BLUE)
 THRESHOLD = "#555555"
 FADED = "#AEB4B9"
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (4, 1.5, 1, 1.5)))
+_TALLEST = 9  # entries of a column of a legend
 _LETTER = 0.055  # [in] mean width of a letter in a phase's label
 _BANDS = ("#E8F1FA", "#FDF0E1", "#E6F4EC", "#F6EAF2", "#EFEFEF")
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
-_AT_DRAWING = {"text.parse_math": False}  # names are no formulas
+_AT_DRAWING = {
+    "text.parse_math": False,  # names are no formulas
+    "pdf.fonttype": 42,  # letters that can be searched and edited
+    "svg.fonttype": "none",
+}
 _STYLE: dict[str, Any] = {
     **_AT_DRAWING,
     "font.family": "sans-serif",
@@ -104,9 +110,24 @@ class RecordFigure(Figure):
             super().draw(renderer)
 
     def _repr_png_(self) -> bytes:
-        buffer = BytesIO()
-        self.savefig(buffer, format="png", dpi=DPI)
-        return buffer.getvalue()
+        return png_of(self)
+
+
+class Figures(tuple[Figure, ...]):
+    """Several figures; notebooks show them one below the other."""
+
+    def _repr_html_(self) -> str:
+        pictures = (b64encode(png_of(figure)).decode("ascii") for figure in self)
+        return "".join(
+            f'<img src="data:image/png;base64,{picture}" style="max-width:100%"><br>' for picture in pictures
+        )
+
+
+def png_of(figure: Figure) -> bytes:
+    """The figure as a PNG file."""
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png", dpi=DPI)
+    return buffer.getvalue()
 
 
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
@@ -125,7 +146,7 @@ def stacked(n_rows: int, height: float, title: str) -> tuple[RecordFigure, list[
     figure = RecordFigure(figsize=(WIDTH, height * n_rows + 0.55))
     figure.suptitle(title, fontsize=10, fontweight="bold", x=0.01, ha="left")
     axes = figure.subplots(n_rows, 1, sharex=True, squeeze=False)[:, 0]
-    axes[-1].set_xlabel("time [s]")
+    axes[-1].set_xlabel(labelled("time", "t"))
     return figure, list(axes)
 
 
@@ -136,7 +157,7 @@ def shown(name: str, longest: int = 32) -> str:
 
 
 def save_figure(figure: Figure, path: Path) -> Path:
-    """Write a PNG, and the folders that it needs; returns its path. Raises `OutputError`."""
+    """Write a PNG, PDF or SVG, as its name ends, and the folders that it needs; returns its path. Raises `OutputError`."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with _laid_out(figure):
@@ -163,6 +184,12 @@ def _laid_out(figure: Figure) -> Iterator[None]:
 def heading_legend(figure: Figure, handles: Sequence[Line2D]) -> None:
     """One legend for all panels, on the line of the title."""
     figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
+
+
+def legend_beside(axis: Axes) -> None:
+    """One entry below the other to the right of the panel, where it covers nothing."""
+    n = len(axis.get_legend_handles_labels()[0])
+    axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), ncols=1 + (n - 1) // _TALLEST, fontsize=6.5)
 
 
 def shade_phases(axes: Sequence[Axes], spans: Sequence[PhaseSpan], *, named: bool = True, share: float = 1.0) -> None:

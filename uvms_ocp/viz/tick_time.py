@@ -11,6 +11,7 @@ from matplotlib.lines import Line2D
 
 from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
+from uvms_ocp.viz.series import labelled
 from uvms_ocp.viz.style import (
     BLACK,
     BLUE,
@@ -37,7 +38,7 @@ def figure_tick_time(record: Record) -> Figure | None:
     over_time, spread = figure.subplots(1, 2, sharey=True, width_ratios=(3, 1))
     logarithmic(over_time)
     over_time.plot(record["t"], tick, ".", ms=1.4, color=BLUE, rasterized=True)
-    over_time.set(xlabel="time [s]", ylabel="tick [µs]")
+    over_time.set(xlabel=labelled("time", "t"), ylabel=labelled("tick", "tick_time", prefix="µ"))
     spread.hist(tick, bins=np.geomspace(tick.min(), tick.max() * 1.01, 50), orientation="horizontal", color=BLUE)
     spread.set_xlabel("ticks")
     lines = [_percentile_line((over_time, spread), tick, *entry) for entry in ((50, BLACK), (99, VERMILLION))]

@@ -11,6 +11,7 @@ from uvms_ocp.record import Record
 from uvms_ocp.viz.series import fault_spans, phase_spans
 from uvms_ocp.viz.style import VERMILLION, shade_phases
 
+_ABOVE_PHASES, _LINE = 13, 8  # [points]
 _LONGEST = 40  # letters of what one moment is marked with
 
 
@@ -28,19 +29,23 @@ def mark_time(axes: Sequence[Axes], record: Record, *, named: bool = True, share
         _name(axes[0], start, plain_line(", ".join(names), _LONGEST), line)
 
 
+def room_above(record: Record) -> float:
+    """[points] that the names of phases and faults take above a panel."""
+    return _ABOVE_PHASES + _LINE * len({fault.start for fault in fault_spans(record)})
+
+
 def _name(axis: Axes, start: float, text: str, line: int) -> None:
-    """Beside the line of its onset, where there is room; each a line lower than the one before."""
+    """Above the names of the phases, from its onset on or up to it; each a line higher than the one before."""
     begin, end = axis.get_xlim()
     late = start - begin > 0.5 * (end - begin)
-    label = axis.annotate(
+    axis.annotate(
         text,
         (start, 1.0),
         xycoords=("data", "axes fraction"),
-        xytext=(-3 if late else 3, -2 - 8 * line),
+        xytext=(-3 if late else 3, _ABOVE_PHASES + _LINE * line),
         textcoords="offset points",
         ha="right" if late else "left",
-        va="top",
+        va="bottom",
         fontsize=6.5,
         color=VERMILLION,
     )
-    label.set_in_layout(False)

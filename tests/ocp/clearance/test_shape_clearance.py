@@ -91,6 +91,21 @@ def test_the_least_row_is_the_least_distance_apart_and_in_penetration(robot: Rob
     assert true[:, of_thing].min() < 0.0 < true[:, of_thing].max()
 
 
+def test_rows_of_single_pairs_have_the_distances_of_these_pairs_wherever_the_vehicle_is(robot: Robot) -> None:
+    whole = clearance(robot, [])
+    chosen = np.flatnonzero(whole.distances([0.0], robot.configuration()[None])[0] < 0.2)[:4]
+    scene = whole.scene.among(chosen)
+    term = ShapeClearance(scene=scene, margins=np.zeros(len(chosen)), n_pair_rows=8)
+    q = apart(whole, postures(robot, 40, 5))
+    values, parameters = rows_of(term, robot), term.references([0.0] * len(q), q)
+    heights = np.array([np.array(values(*pair)).ravel() for pair in zip(q, parameters, strict=True)])
+    true = whole.distances([0.0] * len(q), q)[:, chosen]
+    np.testing.assert_allclose(heights.reshape(len(q), len(chosen), 8).min(axis=2), true, atol=1e-3)
+    assert len(q) > 5
+    _, columns = values.jacobian().sparsity_out(0).get_triplet()
+    assert min(columns) >= 7  # what moves all links alike is left out
+
+
 def test_the_derivative_of_a_distance_is_between_those_of_its_least_rows(robot: Robot) -> None:
     """Of one row at a corner, of two where an edge lies along the plane."""
     term, step, seen = clearance(robot, [obstacle("ball", coal.Sphere(0.2), [0.9, 0.1, -0.5])]), 1e-5, 0

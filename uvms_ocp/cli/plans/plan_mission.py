@@ -12,6 +12,7 @@ from rich.console import Console
 from uvms_ocp.cli.options import (
     NOT_COMPLETED,
     CurrentVelocity,
+    Hydrodynamics,
     Json,
     Name,
     Noise,
@@ -22,6 +23,7 @@ from uvms_ocp.cli.options import (
     build_scenario,
     default_folder,
     given,
+    label,
 )
 from uvms_ocp.cli.printing import console_of, print_json, print_paths, table_of
 from uvms_ocp.exceptions import plain_line
@@ -37,6 +39,7 @@ _COLUMNS = ("name", "begin_s", "end_s")
 def mission(
     name: Name,
     robot: RobotName = None,
+    hydrodynamics: Hydrodynamics = None,
     plant: PlantName = None,
     current: CurrentVelocity = None,
     seabed: Seabed = None,
@@ -55,10 +58,10 @@ def mission(
     Current, obstacles, floor and all limits included; `run SCENARIO --follow DIR/plan.npz` flies it, with the same options.
     """
     console = console_of(stderr=as_json)
-    options = given(robot=robot, plant=plant, current=current, seabed=seabed, noise=noise)
+    options = given(robot=robot, hydrodynamics=hydrodynamics, plant=plant, current=current, seabed=seabed, noise=noise)
     scenario = build_scenario(name, options)
     solver = _options(nlp, time_limit)
-    with claimed(out or default_folder(("plan", "mission", name), options), _FILES) as claim:
+    with claimed(out or default_folder(("plan", "mission", label(name)), options), _FILES) as claim:
         with console.status(f"planning {name}"):
             found = plan_mission(scenario, duration=within, step=step, options=solver)
         with claim.staged() as staging:

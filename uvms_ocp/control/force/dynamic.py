@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -90,7 +91,7 @@ class DynamicController:
         self.kinematic = kinematic
         gains = gains or VelocityGains()
         self._robot = robot
-        laws = self._laws(dynamics, gains, health)
+        laws = _laws(robot, dynamics, gains, health, kinematic.dt)
         self._tick = ForceTick(laws)
         self.memory = memory = self._tick.memory
         """All that the layer of forces knows, a `ForceMemory`."""
@@ -152,23 +153,27 @@ class DynamicController:
             return None
         return ActuatorMonitor(self._robot, self._look, self.kinematic.watchdog.alarms)
 
-    def _laws(self, dynamics: Dynamics, gains: VelocityGains, health: ActuatorHealthTuning | None) -> TickLaws:
-        robot, dt = self._robot, self.kinematic.dt
-        search = health if gains.observer_vehicle and robot.n_vehicle else None
-        return TickLaws(
-            robot=robot,
-            velocity=VelocityLaw(
-                dynamics=dynamics.symbolic,
-                K_p=_per_axis(robot, gains.vehicle, gains.joints),
-                reset=_per_axis(robot, gains.vehicle_reset, gains.joints_reset),
-                dt=dt,
-            ),
-            lag=thruster_lag(robot, lead=gains.lead, dt=dt),
-            lift=float(_strength(robot)[2]),
-            observer=_observer_law(robot, gains, dt),
-            intake=None if search is None else intake_of(search, bandwidth=gains.observer_vehicle, dt=dt),
-            search=search,
-        )
+
+@lru_cache(maxsize=2)
+def _laws(
+    robot: Robot, dynamics: Dynamics, gains: VelocityGains, health: ActuatorHealthTuning | None, dt: float
+) -> TickLaws:
+    """Made once where many runs have one robot, so that what is derived from them is, too; dt [s]."""
+    search = health if gains.observer_vehicle and robot.n_vehicle else None
+    return TickLaws(
+        robot=robot,
+        velocity=VelocityLaw(
+            dynamics=dynamics.symbolic,
+            K_p=_per_axis(robot, gains.vehicle, gains.joints),
+            reset=_per_axis(robot, gains.vehicle_reset, gains.joints_reset),
+            dt=dt,
+        ),
+        lag=thruster_lag(robot, lead=gains.lead, dt=dt),
+        lift=float(_strength(robot)[2]),
+        observer=_observer_law(robot, gains, dt),
+        intake=None if search is None else intake_of(search, bandwidth=gains.observer_vehicle, dt=dt),
+        search=search,
+    )
 
 
 def _per_axis(robot: Robot, vehicle: float, joints: float) -> np.ndarray:

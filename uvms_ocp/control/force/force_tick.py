@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -86,6 +87,7 @@ class ForceTick:
             write_look(memory.look, robot, laws.search, laws.intake, bandwidth=bandwidth, dt=laws.velocity.dt)
 
 
+@lru_cache(maxsize=2)
 def _sizes(laws: TickLaws) -> dict[str, Any]:
     """Sizes [-] and functions of a `ForceMemory`."""
     period = laws.velocity.dt * (laws.intake.every if laws.intake else 1)

@@ -19,8 +19,14 @@ class Body(Protocol):
 
     @property
     def links(self) -> Sized: ...
-    def mass_matrix(self, q: ca.SX) -> ca.SX: ...
-    def forward_dynamics(self, q: ca.SX, v: ca.SX, tau: ca.SX, u: ca.SX, Du_Dt: ca.SX) -> ca.SX: ...
+    def mass_matrix(self, q: ca.SX) -> ca.SX:
+        """M (n_v, n_v) [kg, kg m, kg m2] at q (n_q,) [m, rad]."""
+
+    def forward_dynamics(self, q: ca.SX, v: ca.SX, tau: ca.SX, u: ca.SX, Du_Dt: ca.SX) -> ca.SX:
+        """Acceleration (n_v,) [m/s2, rad/s2] under tau (n_v,) [N, N m] at q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
+
+        u (3, n_links) [m/s] and Du_Dt (3, n_links) [m/s2]: of the water at the links, in W.
+        """
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

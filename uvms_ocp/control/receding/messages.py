@@ -16,13 +16,13 @@ Message: TypeAlias = tuple[Any, ...]
 
 def request_message(request: Request) -> Message:
     """As it is sent."""
-    return request.state.q, request.state.v, request.t, request.in_use, request.begin
+    return request.state.q, request.state.v, request.t, request.in_use, request.begin, request.delay
 
 
 def request_of(message: Message) -> Request:
     """As it was."""
-    q, v, t, in_use, begin = message
-    return Request(state=_state(q=q, v=v), t=t, in_use=in_use, begin=begin)
+    q, v, t, in_use, begin, delay = message
+    return Request(state=_state(q=q, v=v), t=t, in_use=in_use, begin=begin, delay=delay)
 
 
 def answer_message(answer: Answer) -> Message:

@@ -49,17 +49,17 @@ class NmpcStatistics:
 class Nmpc:
     """A callable ``(Measurement, t) -> Command``.
 
-    Once per `period` a plan is made for the period to come: from the state in which the present plan will leave the
-    measured one, and from the solution of the last problem moved on in time, by real-time SQP. The plan takes over when
-    that period begins; if it comes later, when the next one begins, and until then the last plan goes on. So it does if
-    the best point found breaks constraints; the next solve starts from that point all the same, because a second step
-    mends what one step left. Between plans the newest is tracked at the control rate, against disturbances that an
-    observer measures.
+    Once per `period` a plan is made: from the state in which the present plan will leave the measured one by the time that
+    the new one is ready, and from the solution of the last problem moved on in time, by real-time SQP. Until then the last
+    plan goes on. So it does if the best point found breaks constraints; the next solve starts from that point all the same,
+    because a second step mends what one step left. Between plans the newest is tracked at the control rate, against
+    disturbances that an observer measures.
 
-    By default the solve runs within the call that begins a period, so that simulations are reproducible. With
-    ``worker=Beside()`` it runs in a process of its own: no call waits for it, and the robot stays where it is until there
-    is a first plan. If that process fails the last plan goes on, and its end is held; see `worker_status`. Close the
-    controller, or use it as a context manager, to end the process.
+    By default the solve runs within the call that begins a period, and its plan takes over when the next one begins, or,
+    where it took longer, the one after: simulations are reproducible. With ``worker=Beside()`` it runs in a process of its
+    own: no call waits for it, the plan takes over as soon as solves of late would have been ready, or when it comes, and the
+    robot stays where it is until there is a first plan. If that process fails the last plan goes on, and its end is held;
+    see `worker_status`. Close the controller, or use it as a context manager, to end the process.
     """
 
     def __init__(
@@ -99,10 +99,12 @@ class Nmpc:
         self._law = ComputedTorque(robot, dynamics, dt=dt, gains=gains, water=Water(velocity=problem.current))
         self._now: Planned | None = None
         self._coming: Planned | None = None
+        self._takes_over = np.inf
+        """[s] when the coming plan does."""
         self._asked: float | None = None
         """[s] when the solve began that is not answered yet."""
         self._next = -np.inf
-        """[s] when the coming plan takes over and the next solve begins."""
+        """[s] when the next solve begins."""
         self._times: list[tuple[float, float]] = []
         self._missed = self._rejected = 0
 
@@ -143,23 +145,28 @@ class Nmpc:
         q, v, a = now.trajectory.state_at(self._robot.model, t - now.begin)
         if t - now.begin > now.trajectory.t[-1]:
             v = np.zeros_like(v)
-        return self._law.command(state, q=q, v=v, a=a, disturbance=disturbance)
+        command = self._law.command(state, q=q, v=v, a=a, disturbance=disturbance)
+        # Last: a process that wakes up beside takes what this tick has in the cache.
+        self._plan_ahead(state, t, now.begin)
+        return command
 
     def _followed(self, state: State, t: float) -> Planned:
-        """The plan for this tick; at the beginning of a period the next one is asked for."""
+        """The plan for this tick."""
         if self._now is None:
             self._now = Planned(number=HOLD, trajectory=hold(self._problem, state), begin=t)
-            self._ask(Request(state=state, t=t, in_use=HOLD, begin=t + self._worker.lead))
+            self._plan_ahead(state, t, t + self._worker.lead)
         self._collect(t)
-        if t >= self._next - _ROUNDING and self._asked is None:
-            self._now, self._coming = self._coming or self._now, None
-            self._ask(Request(state=state, t=t, in_use=self._now.number, begin=self._now.begin))
-            self._collect(t)
+        if self._coming is not None and t >= self._takes_over - _ROUNDING:
+            self._now, self._coming = self._coming, None
         return self._now
 
-    def _ask(self, request: Request) -> None:
-        self._asked = request.t
-        self._worker.ask(request)
+    def _plan_ahead(self, state: State, t: float, begin: float) -> None:
+        """Ask for the next plan, at the beginning of a period; begin [s]: of the present one."""
+        if self._now is None or self._asked is not None or t < self._next - _ROUNDING:
+            return
+        self._asked, delay = t, self._worker.delay
+        self._worker.ask(Request(state=state, t=t, in_use=self._now.number, begin=begin, delay=delay))
+        self._collect(t)
 
     def _collect(self, t: float) -> None:
         """Take the answer to the last solve, if there is one."""
@@ -168,7 +175,7 @@ class Nmpc:
             return
         asked, self._asked = self._asked, None
         if answer.first and answer.planned is not None:
-            self._next = max(answer.planned.begin, t)
+            self._next = self._takes_over = max(answer.planned.begin, t)
             self._coming = replace(answer.planned, begin=self._next)
             return
         self._times.append((answer.solve_time, answer.processor_time))
@@ -177,4 +184,6 @@ class Nmpc:
         # A late plan keeps its time stamps, so that it is still of use; planning is slower meanwhile. That of a solve in
         # line is as late as if it had been made beside.
         late = 0.0 if t > asked else self.period * max(0.0, np.ceil(answer.solve_time / self.period) - 1)
-        self._coming, self._next = answer.planned, max(asked + self.period + late, t)
+        self._coming = answer.planned
+        self._takes_over = max((asked if answer.planned is None else answer.planned.begin) + late, t)
+        self._next = max(asked + self.period + late, self._takes_over)

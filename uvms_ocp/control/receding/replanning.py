@@ -12,7 +12,7 @@ import pinocchio as pin
 from uvms_ocp.arguments import trusted
 from uvms_ocp.model.state import State
 from uvms_ocp.ocp.problem import OcpProblem
-from uvms_ocp.ocp.stagewise.stagewise_program import program_for
+from uvms_ocp.ocp.stagewise.stagewise_program import program_for, quickest
 from uvms_ocp.ocp.trajectory import Trajectory, hold, shifted
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
@@ -51,6 +51,8 @@ class Request:
     begin: float
     """[s] when that one began, which is later than planned for a first plan that came late; of the request for the first plan,
     when that is to begin."""
+    delay: float
+    """[s] from t to the beginning of the plan; for the first one it does not count."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -74,27 +76,27 @@ class Replanner:
         self,
         problem: OcpProblem,
         *,
-        period: float,
         options: SqpOptions | None,
         time_limit: float,
         clock: Callable[[], float] = perf_counter,
     ) -> None:
-        """problem: with Gauss-Newton Hessian. period [s] of planning.
+        """problem: with Gauss-Newton Hessian.
 
         time_limit [s]: after which no further step begins. clock [s]: by which solves are timed.
         """
-        self._problem, self._period, self._time_limit, self._clock = problem, period, time_limit, clock
+        self._problem, self._time_limit, self._clock = problem, time_limit, clock
         self._transcription = Transcription(problem)
         self._bounds = self._transcription.bounds()
         chosen = options or SqpOptions()
-        self._sqp = RealTimeSqp(program_for(chosen.plugin, self._transcription), chosen)
+        program = program_for(chosen.plugin or quickest(problem), self._transcription)
+        self._sqp = RealTimeSqp(program, chosen)
         self._plans: dict[int, Planned] = {}
         self._newest: Planned | None = None
         """Fit for use or not."""
         self._solves = 0
 
     def __call__(self, request: Request) -> Answer:
-        """A plan that begins one period after it was asked for, or the first one."""
+        """A plan that begins as long after it was asked for as the request has it, or the first one."""
         wall, processor = self._clock(), process_time()
         first = self._newest is None
         planned = self._first(request) if first else self._replanned(request)
@@ -119,7 +121,7 @@ class Replanner:
 
     def _replanned(self, request: Request) -> Planned | None:
         self._plans = {number: plan for number, plan in self._plans.items() if number >= request.in_use}
-        now, begin = replace(self._plans[request.in_use], begin=request.begin), request.t + self._period
+        now, begin = replace(self._plans[request.in_use], begin=request.begin), request.t + request.delay
         last = now if self._newest is None or self._newest.number == now.number else self._newest
         start = self._expected(now, request)
         guess = shifted(self._problem, last.trajectory, begin - last.begin, start)
@@ -147,8 +149,8 @@ class Replanner:
         )
 
     def _expected(self, now: Planned, request: Request) -> State:
-        """The state in which the next period will begin: the measured one, moved as planned."""
+        """The state in which the plan will begin: the measured one, moved as planned."""
         model, age, state = self._problem.robot.model, request.t - now.begin, request.state
         q, v, _ = now.trajectory.state_at(model, age)
-        q_next, v_next, _ = now.trajectory.state_at(model, age + self._period)
+        q_next, v_next, _ = now.trajectory.state_at(model, age + request.delay)
         return _state(q=pin.integrate(model, state.q, pin.difference(model, q, q_next)), v=state.v + v_next - v)

@@ -16,6 +16,7 @@ from time import perf_counter
 from uvms_ocp.arguments import Positive, checked
 from uvms_ocp.control.receding.messages import answer_message, answer_of, request_message, request_of
 from uvms_ocp.control.receding.replanning import Answer, Replanner, Request
+from uvms_ocp.control.receding.solve_delay import SolveDelay
 from uvms_ocp.exceptions import InvalidInput, UvmsError
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
@@ -54,6 +55,11 @@ class Running(ABC):
 
     @property
     @abstractmethod
+    def delay(self) -> float:
+        """[s] from any other request to the beginning of the plan."""
+
+    @property
+    @abstractmethod
     def status(self) -> WorkerStatus:
         """Now."""
 
@@ -81,6 +87,8 @@ class InLine:
 class Beside:
     """In a process of its own: no tick waits, and a plan takes over when it is ready.
 
+    It begins where the vehicle will be then, as long after the measurement as solves take of late.
+
     The process is started anew, not forked: what starts it must be importable (``if __name__ == "__main__":`` around a
     script), and so must all that the problem is made of, such as functions and classes that give moving goals. It ends
     with the controller, or with the process that started it.
@@ -104,12 +112,15 @@ def started(worker: InLine | Beside, job: Job) -> Running:
 
 class _InLine(Running):
     def __init__(self, job: Job) -> None:
-        self._replanner = Replanner(
-            job.problem, period=job.period, options=job.options, time_limit=job.period, clock=job.clock
-        )
+        self._replanner = Replanner(job.problem, options=job.options, time_limit=job.period, clock=job.clock)
         self._answer: Answer | None = None
-        self.lead = 0.0
+        self.lead, self._delay = 0.0, job.period
         self._status = WorkerStatus.WORKING
+
+    @property
+    def delay(self) -> float:
+        # However long a solve takes: runs are the same on every machine.
+        return self._delay
 
     @property
     def status(self) -> WorkerStatus:
@@ -134,6 +145,7 @@ class _Beside(Running):
         self._connection, other = context.Pipe()
         self._process: BaseProcess = context.Process(target=_serve, args=(other, words), daemon=True, name="nmpc")
         self._limits, self._status, self._asked = limits, WorkerStatus.WORKING, 0.0
+        self._delay = SolveDelay(job.period)
         self._selector = DefaultSelector()
         self._selector.register(self._connection, EVENT_READ)
         self._process.start()
@@ -156,6 +168,10 @@ class _Beside(Running):
     def status(self) -> WorkerStatus:
         return self._status
 
+    @property
+    def delay(self) -> float:
+        return self._delay.seconds
+
     def ask(self, request: Request) -> None:
         if self._status is not WorkerStatus.WORKING:
             return
@@ -171,13 +187,18 @@ class _Beside(Running):
         try:
             # Connection.poll makes a selector at every call, which takes as long as a tenth of a tick.
             if self._selector.select(0):
-                return answer_of(self._connection.recv())
+                return self._counted(answer_of(self._connection.recv()))
         except (EOFError, OSError):
             self._end(WorkerStatus.CRASHED)
             return None
         if perf_counter() - self._asked > self._limits.timeout:
             self._end(WorkerStatus.SILENT)
         return None
+
+    def _counted(self, answer: Answer) -> Answer:
+        if not answer.first:
+            self._delay.count(answer.solve_time)
+        return answer
 
     def close(self) -> None:
         if self._status is WorkerStatus.WORKING:
@@ -208,7 +229,7 @@ def _serve(connection: Connection, words: bytes) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         problem, period, options = pickle.loads(words)
-        replanner = Replanner(problem, period=period, options=options, time_limit=_PATIENCE * period)
+        replanner = Replanner(problem, options=options, time_limit=_PATIENCE * period)
     except Exception as error:
         connection.send(f"{type(error).__name__}: {error}")
         return

@@ -18,6 +18,7 @@ from uvms_ocp.exceptions import InvalidInput, RobotDataError
 from uvms_ocp.model.files.urdf_agreement import check_agreement
 from uvms_ocp.model.files.urdf_checks import check_urdf
 from uvms_ocp.model.files.urdf_words import unread_words
+from uvms_ocp.untrusted.regular_file import tell_read
 from uvms_ocp.untrusted.xml_file import read_xml
 
 Element = ElementTree.Element
@@ -78,6 +79,7 @@ def _resolve_meshes(path: Path, root: Element, search: Iterable[Path]) -> None:
 def _resolve_mesh(path: Path, filename: str, folders: Sequence[Path]) -> Path:
     for candidate in _mesh_candidates(path, filename, folders):
         if candidate.is_file():
+            tell_read(candidate)
             return candidate
     raise RobotDataError(path, f"mesh {filename!r} not found; give package_dirs=[folder that contains the package]")
 

@@ -42,6 +42,12 @@ class CoalPairs:
         pin.computeJointJacobians(self._model, self._data, q)
         return np.array([self._gradient(int(k)) for k in pairs]).reshape(-1, self._model.nv)
 
+    def nearest_points(self, pairs: np.ndarray) -> np.ndarray:
+        """Both points (n, 6) [m] in W where the `pairs` (n,) [-] are nearest, of each as it was asked for last."""
+        results = [self._geometry_data.distanceResults[int(k)] for k in pairs]
+        found = [[*result.getNearestPoint1(), *result.getNearestPoint2()] for result in results]
+        return np.array(found).reshape(-1, 6)
+
     def _gradient(self, pair: int) -> np.ndarray:
         result = self._geometry_data.distanceResults[pair]
         (nx, ny, nz), (x, y, z) = result.normal, result.getNearestPoint1()

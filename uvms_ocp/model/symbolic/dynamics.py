@@ -7,42 +7,21 @@ M is rigid body plus added mass of every link; velocity and acceleration of the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from copy import copy
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.model.symbolic.bodies import Pose, Wrench, inertial_wrench
+from uvms_ocp.model.symbolic.bodies import Wrench, inertial_wrench
 from uvms_ocp.model.symbolic.joint_types import sparse
-from uvms_ocp.model.symbolic.tree import BodyMotions, SymbolicModel, find_frame, function
+from uvms_ocp.model.symbolic.tree import BodyMotions, SymbolicModel, function
+from uvms_ocp.model.symbolic.wet_links import WaterCoefficients, WetLink, wet_link
 from uvms_ocp.model.water import hydrodynamics as water
 from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _WetLink:
-    """A link's coefficients with its placement on the joint body that carries it."""
-
-    joint: int
-    R_JL: ca.DM
-    """(3, 3) [-]"""
-    p_JL: ca.DM
-    """(3,) [m]"""
-    motion_LJ: ca.DM
-    """(6, 6) [-, m] twist of the joint body at J -> at L; transposed, wrench at L -> at J."""
-    added_mass: ca.DM
-    """(6, 6) [kg, kg m, kg m2]"""
-    linear_drag: ca.DM
-    """(6, 6) [N/(m/s), N m/(rad/s)]"""
-    quadratic_drag: ca.DM
-    """(6, 6) [N/(m/s)^2, N m/(rad/s)^2]"""
-    displaced_mass: float
-    """[kg]"""
-    p_LB: np.ndarray
-    """(3,) [m]"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -60,7 +39,9 @@ class SymbolicDynamics:
     damping: np.ndarray | None = None
     """Viscous friction of the joints (n_v,) [N m/(rad/s), N/(m/s)]; none by default."""
     symbolic: SymbolicModel = field(init=False, repr=False)
-    _wet: tuple[_WetLink, ...] = field(init=False, repr=False)
+    _wet: tuple[WetLink, ...] = field(init=False, repr=False)
+    _rigid: tuple[ca.DM | ca.SX, ...] = field(init=False, repr=False)
+    """(6, 6) of every joint body, universe included."""
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.density) and self.density >= 0.0):
@@ -71,7 +52,34 @@ class SymbolicDynamics:
         if not (np.isfinite(friction).all() and (friction >= 0.0).all()):
             raise InvalidInput(f"damping {friction.tolist()} given; allowed: finite, 0 or more: less feeds energy")
         object.__setattr__(self, "symbolic", SymbolicModel(self.model))
-        object.__setattr__(self, "_wet", tuple(_wet_link(self.model, link, self.density) for link in self.links))
+        self._set(
+            _wet=tuple(wet_link(self.model, link, self.density) for link in self.links),
+            _rigid=(ca.DM(6, 6), *(sparse(inertia.matrix()) for inertia in list(self.model.inertias)[1:])),
+        )
+
+    def with_coefficients(
+        self,
+        *,
+        rigid: Mapping[int, ca.SX] | None = None,
+        links: Mapping[int, WaterCoefficients] | None = None,
+        damping: ca.SX | None = None,
+    ) -> SymbolicDynamics:
+        """The same equations with expressions in place of numbers.
+
+        rigid: spatial inertias (6, 6) of joint bodies at their joints, by joint. links: what water does to links, by their
+        place in ``links``. damping: of the joints (n_v,). What is left out stays.
+        """
+        other = copy(self)
+        bodies, wet = dict(enumerate(self._rigid)) | dict(rigid or {}), dict(enumerate(self._wet))
+        wet |= {index: replace(wet[index], water=own) for index, own in (links or {}).items()}
+        other._set(_rigid=tuple(bodies.values()), _wet=tuple(wet.values()))
+        if damping is not None:
+            other._set(damping=damping)
+        return other
+
+    def joint_of(self, link: int) -> int:
+        """Which joint body carries a link, given by its place in ``links``."""
+        return self._wet[link].joint
 
     # --- expressions ------------------------------------------------------------------------------
 
@@ -80,9 +88,9 @@ class SymbolicDynamics:
         local = self.symbolic.local_poses(q)
         motions = self.symbolic.body_motions(local, v, a)
         wrenches = [
-            inertial_wrench(sparse(inertia), velocity, acceleration)
+            inertial_wrench(inertia, velocity, acceleration)
             for inertia, velocity, acceleration in zip(
-                self._rigid_inertias(), motions.velocities, motions.accelerations, strict=True
+                self._rigid, motions.velocities, motions.accelerations, strict=True
             )
         ]
         for index, link in enumerate(self._wet):
@@ -96,7 +104,8 @@ class SymbolicDynamics:
 
     def mass_matrix(self, q: ca.SX) -> ca.SX:
         """Rigid-body plus added mass (n_v, n_v)."""
-        return self.symbolic.mass_matrix(q, self.inertias())
+        M = self.symbolic.congruence(self.symbolic.local_poses(q), self._total_inertias())
+        return M + ca.diag(sparse(np.asarray(self.model.armature)))
 
     def damping_matrix(self, q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
         """Symmetric part of Fossen's D(q, v_r) with the joint friction (n_v, n_v), for implicit integration.
@@ -126,8 +135,8 @@ class SymbolicDynamics:
         """``1/2 v.T M v`` [J], of the bodies and the water they carry along."""
         motions = self.symbolic.body_motions(self.symbolic.local_poses(q), v, ca.SX(self.model.nv, 1))
         twice = sum(
-            ca.bilin(ca.SX(sparse(inertia)), velocity.stacked(), velocity.stacked())
-            for inertia, velocity in zip(self.inertias(), motions.velocities, strict=True)
+            ca.bilin(ca.SX(inertia), velocity.stacked(), velocity.stacked())
+            for inertia, velocity in zip(self._total_inertias(), motions.velocities, strict=True)
         )
         return (twice + ca.dot(sparse(np.asarray(self.model.armature)), v * v)) / 2
 
@@ -135,30 +144,30 @@ class SymbolicDynamics:
         """Of weight and buoyancy [J], zero at the origin of W."""
         poses = self.symbolic.joint_poses(self.symbolic.local_poses(q))
         moment = ca.SX(3, 1)  # sum of mass times position, displaced mass counting negative
-        for pose, inertia in zip(poses[1:], list(self.model.inertias)[1:], strict=True):
-            moment += inertia.mass * _point(pose, inertia.lever)
+        for pose, inertia in zip(poses[1:], self._rigid[1:], strict=True):
+            first = ca.vertcat(inertia[5, 1], inertia[3, 2], inertia[4, 0])  # mass times lever, in the coupling block
+            moment += inertia[0, 0] * pose.p + pose.R @ first
         for link in self._wet:
-            moment -= link.displaced_mass * _point(poses[link.joint], _from_link(link, link.p_LB))
+            moment -= link.water.displaced_mass * link.point(poses, link.water.p_LB)
         return -ca.dot(sparse(self.model.gravity.linear), moment)
 
     def link_positions(self, q: ca.SX) -> ca.SX:
         """Origins p_WL (3, n_links) [m] of the coefficient frames: where a sheared current acts."""
         poses = self.symbolic.joint_poses(self.symbolic.local_poses(q))
-        columns = [_point(poses[link.joint], link.p_JL) for link in self._wet]
+        columns = [link.point(poses, ca.DM(3, 1)) for link in self._wet]
         return ca.horzcat(ca.SX(3, 0), *columns)
 
     def inertias(self) -> list[np.ndarray]:
         """Rigid-body plus added inertia (6, 6) of every joint body at its joint frame, universe included."""
-        total = self._rigid_inertias()
+        return [np.asarray(ca.DM(total)) for total in self._total_inertias()]
+
+    def _total_inertias(self) -> list[ca.DM | ca.SX]:
+        total = list(self._rigid)
         for link in self._wet:
-            motion = np.asarray(ca.DM(link.motion_LJ))
-            total[link.joint] = total[link.joint] + motion.T @ np.asarray(ca.DM(link.added_mass)) @ motion
-        return total
+            total[link.joint] = total[link.joint] + link.motion_LJ.T @ link.water.added_mass @ link.motion_LJ
+        return [sparse(np.asarray(one)) if isinstance(one, ca.DM) else one for one in total]
 
-    def _rigid_inertias(self) -> list[np.ndarray]:
-        return [np.zeros((6, 6)), *(inertia.matrix() for inertia in list(self.model.inertias)[1:])]
-
-    def _water_wrench(self, link: _WetLink, motions: BodyMotions, u: ca.SX, Du_Dt: ca.SX) -> Wrench:
+    def _water_wrench(self, link: WetLink, motions: BodyMotions, u: ca.SX, Du_Dt: ca.SX) -> Wrench:
         """Wrench of the link on the water, at the joint that carries it."""
         R_LW = link.R_JL.T @ motions.poses[link.joint].R.T
         u_L, w_L = R_LW @ u, R_LW @ (Du_Dt - self.model.gravity.linear)
@@ -167,9 +176,9 @@ class SymbolicDynamics:
         nu_r = water.relative_velocity(nu, u_L)
         nu_r_dot = water.relative_acceleration(a, nu, u_L, w_L)
         wrench = link.motion_LJ.T @ (
-            water.added_mass_wrench(link.added_mass, nu_r, nu_r_dot)
-            + water.drag_wrench(link.linear_drag, link.quadratic_drag, nu_r)
-            - water.pressure_wrench(link.displaced_mass, link.p_LB, w_L)
+            water.added_mass_wrench(link.water.added_mass, nu_r, nu_r_dot)
+            + water.drag_wrench(link.water.linear_drag, link.water.quadratic_drag, nu_r)
+            - water.pressure_wrench(link.water.displaced_mass, link.water.p_LB, w_L)
         )
         return Wrench(force=wrench[:3], moment=wrench[3:])
 
@@ -181,13 +190,13 @@ class SymbolicDynamics:
         for index, link in enumerate(self._wet):
             bodies[link.joint] += self._link_damping(link, motions, u[:, index], quadratic_factor)
         D = self.symbolic.congruence(local, bodies)
-        return D if self.damping is None else D + ca.diag(ca.SX(sparse(self.damping)))
+        return D if self.damping is None else D + ca.diag(ca.SX(self.damping))
 
-    def _link_damping(self, link: _WetLink, motions: BodyMotions, u: ca.SX, quadratic_factor: int) -> ca.SX:
+    def _link_damping(self, link: WetLink, motions: BodyMotions, u: ca.SX, quadratic_factor: int) -> ca.SX:
         """Symmetric part of the link's D(nu_r) (6, 6), at the joint that carries it."""
         u_L = link.R_JL.T @ (motions.poses[link.joint].R.T @ u)
         nu_r = water.relative_velocity(link.motion_LJ @ motions.velocities[link.joint].stacked(), u_L)
-        D = water.damping_matrix(link.linear_drag, quadratic_factor * link.quadratic_drag, nu_r)
+        D = water.damping_matrix(link.water.linear_drag, quadratic_factor * link.water.quadratic_drag, nu_r)
         return link.motion_LJ.T @ ((D + D.T) / 2) @ link.motion_LJ
 
     # --- ready-made functions ---------------------------------------------------------------------
@@ -232,31 +241,11 @@ class SymbolicDynamics:
         x = self._symbols("q")
         return function("link_positions", x, {"p_WL": self.link_positions(*x.values())})
 
+    def _set(self, **values: object) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
     def _symbols(self, *names: str) -> dict[str, ca.SX]:
         n_v, n_links = self.model.nv, len(self.links)
         shapes = {"q": (self.model.nq, 1), "u": (3, n_links), "Du_Dt": (3, n_links)}
         return {name: ca.SX.sym(name, *shapes.get(name, (n_v, 1))) for name in names}
-
-
-def _wet_link(model: pin.Model, link: LinkHydrodynamics, density: float) -> _WetLink:
-    frame = find_frame(model, link.frame)
-    X_JL = frame.placement * link.X_FL
-    return _WetLink(
-        joint=frame.parentJoint,
-        R_JL=sparse(X_JL.rotation),
-        p_JL=sparse(X_JL.translation),
-        motion_LJ=sparse(X_JL.toActionMatrixInverse()),
-        added_mass=sparse(link.added_mass),
-        linear_drag=sparse(link.linear_drag),
-        quadratic_drag=sparse(link.quadratic_drag),
-        displaced_mass=density * link.volume,
-        p_LB=link.p_LB,
-    )
-
-
-def _from_link(link: _WetLink, p_L: np.ndarray) -> ca.DM:
-    return link.p_JL + link.R_JL @ p_L
-
-
-def _point(pose: Pose, p_J: np.ndarray | ca.DM | Sequence[float]) -> ca.SX:
-    return pose.p + pose.R @ ca.DM(p_J)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -102,9 +101,8 @@ class SteppedMotion:
     @cached_property
     def _v(self) -> Array:
         """(N, n_v) [m/s, rad/s] at the beginning of every step, with which it ends at the next node."""
-        path, h = self.trajectory, np.diff(self.trajectory.t)[:, None]
-        ways = np.array([pin.difference(self.robot.model, *ends) for ends in pairwise(path.q)])
-        return ways / h - h / 2 * path.a
+        path, model = self.trajectory, self.robot.model
+        return np.array([path.leaving(model, k) for k in range(len(path.a))])
 
     def _steps(self, t: Array) -> tuple[Indices, Array]:
         """The step of each time, and the time (n, 1) [s] since it began."""

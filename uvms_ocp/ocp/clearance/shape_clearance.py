@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import AtLeastOne, Shape, checked
+from uvms_ocp.arguments import AtLeastOne, Count, Shape, checked
 from uvms_ocp.arrays import Array, Indices, Mask
 from uvms_ocp.collision.coal_distances import CoalDistances, Configurations, Contacts
 from uvms_ocp.collision.collision_scene import CollisionScene
@@ -20,14 +20,12 @@ from uvms_ocp.collision.obstacle_file import describe_obstacle
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.obstacles import Obstacle
-from uvms_ocp.model.symbolic.bodies import Pose
 from uvms_ocp.obstacle_data import ObstacleData
+from uvms_ocp.ocp.clearance.plane_rows import RowGroup, ranks
 from uvms_ocp.ocp.clearance.planes import Planes, Poses, planes
 from uvms_ocp.ocp.terms import At, StageSymbols, Term
 from uvms_ocp.tasks.task import Residual, bounded_residual
 
-_N_PLANE = 3 + 3 + 1  # normal, point, offset
-_NOTHING_NEAR = -1.0  # [m] offset of a row without a plane
 _BINDING = 5e-3  # [m] beyond the margin within which a row decides
 
 Wider = Annotated[Array, Shape("n", "self.scene.n_pairs")]
@@ -55,6 +53,8 @@ class ShapeClearance(Term):
     """[-] per node on pairs with what stands in the world."""
     n_own_rows: AtLeastOne = 6
     """[-] per node on pairs of the robot's own links."""
+    n_pair_rows: Count = 0
+    """[-] per node on each of these pairs instead, where it is not 0: simpler rows, for a scene of few pairs."""
     moving: Mapping[str, Place] = field(default_factory=dict)
     """Where obstacles are that do not stand still, by name."""
 
@@ -94,40 +94,27 @@ class ShapeClearance(Term):
     # --- rows -------------------------------------------------------------------------------------
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
-        poses, joints = stage.tick.kinematics.joint_poses, self._joints
-        bodies, sizes = [poses[joint] for joint in joints], self._sizes
-        ends = np.cumsum([0, *sizes]).tolist()
+        ends = np.cumsum([0, *(group.n_parameters for group in self._groups)]).tolist()
         parts = [parameters[first:stop] for first, stop in pairwise(ends)]
-        rows = [_height(bodies, part) for part in parts]
-        return bounded_residual(ca.vertcat(ca.SX(0, 1), *rows), lower=0.0)
+        rows = [group.rows(stage.tick, part) for group, part in zip(self._groups, parts, strict=True)]
+        return bounded_residual(ca.vertcat(ca.SX(0, 1), *(row for part in rows for row in part)), lower=0.0)
 
-    @property
-    def _joints(self) -> list[int]:
-        """Joints that carry shapes, without the world."""
+    @cached_property
+    def _groups(self) -> tuple[RowGroup, ...]:
+        """Those with the world, those between links, and those of each pair of links."""
         pairs = self.scene.pairs
-        return sorted({joint for pair in pairs for joint in (pair.first_joint, pair.second_joint)} - {0})
-
-    @property
-    def _of_world(self) -> Mask:
-        """(n_pairs,) [-] True for a pair with what stands in the world."""
-        return np.array([pair.first_joint == 0 for pair in self.scene.pairs], dtype=bool)
-
-    @property
-    def _counts(self) -> tuple[int, int]:
-        """Rows with the world, and between links."""
-        world = self._of_world
-        return self.n_rows if world.any() else 0, self.n_own_rows if (~world).any() else 0
-
-    @property
-    def _sizes(self) -> list[int]:
-        """Parameters of each row: which joint carries the point, which one the plane unless it is the world's."""
-        (world, own), n = self._counts, len(self._joints)
-        return [n + _N_PLANE] * world + [2 * n + _N_PLANE] * own
+        carried = np.array([(pair.first_joint, pair.second_joint) for pair in pairs], dtype=int).reshape(-1, 2)
+        world, n = carried[:, 0] == 0, self.n_pair_rows
+        groups = [(world, self.n_rows)]
+        groups += (
+            [(np.arange(len(pairs)) == k, n) for k in np.flatnonzero(~world)] if n else [(~world, self.n_own_rows)]
+        )
+        return tuple(_group(carried, chosen, rows) for chosen, rows in groups if chosen.any())
 
     # --- parameters -------------------------------------------------------------------------------
 
     def n_parameters(self, robot: Robot) -> int:
-        return sum(self._sizes)
+        return sum(group.n_parameters for group in self._groups)
 
     def reference(self, t: float) -> Array:
         """At the configuration in which the coordinates of the scene stay, at time t [s]."""
@@ -137,35 +124,21 @@ class ShapeClearance(Term):
     def references(self, times: Sequence[float], q: Configurations, tightened: Wider | None = None) -> Array:
         """At times (n,) [s] and configurations q (n, n_q) [m, rad], with margins wider by tightened (n, n_pairs) [m]."""
         margins = self._margins(len(q), tightened)
-        chosen = self._chosen(times, q, margins)
-        offset = chosen.offset + margins[chosen.sample, chosen.pair]
-        world, n = self._counts[0], len(self._joints)
-        columns = (chosen.normal, chosen.centre, offset)
-        result = np.tile(self._nothing(), (len(q), 1))
-        place = np.searchsorted(self._joints, chosen.joints)
-        begin = np.cumsum([0, *self._sizes])
-        for rows, first, width in ((self._of_world[chosen.pair], 0, 0), (~self._of_world[chosen.pair], world, n)):
-            k, slot = chosen.sample[rows], begin[first + _ranks(chosen.sample[rows])]
-            result[k, slot + place[rows, 1]] = 1.0
-            if width:
-                result[k, slot + n + place[rows, 0]] = 1.0
-            plane = np.column_stack([column[rows] for column in columns])
-            result[k[:, None], (slot + n + width)[:, None] + np.arange(_N_PLANE)] = plane
-        return result
-
-    def _nothing(self) -> Array:
-        parts = [np.r_[np.zeros(size - 1), _NOTHING_NEAR] for size in self._sizes]
-        return np.concatenate([np.zeros(0), *parts])
+        parts = []
+        for group, found in zip(self._groups, self._chosen(times, q, margins), strict=True):
+            parts.append(np.tile(group.nothing(), (len(q), 1)))
+            group.write(parts[-1], found, found.offset + margins[found.sample, found.pair])
+        return np.concatenate([np.zeros((len(q), 0)), *parts], axis=1)
 
     def mismatch(self, times: Sequence[float], written: Configurations, q: Configurations) -> float:
         """[m] By how much rows that decide at q (n, n_q) [m, rad], written at configurations written (n, n_q) [m, rad], are off.
 
         times (n,) [s].
         """
-        chosen = self._chosen(times, written, self._margins(len(q), None))
-        heights, true = chosen.heights(Poses.of(self.scene.coordinates.robot.model, q)), self.distances(times, q)
+        poses, true = Poses.of(self.scene.coordinates.robot.model, q), self.distances(times, q)
         least = np.full(true.shape, np.inf)
-        np.minimum.at(least, (chosen.sample, chosen.pair), heights)
+        for found in self._chosen(times, written, self._margins(len(q), None)):
+            np.minimum.at(least, (found.sample, found.pair), found.heights(poses))
         decides = least - self.margins < _BINDING
         return float(np.abs(least - true)[decides].max(initial=0.0))
 
@@ -173,16 +146,17 @@ class ShapeClearance(Term):
         """(n, n_pairs) [m]"""
         return np.broadcast_to(self.margins if tightened is None else self.margins + tightened, (n, self.scene.n_pairs))
 
-    def _chosen(self, times: Sequence[float], q: Array, margins: Array) -> Planes:
-        """The rows that there is room for at configurations q (n, n_q): those least beyond their margins."""
+    def _chosen(self, times: Sequence[float], q: Array, margins: Array) -> list[Planes]:
+        """Of every group those that there is room for at configurations q (n, n_q): the ones least beyond their margins."""
         contacts, poses = self._contacts(times, q), Poses.of(self.scene.coordinates.robot.model, q)
         found = planes(self.scene, contacts, poses)
-        beyond, world = found.heights(poses) - margins[found.sample, found.pair], self._of_world[found.pair]
+        beyond = found.heights(poses) - margins[found.sample, found.pair]
         kept = []
-        for rows, room in zip((np.flatnonzero(world), np.flatnonzero(~world)), self._counts, strict=True):
+        for group in self._groups:
+            rows = np.flatnonzero(group.pairs[found.pair])
             order = rows[np.lexsort((beyond[rows], found.sample[rows]))]
-            kept.append(order[_ranks(found.sample[order]) < room])
-        return found.of(np.concatenate(kept))
+            kept.append(found.of(order[ranks(found.sample[order]) < group.n]))
+        return kept
 
     # --- distances --------------------------------------------------------------------------------
 
@@ -208,24 +182,7 @@ class ShapeClearance(Term):
         return self._coal
 
 
-def _ranks(sample: Indices) -> Indices:
-    """(n,) How many rows of its sample are before each; the samples are in their order."""
-    return np.arange(len(sample)) - np.searchsorted(sample, sample)
-
-
-def _height(bodies: Sequence[Pose], row: ca.SX) -> ca.SX:
-    """Of the point over the plane; see `Planes`."""
-    n, plane = len(bodies), row[-_N_PLANE:]
-    normal, centre, offset = ca.vertsplit(plane, [0, 3, 6, 7])
-    R, p = _mixed(bodies, row[:n])
-    if row.numel() > n + _N_PLANE:
-        R_plane, p_plane = _mixed(bodies, row[n : 2 * n])
-        normal, p = R_plane @ normal, p - p_plane
-    return ca.dot(normal, p + R @ centre) - offset
-
-
-def _mixed(bodies: Sequence[Pose], shares: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """The pose whose share is one."""
-    R = sum((shares[i] * body.R for i, body in enumerate(bodies)), ca.SX(3, 3))
-    p = sum((shares[i] * body.p for i, body in enumerate(bodies)), ca.SX(3, 1))
-    return R, p
+def _group(carried: Indices, chosen: Mask, n: int) -> RowGroup:
+    """Of the chosen of pairs (n_pairs, 2) of joints."""
+    first, second = (tuple(np.unique(carried[chosen, side]).tolist()) for side in (0, 1))
+    return RowGroup(pairs=chosen, n=n, first=first, second=second)

@@ -11,14 +11,16 @@ from uvms_ocp.meta_values import FrameMeta, SurroundingsMeta
 from uvms_ocp.obstacle_data import ObstacleData
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.terms import TaskTerm
-from uvms_ocp.tasks.pose import ToolPose
+from uvms_ocp.tasks.pose import PoseTask, ToolPosition
 from uvms_ocp.tasks.reference import evaluate_pose
 
 
 def surroundings(problem: OcpProblem, t0: float) -> SurroundingsMeta:
     """As it is at the end of the horizon, for goals and obstacles that move; t0 [s] is the time of the first node."""
     end = t0 + float(problem.nominal_times()[-1])
-    poses = [term for term in problem.terms if isinstance(term, TaskTerm) and isinstance(term.task, ToolPose)]
+    poses = [
+        term for term in problem.terms if isinstance(term, TaskTerm) and isinstance(term.task, (PoseTask, ToolPosition))
+    ]
     obstacles = [item for term in problem.terms for item in term.scenery(end)]
     return SurroundingsMeta(
         frames=tuple(_goal(term, end) for term in poses),
@@ -28,7 +30,7 @@ def surroundings(problem: OcpProblem, t0: float) -> SurroundingsMeta:
 
 
 def _goal(term: TaskTerm, t: float) -> FrameMeta:
-    assert isinstance(term.task, ToolPose)
+    assert isinstance(term.task, (PoseTask, ToolPosition))
     pose = evaluate_pose(term.name, term.task.goal, t)[0]
     return FrameMeta(name=f"goal of {term.name}", pose=tuple(pin.SE3ToXYZQUAT(pose).tolist()))
 

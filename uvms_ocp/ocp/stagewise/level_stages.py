@@ -13,7 +13,8 @@ from uvms_ocp.ocp.stagewise.multipliers import Multipliers
 from uvms_ocp.ocp.stagewise.stage_memory import StageMemory
 from uvms_ocp.ocp.stagewise.stage_ranges import StageRanges
 from uvms_ocp.solvers.intervals import excess
-from uvms_ocp.solvers.stagewise import StageQp, StageQpOptions, StageQpSolution, StageQpSolver, StageShape
+from uvms_ocp.solvers.stagewise import StageQp, StageQpOptions, StageQpSolver, StageShape
+from uvms_ocp.solvers.stagewise.solution import Found, Near
 
 
 class LevelStages:
@@ -23,7 +24,8 @@ class LevelStages:
         self.memory, self.level = memory, level
         self.shape = self._shape()
         self.qp, self._solver = StageQp(self.shape), StageQpSolver(self.shape, options)
-        self._held = self._held_numbers()
+        self.held, self._bends = self._held_numbers(), False
+        """Which rows (m,) [-] that may be held are those of the QP, and whether it has curvature."""
         self.multipliers = Multipliers(memory, level)
         self.linearize, self._above = self._linearization(), self._frozen()
         self.qp.fix_initial_state(np.zeros(self.shape.n_x[0]))
@@ -40,7 +42,6 @@ class LevelStages:
         )
 
     def _held_numbers(self) -> Array:
-        """Which rows that may be held are those of the QP."""
         numbers, first = [], 0
         for stage, n in zip(self.memory.stages, self.shape.n_c, strict=True):
             numbers.append(np.arange(first, first + n))
@@ -78,20 +79,25 @@ class LevelStages:
 
     @cached_property
     def _curve(self) -> BoundCalls:
-        memory, calls = self.memory, BoundCalls()
-        for i, stage in enumerate(memory.stages):
-            function = memory.function(stage)
-            if function is not None:
-                z, parameters, water = memory.arguments(i)
-                after = memory.z[min(i + 1, len(memory.stages) - 1)]
-                own = self.multipliers
-                arguments = [z, after, parameters, water, own.costates[i], own.rows[i], own.residuals[i]]
-                calls.add(function.curvature, arguments, [self.qp.H[i]])
+        """One function for all stages, then the other: so each stays where code is read from."""
+        memory, own, calls = self.memory, self.multipliers, BoundCalls()
+        found = [
+            (i, function) for i, stage in enumerate(memory.stages) if (function := memory.function(stage)) is not None
+        ]
+        bends = [np.zeros(function.bend.numel_out(0)) for _, function in found]
+        for (i, function), bend in zip(found, bends, strict=True):
+            calls.add(function.bend, [*memory.arguments(i), own.rows[i], own.residuals[i]], [bend])
+        for (i, function), bend in zip(found, bends, strict=True):
+            z, parameters, water = memory.arguments(i)
+            after = memory.z[min(i + 1, len(memory.stages) - 1)]
+            arguments = [z, after, parameters, water, own.costates[i], own.rows[i], own.residuals[i], bend]
+            calls.add(function.curvature, arguments, [self.qp.H[i]])
         return calls
 
-    def bend(self, last: StageQpSolution | None) -> None:
+    def bend(self, last: Found | None) -> None:
         """Curvature with the multipliers of the last QP; none without one, and for Gauss and Newton."""
-        if last is None or self.memory.whole.problem.hessian is HessianKind.GAUSS_NEWTON:
+        self._bends = last is not None and self.memory.whole.problem.hessian is HessianKind.EXACT
+        if last is None or not self._bends:
             self.qp.flat["H"][:] = 0.0
         else:
             self.multipliers.take(last)
@@ -107,7 +113,7 @@ class LevelStages:
     def broken(self, ranges: StageRanges) -> Array:
         """How far gaps, rows and variables are outside their ranges, one after the other."""
         memory = self.memory
-        rows = excess(memory.held, ranges.lower, ranges.upper)[self._held]
+        rows = excess(memory.held, ranges.lower, ranges.upper)[self.held]
         return np.concatenate([np.abs(memory.gaps.ravel()), rows, ranges.z_excess(memory.z)])
 
     def _frozen(self) -> Array:
@@ -118,32 +124,61 @@ class LevelStages:
             found += [np.full(n, bool(i)) for i, n in enumerate(sizes)]
         return np.concatenate([np.zeros(0, dtype=bool), *found])
 
-    def fits(self, solution: StageQpSolution) -> bool:
-        """Whether it is one of a QP of this shape."""
-        sizes = tuple(map(len, solution.z)), tuple(map(len, solution.y))
-        return sizes == (self.shape.n_z, self.shape.n_c)
+    def fits(self, found: Found) -> bool:
+        """Whether it is of a QP of this shape."""
+        return found.shape == self.shape
 
-    def solve(self, ranges: StageRanges, damping: float, give: float, near: StageQpSolution | None) -> StageQpSolution:
+    def solve(
+        self, ranges: StageRanges, damping: float, give: float, near: Near | None, *, rough: float = 0.0
+    ) -> Found:
         """The step, with damping [1/unit of z^2]; it stands in the memory too.
 
-        give [1/unit of the row]: what it costs to miss levels above. near: where the QP starts.
+        give [1/unit of the row]: what it costs to miss levels above. near: where the QP starts. rough [-]: how exact it is at
+        least, where that is less than the tolerance asks for. Only what no curvature bends is explained where it fails.
         """
-        memory, flat = self.memory, self.qp.flat
+        flat = self.qp.flat
         flat["damping"][:], flat["l1"][self._above] = damping, give
+        self._load(ranges)
+        tolerance = max(rough, self._solver.options.tolerance)
+        found = self._solver.find(self.qp, near, tolerance=tolerance, explained=not self._bends)
+        self.keep(found)
+        return found
+
+    def _load(self, ranges: StageRanges) -> None:
+        """What values and ranges say of the QP."""
+        memory, flat = self.memory, self.qp.flat
         flat["b"][:] = memory.gaps.ravel()
         flat["r"][:] = memory.residuals(self.level)
-        held = memory.held[self._held]
-        flat["lower"][:], flat["upper"][:] = ranges.lower[self._held] - held, ranges.upper[self._held] - held
+        held = memory.held[self.held]
+        flat["lower"][:], flat["upper"][:] = ranges.lower[self.held] - held, ranges.upper[self.held] - held
         ranges.write_z(memory.z, flat["z_lower"], flat["z_upper"])
-        solution = self._solver.solve(self.qp, near)
-        self._keep(solution)
-        return solution
 
-    def _keep(self, solution: StageQpSolution) -> None:
-        for own, x in zip(self.memory.x_step, solution.x, strict=True):
-            own[:] = x
-        for i in self.memory.steps:
-            self.memory.u_step[i] = solution.u[i]
+    def error(self, ranges: StageRanges, found: Found) -> float:
+        """Of the optimality conditions, where it is linearised now, with the multipliers of the last QP."""
+        self._load(ranges)
+        return self._solver.error(self.qp, found.near())
+
+    def keep(self, found: Found) -> None:
+        """Its step is that of the memory."""
+        memory = self.memory
+        memory.x_step[...] = found.z[self._x_places]
+        memory.u_step[memory.steps] = found.z[self._u_places]
+
+    @cached_property
+    def _x_places(self) -> Array:
+        """(n, n_x) [-] of states in z."""
+        return self._first[:, None] + np.arange(self.memory.tangent.n_x)
+
+    @cached_property
+    def _u_places(self) -> Array:
+        """(n_steps, n_u) [-] of the controls of steps in z."""
+        tangent = self.memory.tangent
+        return self._first[self.memory.steps, None] + tangent.n_x + np.arange(tangent.n_u)
+
+    @cached_property
+    def _first(self) -> Array:
+        """(n,) [-] where each stage begins in z."""
+        return np.cumsum([0, *self.shape.n_z[:-1]])
 
     # --- products ---------------------------------------------------------------------------------
 
@@ -151,12 +186,3 @@ class LevelStages:
         """Largest entry of the gradient of the cost."""
         pairs = zip(self.qp.J, self.memory.residual_parts(self.level), strict=True)
         return max((float(np.abs(r @ J).max(initial=0.0)) for J, r in pairs), default=0.0)
-
-    def slope_and_curvature(self, solution: StageQpSolution) -> tuple[float, float]:
-        """Directional derivative of the cost along the step, and the largest entry of the Hessian times it."""
-        slope, most = 0.0, 0.0
-        for J, r, z in zip(self.qp.J, self.qp.r, solution.z, strict=True):
-            Jz = J @ z
-            slope += float(r @ Jz)
-            most = max(most, float(np.abs(J.T @ Jz).max(initial=0.0)))
-        return slope, most

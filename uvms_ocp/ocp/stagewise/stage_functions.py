@@ -31,6 +31,8 @@ class ForceRows:
     """(m,) [-]"""
     names: tuple[str, ...]
     """(m,)"""
+    inputs: np.ndarray
+    """(m,) [-] thruster, or behind them joint, of each row; -1 for wrenches."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -79,23 +81,33 @@ class BlockFunctions:
         object.__setattr__(self, "linear", self._function("linear", [*groups[:-1], *jacobians]))
 
     @cached_property
+    def bend(self) -> ca.Function:
+        """``z, parameters, water, multipliers of rows that may be held, of residuals -> what forces bend``: for `curvature`."""
+        value, y, e = self._weighted
+        weights, rows = self.tangent.weights(value), self.block.rows
+        found = self.tangent.forces_bent(weights) if weights.nnz() else ca.SX(0, 1)
+        inputs = [rows.model.z, rows.parameters, rows.model.water, y, e]
+        return compiled(f"{rows.name}_bend", inputs, self.tangent.expanded([found]))
+
+    @cached_property
     def curvature(self) -> ca.Function:
-        """``z, z_next, parameters, water, costates, multipliers of rows that may be held, of residuals -> H`` (n_z, n_z)."""
+        """``z, z_next, parameters, water, costates, multipliers of held rows, of residuals, bend -> H`` (n_z, n_z)."""
         model, tangent, rows = self.tangent.model, self.tangent, self.block.rows
         z_next, costates = ca.SX.sym("z_next", model.layout.n_z), ca.SX.sym("costates", tangent.n_x)
+        value, y, e = self._weighted
+        bent, step = tangent.bent if tangent.weights(value).nnz() else ca.SX(0, 1), self.forces is not None
+        H = tangent.curvature(value + (ca.dot(costates, tangent.motion(z_next)) if step else 0), controls=step)
+        whole = ca.diagcat(H, ca.SX(self.extra, self.extra))
+        inputs = [model.z, z_next, rows.parameters, model.water, costates, y, e, bent]
+        return compiled(f"{rows.name}_curvature", inputs, tangent.expanded([whole]))
+
+    @cached_property
+    def _weighted(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """The sum of all rows by multipliers, and these."""
         held = ca.vertcat(ca.SX(0, 1), *(group.rows for group in self.held[:-1]))
         errors = ca.vertcat(ca.SX(0, 1), *(group.rows for group in self.errors))
         y, e = ca.SX.sym("y", held.numel()), ca.SX.sym("e", errors.numel())
-        step = self.forces is not None
-        first = self.forces.rows.numel() if self.forces is not None else 0
-        short = ca.dot(costates, tangent.motion(z_next)) if step else ca.dot(e, errors)
-        short += ca.dot(y[first:], held[first:])
-        H = tangent.curvature(short, controls=step)
-        if step:
-            H += tangent.bent(ca.dot(y[:first], held[:first]) + ca.dot(e, errors))
-        whole = ca.diagcat(H, ca.SX(self.extra, self.extra))
-        inputs = [model.z, z_next, rows.parameters, model.water, costates, y, e]
-        return compiled(f"{rows.name}_curvature", inputs, [whole])
+        return ca.dot(y, held) + ca.dot(e, errors), y, e
 
     def _jacobian(self, rows: ca.SX) -> ca.SX:
         J = self.tangent.jacobian(rows, controls=self.forces is not None)
@@ -104,7 +116,7 @@ class BlockFunctions:
     def _function(self, kind: str, outputs: Sequence[ca.SX]) -> ca.Function:
         rows = self.block.rows
         inputs = [rows.model.z, rows.parameters, rows.model.water]
-        return compiled(f"{rows.name}_{kind}", inputs, outputs)
+        return compiled(f"{rows.name}_{kind}", inputs, self.tangent.expanded(outputs))
 
 
 def _group(rows: TermRows, level: int, before: Sequence[ca.SX]) -> RowGroup:
@@ -125,13 +137,14 @@ def force_rows(model: StageModel) -> ForceRows:
     upper = np.concatenate([actuators.thrust_upper, actuators.torque_limit])
     kept = np.flatnonzero((np.isfinite(lower) | np.isfinite(upper)) & limited)
     names = (*["thrust"] * len(actuators.thrust_lower), *["torque"] * len(actuators.torque_limit))
-    beyond = ca.DM(actuators.beyond.T / actuators.force_unit[:n]) @ model.wanted[:n]
+    beyond = ca.DM(actuators.beyond.T / actuators.force_unit[:n]) @ model.force[:n]
     none = np.zeros(beyond.numel())
     return ForceRows(
         rows=ca.vertcat(chosen(shares, kept), beyond),
         lower=np.concatenate([lower[kept], none]),
         upper=np.concatenate([upper[kept], none]),
         names=(*(names[i] for i in kept), *["forces"] * len(none)),
+        inputs=np.concatenate([kept, np.full(len(none), -1)]),
     )
 
 

@@ -17,14 +17,15 @@ from uvms_ocp.solvers.nlp.level_solver import Deadline, NlpPoint, Outcome
 from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds
-from uvms_ocp.solvers.stagewise import StageQpOptions, StageQpSolution
+from uvms_ocp.solvers.stagewise import StageQpOptions
+from uvms_ocp.solvers.stagewise.solution import Found
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class WarmStages(NlpPoint):
-    """With the QP that ended there; its multipliers, by the rows of stages, are NaN by those of the program."""
+    """With the QP that ended there, whose multipliers are those by the rows and variables of the program."""
 
-    solution: StageQpSolution | None = None
+    solution: Found | None = None
 
 
 _QP_TOLERANCE = 1e-7  # [-] relative
@@ -73,6 +74,10 @@ class StageLevels:
         """Of a level [-], where those above it are held as `bounds` has it."""
         return StageRanges(self._places, bounds, level)
 
+    def multipliers(self, level: int, solution: Found) -> tuple[Array, Array]:
+        """By the last QP of a level [-]: of bounds (n_x,) [1/unit of x] and rows (n_rows,) [1/unit of the row] of the program."""
+        return self._places.program_multipliers(self.level(level).held, solution)
+
     @cached_property
     def _places(self) -> Places:
         return Places(self.memory)
@@ -106,14 +111,17 @@ class StageLevel:
         x = self._levels.variables()
         if not np.isfinite(x).all():
             return Outcome(point=start, status=NlpStatus.NOT_A_NUMBER, iterations=end.iterations, violation=np.inf)
-        rows = self._levels.memory.whole.ranges().n_rows
         return Outcome(
-            point=WarmStages(
-                x=x, x_multipliers=np.full(len(x), np.nan), row_multipliers=np.full(rows, np.nan), solution=end.solution
-            ),
+            point=self._point(x, end.solution),
             usable=end.violation <= self._options.feasibility,
             status=end.status,
             iterations=end.iterations,
             violation=end.violation,
             cost=end.cost,
         )
+
+    def _point(self, x: Array, solution: Found | None) -> WarmStages:
+        if solution is None:
+            return WarmStages(x=x)
+        bounds, rows = self._levels.multipliers(self._index, solution)
+        return WarmStages(x=x, x_multipliers=bounds, row_multipliers=rows, solution=solution)

@@ -86,7 +86,7 @@ class StageMemory:
     def compile_curvature(self) -> None:
         """Before any clock runs: it takes longest."""
         for function in self.functions:
-            _ = function.curvature
+            _ = function.bend, function.curvature
 
     def groups(self, stage: Stage) -> tuple[RowGroup, ...]:
         """Rows of a stage that may be held."""
@@ -126,7 +126,7 @@ class StageMemory:
 
     def _inputs(self) -> BoundCalls:
         calls, model = BoundCalls(), self.tangent.model
-        function = compiled("inputs", [model.z, model.water], list(model.inputs))
+        function = compiled("inputs", [model.z, model.water], self.tangent.expanded(model.inputs))
         for k, i in enumerate(self.steps):
             calls.add(function, [self.z[i], self.water[k]], [self.thrust[k], self.torque[k]])
         return calls

@@ -8,6 +8,7 @@ from uvms_ocp.arrays import Array
 from uvms_ocp.ocp.stagewise.stage_memory import StageMemory
 from uvms_ocp.solvers.intervals import excess
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds
+from uvms_ocp.solvers.stagewise.solution import Found
 
 
 class StageRanges:
@@ -59,6 +60,7 @@ class Places:
         self.force_lower[self.raw < 0] = np.tile(forces.lower, len(memory.steps))
         self.force_upper[self.raw < 0] = np.tile(forces.upper, len(memory.steps))
         self.z, self._x = self._variables()
+        self._force_x = self._inputs()
 
     @property
     def names(self) -> list[str]:
@@ -99,6 +101,33 @@ class Places:
                 places.append(np.array([(i + 1) * n_z + layout.h]))
                 numbers.append(columns[[variables.model.layout.h]])
         return np.concatenate(places), np.concatenate(numbers)
+
+    def _inputs(self) -> Array:
+        """Place in x of the thrust or torque of each row of forces, step after step; -1 where it has none."""
+        memory, variables = self.memory, self.memory.whole.variables
+        layout, own = variables.model.layout, memory.forces.inputs
+        if not layout.n_thrust + layout.n_torque:
+            return np.full(len(own) * len(memory.steps), -1)
+        first = [variables.columns(memory.stages[i].node)[layout.thrust.start] for i in memory.steps]
+        return np.concatenate([np.where(own >= 0, place + own, -1) for place in first])
+
+    def program_multipliers(self, rows: Array, found: Found) -> tuple[Array, Array]:
+        """Multipliers (n_x,) [1/unit of x] of bounds and (n_rows,) [1/unit of the row] of rows; 0 of laws, which nobody loosens.
+
+        rows (m,) [-]: which of those that may be held are in the QP that was solved.
+        """
+        whole, y = self.memory.whole, np.zeros(len(self.raw))
+        layout, levels = whole.row_layout, whole.ranges().levels
+        y[rows] = found.y[: len(rows)]
+        # What has no place is written behind the last one.
+        x, raw, kept = np.zeros(whole.n_x + 1), np.zeros(layout.n_rows + 1), np.zeros(whole.ranges().n_rows)
+        x[self._x], x[self._force_x] = found.y[len(rows) :], y[self.raw < 0]
+        x[whole.variables.columns(0)[: whole.model.layout.h]] = 0.0
+        raw[self.raw] = y
+        kept[: len(layout.constraints)] = raw[layout.constraints]
+        for level, own in zip(levels, layout.held, strict=True):
+            kept[level.frozen] = raw[own]
+        return x[:-1], kept
 
     def z_ranges(self, x_lower: Array, x_upper: Array) -> Array:
         """(2, n) of bounds x_lower and x_upper (n_x,) [unit of x]."""

@@ -6,7 +6,7 @@ where that does not help either, the proof that no small change does.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,12 +16,13 @@ from uvms_ocp.ocp.stagewise.stage_ranges import StageRanges
 from uvms_ocp.solvers.nlp.level_solver import Deadline
 from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
-from uvms_ocp.solvers.stagewise import StageQpSolution, StageQpStatus
+from uvms_ocp.solvers.stagewise import StageQpStatus
+from uvms_ocp.solvers.stagewise.solution import Found
 
 _SMALLEST_SHARE = 1e-7
 _MORE, _LESS = 10.0, 4.0  # by how much damping grows, and by how much it falls
 _KEPT = 0.25  # share of a violation down to which a step has to bring it for less damping
-_DAMPED = 1e-6  # [1/unit of z^2] from where it grows
+_DAMPED, _IDLE = 1e-6, 1e-5  # [1/unit of z^2] from where it grows, and where steps do not lower the cost
 _NOTHING = 0.1  # share of the tolerance of a residual's norm that is not worth a step
 _STEEP = 100.0  # largest entry of the gradient at the start up to which errors are not scaled, as in IPOPT
 _GIVE = 1e4
@@ -36,7 +37,9 @@ _MODELS = (
 """Damping [1/unit of z^2], whether the cost has the curvature of constraints, and what it costs to miss levels above
 [1/unit of the row]; the next where one fails."""
 _PATIENCE, _DIGITS = 15, 1e-5  # iterations of the last level before a gain of this share of its cost is none
+_MENDS, _STIFF = 3, 1e6  # ways back to the rows, and what makes them short [1/unit of z^2]
 _LOUDEST = 1e4  # times the first violation
+_ROUGHLY, _ROUGHEST = 1e-3, 1e-6  # tolerance of a QP, of the violation that it starts from, and at most
 _NO_HELP = 1e-6  # share of the violation that a step must take away to count as a help
 
 
@@ -50,7 +53,7 @@ class SqpEnd:
     """[-] Largest."""
     cost: float
     """[-]"""
-    solution: StageQpSolution | None
+    solution: Found | None
     """Of the last QP."""
 
 
@@ -60,19 +63,21 @@ class StageSqp:
     def __init__(self, level: LevelStages, ranges: StageRanges, options: NlpOptions, deadline: Deadline) -> None:
         self._level, self._ranges, self._options, self._deadline = level, ranges, options, deadline
         self._memory = level.memory
-        self._solution: StageQpSolution | None = None
+        self._solution: Found | None = None
         self._filter = Filter(first=0.0, most=np.inf)
         self._scale, self._worst, self._count = 1.0, np.inf, 0
         self._model, self._damping = 0, 0.0
         # What levels above leave open, those below decide: no step goes far there.
         self._least = _DAMPED if level.level + 1 < level.memory.n_levels else 0.0
 
-    def run(self, warm: StageQpSolution | None) -> SqpEnd:
+    def run(self, warm: Found | None) -> SqpEnd:
         """Iterate to the optimum."""
         self._level.linearize()
         here = self._merit()
         self._scale = max(1.0, self._level.steepest() / _STEEP)
         self._filter, self._solution = Filter(first=here.violation, most=self._most(here)), warm
+        if warm is not None and self._is_optimal(warm):
+            return self._end(NlpStatus.SOLVED, 0)
         for iteration in range(self._options.max_iterations):
             if not np.isfinite([here.cost, here.violation]).all():
                 return self._end(NlpStatus.NOT_A_NUMBER, iteration)
@@ -98,12 +103,19 @@ class StageSqp:
             return self._restore(here, solution)
         if not solution.status.usable:
             return NlpStatus.STALLED, here
-        slope, error = self._level.slope_and_curvature(solution)
-        if error <= self._options.convergence * self._scale and self._is_kept(here):
+        slope = solution.products.slope
+        if solution.products.change <= self._options.convergence * self._scale and self._is_kept(here):
             return NlpStatus.SOLVED, here
         if self._is_flat(here, slope):
             return NlpStatus.INEXACT, here
-        return self._search(here, slope)
+        status, here = self._search(here, slope)
+        return (NlpStatus.SOLVED if status is None and self._is_optimal(solution) else status), here
+
+    def _is_optimal(self, found: Found) -> bool:
+        """Whether its multipliers are those of the point: of the step that led there."""
+        if self._worst > self._options.convergence:
+            return False
+        return self._level.error(self._ranges, found) <= self._options.convergence * self._scale
 
     def _is_flat(self, here: Merit, slope: float) -> bool:
         """No step promises what is worth one: of a level that others follow, what its tolerance would notice.
@@ -117,17 +129,19 @@ class StageSqp:
         late = self._least or self._count > _PATIENCE
         return bool(late and self._worst <= kept and -slope <= worth)
 
-    def _solved(self) -> StageQpSolution:
+    def _solved(self) -> Found:
         """By the first model of the cost that is convex where the constraints leave freedom: that of the last, or coarser ones.
 
         Where curvature makes none, that of Gauss and Newton takes the place; where that leaves directions open, steps are damped.
         """
         last = self._solution
-        near = _from_here(last) if last is not None and last.status is StageQpStatus.SOLVED else None
+        near = last.near() if last is not None and last.status is StageQpStatus.SOLVED else None
         solution = None
         for damping, curved, give in _MODELS[self._model :]:
             self._level.bend(last if curved else None)
-            solution = self._level.solve(self._ranges, damping + self._least + self._damping, give, near)
+            damping += self._least + self._damping
+            rough = min(_ROUGHLY * self._worst, _ROUGHEST)
+            solution = self._level.solve(self._ranges, damping, give, near, rough=rough)
             if solution.status in (StageQpStatus.SOLVED, StageQpStatus.INFEASIBLE):
                 break
             # Curvature may come back to be convex; what is singular once stays so.
@@ -138,32 +152,62 @@ class StageSqp:
     def _search(self, here: Merit, slope: float) -> tuple[NlpStatus | None, Merit]:
         share, before = 1.0, self._worst
         while share > _SMALLEST_SHARE:
-            trial = self._tried(share)
+            trial = self._mended(self._tried(share), share)
             if self._filter.accepts(trial, here, slope, share):
                 if not self._filter.descends(here, slope, share):
                     self._filter.add(here)
                 if share < 1.0:
                     self._level.linearize()
-                self._trust(share, before)
+                self._trust(share, before, idle=-slope <= _DIGITS * here.cost)
                 return None, trial
             share /= 2
         self._back()
         good = self._worst <= self._options.feasibility
         return NlpStatus.INEXACT if good else NlpStatus.STALLED, here
 
-    def _trust(self, share: float, before: float) -> None:
+    def _mended(self, trial: Merit, share: float) -> Merit:
+        """The point after a share of the step, brought back by the shortest ways to rows that it breaks by too much.
+
+        Rows that are held bend: without it steps along them are as short as the root of what may be broken.
+        """
+        if trial.violation <= self._filter.most:
+            return trial
+        begin = self._memory.z_from.copy()
+        if share < 1.0:
+            self._level.linearize()
+        trial = self._brought_back(trial, self._filter.most)
+        if self._solution is not None:
+            self._level.keep(self._solution)
+        self._memory.z_from[:] = begin
+        return trial
+
+    def _brought_back(self, here: Merit, most: float) -> Merit:
+        """By short steps, until no more than `most` is broken in sum, or they do not help."""
+        for _ in range(_MENDS):
+            self._memory.z_from[:] = self._memory.z
+            if not (here.violation > most and self._level.solve(self._ranges, _STIFF, np.inf, None).status.usable):
+                break
+            trial = self._tried(1.0)
+            if not trial.violation < here.violation:
+                self._back()
+                break
+            here = trial
+        return here
+
+    def _trust(self, share: float, before: float, *, idle: bool) -> None:
         """Steps that had to be cut short were too long where nothing but damping makes them shorter.
 
-        So are those that leave the rows as broken as they were before.
+        So are those that leave the rows as broken as they were before, and more so idle ones, with which no cost falls.
         """
-        if share < 1.0:
-            self._damping = max(_MORE * self._damping, _DAMPED)
-        elif self._worst <= max(_KEPT * before, self._options.feasibility):
+        kept = self._options.feasibility
+        if share < 1.0 or (idle and self._worst > max(before, kept)):
+            self._damping = max(_MORE * self._damping, _IDLE if idle else _DAMPED)
+        elif self._worst <= max(_KEPT * before, kept):
             self._damping /= _LESS
 
-    def _restore(self, here: Merit, solution: StageQpSolution) -> tuple[NlpStatus | None, Merit]:
+    def _restore(self, here: Merit, solution: Found) -> tuple[NlpStatus | None, Merit]:
         """Towards the constraints, whatever it costs."""
-        missed = sum(float(np.abs(part).sum()) for part in solution.excess)
+        missed = float(np.abs(solution.excess).sum())
         gain, share = here.violation - missed, 1.0
         if gain <= _NO_HELP * here.violation:
             return NlpStatus.INFEASIBLE, here
@@ -209,6 +253,10 @@ class StageSqp:
         return Merit(cost=self._level.cost, violation=float(broken.sum()))
 
     def _end(self, status: NlpStatus, iterations: int) -> SqpEnd:
+        here = self._merit()
+        # What levels above lose by rounding, and by steps that were taken while little was broken, is given back.
+        if self._level.level and self._worst <= self._options.feasibility:
+            self._brought_back(here, self._options.convergence)
         self._merit()
         return SqpEnd(
             status=status,
@@ -217,8 +265,3 @@ class StageSqp:
             cost=self._level.cost,
             solution=self._solution,
         )
-
-
-def _from_here(last: StageQpSolution) -> StageQpSolution:
-    """Its multipliers; the step that it was is taken."""
-    return replace(last, z=tuple(np.zeros_like(own) for own in last.z))

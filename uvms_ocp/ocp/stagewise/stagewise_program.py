@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions import has_compiler
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
 from uvms_ocp.ocp.stagewise.stage_levels import StageLevel, StageLevels
 from uvms_ocp.ocp.stagewise.stage_memory import StageMemory
@@ -14,6 +15,7 @@ from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.level_solver import Deadline
 from uvms_ocp.solvers.nlp.nlp_options import STAGEWISE, NlpOptions
 from uvms_ocp.solvers.nlp.program import LexicographicProgram, RowRanges
+from uvms_ocp.solvers.nlp.sqp_options import OF_MATRICES
 
 
 class StagewiseProgram:
@@ -62,8 +64,18 @@ def program_for(plugin: str, whole: Transcription) -> LexicographicProgram | Sta
     return StagewiseProgram(whole) if plugin == STAGEWISE else whole.program
 
 
+def quickest(problem: OcpProblem) -> str:
+    """Name of the solver of steps in real time that takes least for a problem."""
+    coupled = bool(_relaxed(problem)) or not problem.fixed_start
+    return STAGEWISE if has_compiler() and not coupled else OF_MATRICES
+
+
+def _relaxed(problem: OcpProblem) -> list[str]:
+    return [level.name for level in problem.levels[:-1] if level.relax is not None]
+
+
 def _check(problem: OcpProblem) -> None:
-    relaxed = [level.name for level in problem.levels[:-1] if level.relax is not None]
+    relaxed = _relaxed(problem)
     if relaxed:
         raise InvalidInput(
             f"level {relaxed[0]!r} has relax; plugin 'stagewise' takes none: leave it out, or use 'ipopt'"

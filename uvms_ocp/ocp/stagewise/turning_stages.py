@@ -12,22 +12,26 @@ from uvms_ocp.solvers.nlp.acceptance import Merit
 from uvms_ocp.solvers.nlp.level_turns import Point
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds
+from uvms_ocp.solvers.stagewise.solution import Near
 
-_QP_TOLERANCE = 1e-4
-"""[-] relative. An interior point that ends early keeps off the bounds: curvature then costs levels above less, and whole steps
-can be taken more often than at the exact optimum."""
+# An interior point that ends early keeps off the bounds: curvature then costs levels above less, and whole steps can be taken
+# more often than at the exact optimum.
+_QP_TOLERANCE = 1e-4  # [-] relative
 
 
 class TurningStages:
     """A `uvms_ocp.solvers.nlp.level_turns.LevelModel` on the memory of a horizon, whose points are those of all stages.
 
-    Frozen rows are slabs: where limits bind there is often no motion that keeps them as they are.
+    Frozen rows are slabs: where limits bind there is often no motion that keeps them as they are. QPs of the first level start
+    from the last one; of so many slabs as those below have it would be guessed in vain which of them bind.
     """
 
     def __init__(self, memory: StageMemory, slack: float) -> None:
         """slack [unit of the row]: half the width of what frozen rows keep."""
         self._levels, self._memory = StageLevels(memory, _QP_TOLERANCE), memory
         self.slack = slack
+        self._last: Near | None = None
+        """QP of the first level."""
         self._ranges: StageRanges | None = None
         """Of the constraints alone."""
 
@@ -47,8 +51,12 @@ class TurningStages:
         if not np.isfinite(memory.residuals(level)).all():
             return NlpStatus.NOT_A_NUMBER
         own.bend(None)
-        solution = own.solve(self._levels.ranges(bounds, level), damping, np.inf, None)
-        return None if solution.status.usable else NlpStatus.STALLED
+        solution = own.solve(self._levels.ranges(bounds, level), damping, np.inf, None if level else self._last)
+        if not solution.status.usable:
+            return NlpStatus.STALLED
+        if level == 0:
+            self._last = solution.near()
+        return None
 
     def moved(self, share: float) -> Point:
         """As `LevelModel.moved`; share [-]."""

@@ -11,7 +11,7 @@ import numpy as np
 from uvms_ocp.ocp.transcription.boundary import Boundary
 from uvms_ocp.ocp.transcription.parameter_layout import ParameterLayout
 from uvms_ocp.ocp.transcription.row_layout import RowLayout
-from uvms_ocp.ocp.transcription.sparse_blocks import Entries, assemble, scatter
+from uvms_ocp.ocp.transcription.sparse_blocks import Entries, assemble, scatter, summed
 from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel
 from uvms_ocp.ocp.transcription.variable_layout import NodeVariables, VariableLayout
 
@@ -83,6 +83,8 @@ class Horizon:
         if len(self.layout.equal_steps):
             h = self.nodes.steps[self.model.layout.h, :]
             parts.append((h[1:] - h[:-1]).T)
+        if len(self.layout.total):
+            parts.append(ca.sum2(self.nodes.steps[self.model.layout.h, :]))
         parts += [ca.vec(block.mapped(block.functions.value)) for block in self.blocks]
         return ca.vertcat(*parts, self.costs)
 
@@ -140,18 +142,20 @@ class Horizon:
         return entries
 
     def _linear_entries(self) -> Entries:
-        """Ones and minus ones: the next state, equal steps."""
+        """Ones and minus ones: the next state, equal steps, all steps."""
         n, layout = self.layout.n_state, self.layout
         h = self.columns[:-1, self.model.layout.h]
         groups = [(layout.dynamics[:, :n].ravel(), self.columns[1:, :n].ravel(), 1.0)]
         if len(layout.equal_steps):
             groups += [(layout.equal_steps, h[1:], 1.0), (layout.equal_steps, h[:-1], -1.0)]
+        if len(layout.total):
+            groups.append((np.repeat(layout.total, self.N), h, 1.0))
         rows, columns, _ = zip(*groups, strict=True)
         values = np.concatenate([np.full(len(numbers), value) for numbers, _, value in groups])
         return Entries(values=ca.MX(ca.DM(values)), rows=np.concatenate(rows), columns=np.concatenate(columns))
 
     def _hessian(self, sigma: ca.MX, lam: ca.MX) -> list[Entries]:
-        """Groups of entries of the second derivative of ``sigma' costs + lam' raw``; groups overlap."""
+        """Entries of the second derivative of ``sigma' costs + lam' raw``, which add up."""
         n, dynamics, entries = self.layout.n_state, self.model.dynamics, []
         if dynamics.hessian_sparsity.nnz():
             own = _multipliers(lam, self.layout.dynamics)
@@ -179,15 +183,13 @@ class Horizon:
         lam = ca.vertcat(lam_g, 0)[position.tolist()]
         sigma = lam[self.layout.costs.tolist()] + lam_f * ca.DM(np.eye(n)[index])
         J = assemble(self._rows_of(raw_rows, position), (len(raw_rows), self.n_x))
-        H = ca.MX(self.n_x, self.n_x)
-        for entries in self._hessian(sigma, lam):
-            H = H + assemble([entries], (self.n_x, self.n_x))
-        gradient = self._gradient(ca.MX(ca.DM(np.eye(n)[index])))
         ipopt = plugin == "ipopt"
+        H = summed(self._hessian(sigma, lam), self.n_x, upper=ipopt)
+        gradient = self._gradient(ca.MX(ca.DM(np.eye(n)[index])))
         inputs, dual = [x, p], ["x", "p", "lam_f", "lam_g"]
         slope = [f, gradient] if ipopt else [gradient]
         slope_of_all = self._gradient(sigma) + J.T @ lam_g
-        curvature = [ca.triu(H)] if ipopt else [slope_of_all, H]
+        curvature = [H] if ipopt else [slope_of_all, H]
         names = ["triu_hess_gamma_x_x"] if ipopt else ["grad_gamma_x", "hess_gamma_x_x"]
         functions = (
             ca.Function("nlp_f", inputs, [f], dual[:2], ["f"]),

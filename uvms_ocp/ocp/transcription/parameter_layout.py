@@ -55,7 +55,7 @@ class ParameterLayout:
             extra = {term: more[own] for term, more in (tightened or {}).items()}
             active = ((own > 0) | (not given.problem.fixed_start)).tolist()
             nodes = Nodes(times=times[own].tolist(), active=active, q=about[own], tightened=extra)
-            parts += numbers.parameters(nodes, rate)
+            parts.append(numbers.parameters(nodes, rate))
         return np.concatenate(parts)
 
 

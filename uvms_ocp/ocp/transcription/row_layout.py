@@ -3,6 +3,7 @@
     dynamics      step by step: the next state, then the forces where they are variables
     start         the first state, and the last one where the motion is periodic
     equal_steps   where durations are free: every step is as long as the one before
+    total         where it is limited: all steps together
     terms         block by block, node by node
     costs         one row for each level
 
@@ -23,6 +24,7 @@ from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermBlock, TermNumb
 
 FIXED = ("motion", "forces", START, "equal steps")
 """Names of rows that are laws, not wishes."""
+TOTAL = "total duration"
 _DROPPED = -2  # level of rows that say nothing
 _START = 0.75  # stage of the first state: after the dynamics and the terms of the first node
 
@@ -37,6 +39,8 @@ class RowLayout:
     """(n_boundary,) [-]"""
     equal_steps: np.ndarray
     """(N - 1,) [-], or none where durations are fixed."""
+    total: np.ndarray
+    """(1,) [-], or none where the steps together may take any time."""
     terms: tuple[np.ndarray, ...]
     """(n_nodes, n_rows) [-] of each block."""
     costs: np.ndarray
@@ -62,9 +66,13 @@ class RowLayout:
     def n_rows(self) -> int:
         return len(self.names)
 
-    def bounds(self, numbers: Sequence[TermNumbers]) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds (n_rows,) [unit of the row] with those of another problem of the same shape, block by block."""
+    def bounds(self, numbers: Sequence[TermNumbers], longest: float) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds (n_rows,) [unit of the row] with those of another problem of the same shape, block by block.
+
+        longest [s]: of all steps together.
+        """
         lower, upper = self.lower.copy(), self.upper.copy()
+        upper[self.total] = longest
         for rows, own in zip(self.terms, numbers, strict=True):
             lower[rows], upper[rows] = own.lower, own.upper
         return lower, upper
@@ -77,11 +85,12 @@ def row_layout(problem: OcpProblem, blocks: Sequence[TermBlock], ends: Boundary,
         _dynamics(N, n_state, n_forces),
         _ends(problem, ends),
         _equal_steps(problem),
+        _total(problem),
         *(_terms(block, fixed_start=problem.fixed_start) for block in blocks),
         _costs(problem),
     ]
     stops = np.cumsum([0, *(len(group.names) for group in groups)])
-    dynamics, start, equal_steps, *terms, costs = (np.arange(first, stop) for first, stop in pairwise(stops))
+    dynamics, start, equal_steps, total, *terms, costs = (np.arange(first, stop) for first, stop in pairwise(stops))
     level = np.concatenate([group.level for group in groups])
     of_levels = tuple(np.flatnonzero(level == i) for i in range(len(problem.levels)))
     held = [costs[i : i + 1] if item.relax is not None else of_levels[i] for i, item in enumerate(problem.levels)]
@@ -89,6 +98,7 @@ def row_layout(problem: OcpProblem, blocks: Sequence[TermBlock], ends: Boundary,
         dynamics=dynamics.reshape(N, -1),
         start=start,
         equal_steps=equal_steps,
+        total=total,
         terms=tuple(rows.reshape(len(block.nodes), -1) for rows, block in zip(terms, blocks, strict=True)),
         costs=costs,
         n_state=n_state,
@@ -141,6 +151,14 @@ def _equal_steps(problem: OcpProblem) -> _Group:
     n = problem.n_steps - 1 if problem.free_time else 0
     first = np.isin(np.arange(1, n + 1), problem.starts_of_phases())
     return _equalities(np.where(first, _DROPPED, CONSTRAINT), np.arange(n), FIXED[3:] * n)
+
+
+def _total(problem: OcpProblem) -> _Group:
+    n = int(problem.limits_total)
+    level, stage = np.full(n, CONSTRAINT), np.full(n, problem.n_steps + _START)
+    return _Group(
+        level=level, stage=stage, lower=np.full(n, -np.inf), upper=np.full(n, problem.longest), names=(TOTAL,) * n
+    )
 
 
 def _terms(block: TermBlock, *, fixed_start: bool) -> _Group:

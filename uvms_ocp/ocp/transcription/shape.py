@@ -17,12 +17,20 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.ocp.problem import OcpLevel, OcpPhase, OcpProblem
 from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.transcription.stage import StageModel
-from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, Member, TermBlock, TermNumbers, TermRows, term_numbers
+from uvms_ocp.ocp.transcription.term_rows import (
+    CONSTRAINT,
+    Member,
+    TermBlock,
+    TermNumbers,
+    TermRows,
+    residual_of,
+    term_numbers,
+)
 from uvms_ocp.solvers.nlp.program import row_kinds
 from uvms_ocp.tasks.task import Residual
 
 _VARYING = {
-    OcpProblem: ("start", "current", "phases", "levels", "constraints"),
+    OcpProblem: ("start", "current", "phases", "levels", "constraints", "longest"),
     OcpPhase: ("duration",),
     OcpLevel: ("terms", "relax"),
 }
@@ -53,6 +61,7 @@ def _require_same_parts(built: OcpProblem, given: OcpProblem) -> None:
     for phase, other in zip(built.phases, given.phases, strict=True):
         _require_same_fields(f"phase {other.name!r}", phase, other)
     _require_equal("the problem", "free durations", built.free_time, given.free_time)
+    _require_equal("the problem", "a limited total", built.limits_total, given.limits_total)
     _require_as_many("the problem", "constraints", built.constraints, given.constraints)
     _require_as_many("the problem", "levels", built.levels, given.levels)
     for level, another in zip(built.levels, given.levels, strict=True):
@@ -98,7 +107,7 @@ def _residual(model: StageModel, member: Member, term: Term) -> Residual:
         return built
     if _role(model, member.term) != _role(model, term):
         raise _other(model, member, term)
-    given = term.residual(model.symbols, member.goals)
+    given = residual_of(model, term, member.goals)
     same_kinds = row_kinds(built.lower, built.upper).same(row_kinds(given.lower, given.upper))
     if not (same_kinds and _same_expression(built.value, given.value, model.z, model.water, member.goals)):
         raise _other(model, member, term)

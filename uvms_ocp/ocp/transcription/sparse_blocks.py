@@ -37,6 +37,17 @@ def assemble(entries: Sequence[Entries], shape: tuple[int, int]) -> ca.MX:
     return ca.MX(sparsity, ca.vertcat(*(item.values for item in entries))[order.tolist()])
 
 
+def summed(entries: Sequence[Entries], n: int, *, upper: bool) -> ca.MX:
+    """The square matrix (n, n) of all entries, which add up where they share a place; of `upper` its upper triangle."""
+    rows, columns = (np.concatenate([getattr(item, name) for item in entries]) for name in ("rows", "columns"))
+    kept = np.flatnonzero((rows >= 0) & (columns >= 0) & ((rows <= columns) | (not upper)))
+    places, target = np.unique(columns[kept].astype(np.int64) * n + rows[kept], return_inverse=True)
+    # One product instead of sums of large matrices, each of which would be gone through anew.
+    sums = ca.DM.triplet(target.tolist(), kept.tolist(), ca.DM.ones(len(kept)), len(places), len(rows))
+    sparsity = ca.Sparsity.triplet(n, n, (places % n).tolist(), (places // n).tolist())
+    return ca.MX(sparsity, ca.densify(sums @ ca.vertcat(*(ca.densify(item.values) for item in entries))))
+
+
 def scatter(values: ca.MX, places: np.ndarray, n: int) -> ca.MX:
     """Dense vector (n,) with `values` (m,) at places (m,) [-], no two the same; negative places count for nothing."""
     entries = Entries(values=values, rows=places, columns=np.where(places >= 0, 0, -1))

@@ -112,10 +112,10 @@ def derivatives(
     gradient = ca.gradient(ca.dot(sigma, c), z) if c.numel() else ca.SX.zeros(z.shape)
     lagrangian = ca.dot(sigma, c) + ca.dot(lam, rows)
     H = ca.hessian(lagrangian, z)[0] if residuals is None else _gauss_newton(residuals, sigma, z)
-    options = {"cse": True}
 
     def function(kind: str, inputs: list[ca.SX], output: ca.SX) -> ca.Function:
-        return ca.Function(f"{name}_{kind}", inputs, [ca.densify(output)], options)
+        # Common subexpressions are shared by how rows are written: looking for more takes as long as all else, for 4 %.
+        return ca.Function(f"{name}_{kind}", inputs, [ca.densify(output)])
 
     return Derivatives(
         value=function("value", [z, s], rows),
@@ -143,9 +143,10 @@ def _nonzeros(matrix: ca.SX) -> ca.SX:
 class StageModel:
     """Symbols and dynamics of one step of a problem's robot."""
 
-    def __init__(self, problem: OcpProblem, *, eliminated: bool = False) -> None:
+    def __init__(self, problem: OcpProblem, *, eliminated: bool = False, like: StageModel | None = None) -> None:
+        """like: another model, whose dynamics serve here too where they are the same."""
         robot = problem.robot
-        self.problem, self.robot = problem, robot
+        self.problem, self.robot, self._like = problem, robot, like
         self.actuators = Actuators(robot, problem.actuation)
         direct = not robot.n_vehicle or problem.actuation is Actuation.WRENCH
         self.decides_forces = not eliminated and (problem.water or problem.limited or not direct)
@@ -156,6 +157,13 @@ class StageModel:
         self.water = ca.SX.sym("u", 3)
         """(3,) [m/s] velocity of the water."""
         self._dynamics = robot_dynamics(robot).symbolic if problem.water else SymbolicDynamics(model=robot.model)
+        self._eliminated = eliminated
+
+    @property
+    def kind(self) -> tuple[object, ...]:
+        """What the dynamics depend on."""
+        problem = self.problem
+        return self.robot, problem.integrator, problem.actuation, problem.hessian, problem.water, self.layout
 
     @property
     def n_forces(self) -> int:
@@ -168,6 +176,8 @@ class StageModel:
 
         The last rows are left out where forces are no variables.
         """
+        if self._like is not None and self._like.kind == self.kind:
+            return self._like.dynamics
         z, layout = self.z, self.layout
         q, v, h, a = z[layout.q], z[layout.v], z[layout.h], z[layout.a]
         rows = ca.vertcat(self.moved(q, v, a, h), v + h * a)
@@ -183,26 +193,43 @@ class StageModel:
     @cached_property
     def wanted(self) -> ca.SX:
         """Generalised forces (n_v,) [N, N m] that a step takes."""
-        z, layout, u = self.z, self.layout, self.water
+        return self.forces_of(self.middle)
+
+    @cached_property
+    def middle(self) -> ca.SX:
+        """q, v and a (n_q + 2 n_v,) where the forces of a step are."""
+        z, layout = self.z, self.layout
         q, v, h, a = z[layout.q], z[layout.v], z[layout.h], z[layout.a]
-        euler = self.problem.integrator is Integrator.EULER
-        q_there, v_there = (q, v) if euler else (self.moved(q, v, a, h / 2), v + h / 2 * a)
+        if self.problem.integrator is Integrator.EULER:
+            return ca.vertcat(q, v, a)
+        return ca.vertcat(self.moved(q, v, a, h / 2), v + h / 2 * a, a)
+
+    def forces_of(self, motion: ca.SX) -> ca.SX:
+        """Generalised forces (n_v,) [N, N m] of a motion q, v and a (n_q + 2 n_v,)."""
+        n_q, n_v, u = self.layout.n_q, self.layout.n_v, self.water
         u_links = ca.repmat(u, 1, len(self._dynamics.links))
-        return self._dynamics.inverse_dynamics(q_there, v_there, a, u_links, ca.SX(*u_links.shape))
+        parts = (motion[:n_q], motion[n_q : n_q + n_v], motion[n_q + n_v :])
+        return self._dynamics.inverse_dynamics(*parts, u_links, ca.SX(*u_links.shape))
+
+    @cached_property
+    def force(self) -> ca.SX:
+        """(n_v,) [N, N m] `wanted`; where forces are `eliminated` a symbol for it: differentiated once for all rows."""
+        return ca.SX.sym("f", self.robot.n_v) if self._eliminated else self.wanted
 
     @cached_property
     def inputs(self) -> tuple[ca.SX, ca.SX]:
         """Thrust and torque of a step, in shares of their limits."""
         if self.decides_forces:
             return self.z[self.layout.thrust], self.z[self.layout.torque]
-        n, wanted, actuators = self.robot.n_vehicle, self.wanted, self.actuators
-        thrust = sparse(actuators.spread) @ wanted[:n] + sparse(actuators.null) @ self.z[self.layout.null]
-        return thrust, wanted[n:] / ca.DM(actuators.torque_unit)
+        n, force, actuators = self.robot.n_vehicle, self.force, self.actuators
+        thrust = sparse(actuators.spread) @ force[:n] + sparse(actuators.null) @ self.z[self.layout.null]
+        return thrust, force[n:] / ca.DM(actuators.torque_unit)
 
     @cached_property
     def inputs_function(self) -> ca.Function:
         """``z, water -> thrust, torque`` in shares of their limits."""
-        return ca.Function("inputs", [self.z, self.water], [ca.densify(part) for part in self.inputs])
+        function = ca.Function("inputs", [self.z, self.water], [ca.densify(part) for part in self.inputs])
+        return function if self.decides_forces else compile_function(function)
 
     def moved(self, q: ca.SX, v: ca.SX, a: ca.SX, h: ca.SX) -> ca.SX:
         """Configuration after the time h of constant acceleration."""

@@ -15,6 +15,7 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.exceptions import InvalidInput, UvmsError
 from uvms_ocp.ocp.problem import HessianKind, OcpPhase, OcpProblem, counts_at_end, counts_on_path
 from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel, compiled, derivatives
@@ -68,15 +69,17 @@ class TermNumbers:
     upper: np.ndarray
     """(m,) [-] weighted."""
 
-    def parameters(self, nodes: Nodes, rate: float) -> list[np.ndarray]:
-        """Parameters of nodes, in parts, one node after the other; rate [1/s]: 1 / time."""
+    def parameters(self, nodes: Nodes, rate: float) -> np.ndarray:
+        """Parameters of nodes, one node after the other; rate [1/s]: 1 / time."""
         bounds = [np.where(np.isfinite(bound), bound, 0.0) for bound in (self.lower, self.upper)]
-        fixed = np.concatenate([[rate], self.roots, *bounds])
+        n, fixed = len(nodes.active), np.concatenate([[rate], self.roots, *bounds])
         goals = [term.references(nodes.times, nodes.q, nodes.tightened.get(term)) for term in self.terms]
-        parts = []
-        for k, on in enumerate(nodes.active):
-            parts += [np.array([float(on)]), fixed, *(goal[k] for goal in goals)]
-        return parts
+        parts = [
+            np.reshape(nodes.active, (n, 1)),
+            np.tile(fixed, (n, 1)),
+            *(np.reshape(goal, (n, -1)) for goal in goals),
+        ]
+        return np.asarray(np.hstack(parts, dtype=float).ravel())
 
 
 def term_numbers(terms: Sequence[Term], residuals: Sequence[Residual]) -> TermNumbers:
@@ -179,8 +182,21 @@ def _members(model: StageModel, phase: OcpPhase, counts: Counts) -> list[Member]
 
 def _member(model: StageModel, place: int, level: int, term: Term) -> Member:
     goals = ca.SX.sym("goals", term.n_parameters(model.robot))
-    residual = term.residual(model.symbols, goals)
+    residual = residual_of(model, term, goals)
     return Member(place=place, level=level, term=term, residual=residual, goals=goals)
+
+
+def residual_of(model: StageModel, term: Term, goals: ca.SX) -> Residual:
+    """Of a term with parameters `goals` (n,). Raises `InvalidInput` for whatever its own code raises, by its name."""
+    try:
+        return term.residual(model.symbols, goals)
+    except UvmsError:
+        raise
+    except Exception as error:
+        text = " ".join(str(error).split())[:200]
+        raise InvalidInput(
+            f"term {term.name!r}: its residual raised {type(error).__name__}: {text}; mend it, its cause is chained"
+        ) from error
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

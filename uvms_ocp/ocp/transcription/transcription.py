@@ -38,18 +38,21 @@ class Transcription:
     Methods that take a problem raise `InvalidInput` for one of another shape; by default it is the one that was built in.
     """
 
-    def __init__(self, problem: OcpProblem, *, plugin: str = "ipopt") -> None:
+    def __init__(self, problem: OcpProblem, *, plugin: str = "ipopt", like: Transcription | None = None) -> None:
+        """like: of another problem, whose dynamics serve here too where they are the same."""
         self.problem, self._plugin = problem, plugin
-        self.model = StageModel(problem)
+        self.model: StageModel = StageModel(problem, like=None if like is None else like.model)
         self.blocks = term_blocks(self.model)
         self.variables = VariableLayout(model=self.model)
         self.parameter_layout = parameter_layout(problem, self.blocks)
         ends = boundary(self.model)
-        if ends.coupled and plugin != "ipopt":
-            raise InvalidInput(f"{plugin} goes from step to step, a periodic motion ties its ends: use plugin='ipopt'")
+        if plugin != "ipopt" and (ends.coupled or problem.limits_total):
+            what = "a periodic motion ties its ends" if ends.coupled else "`longest` ties all steps"
+            raise InvalidInput(f"{plugin} goes from step to step, {what}: use plugin='ipopt'")
         self.row_layout = row_layout(problem, self.blocks, ends, n_forces=self.model.n_forces)
         self._horizon = horizon(self.variables, self.parameter_layout, self.row_layout, ends)
         self._last = fitted(self.model, self.blocks, problem)
+        _ = self.model.inputs_function  # is compiled before any clock runs
 
     @property
     def n_x(self) -> int:
@@ -146,13 +149,14 @@ class Transcription:
 
     def obstruction(self, problem: OcpProblem) -> tuple[str, float] | None:
         """Constraint along the path that the start itself breaks, and by how much."""
-        if not problem.fixed_start:
+        of_state = (self.blocks[0].rows.level == CONSTRAINT) & self.blocks[0].rows.state_only
+        if not (problem.fixed_start and of_state.any()):
             return None
         rows, numbers = self.blocks[0].rows, self._fitted(problem).numbers[0]  # the steps of the first phase
         z, s = self._at_start(problem, numbers)
         broken = excess(np.array(rows.value(z, s, problem.currents[0])).ravel(), numbers.lower, numbers.upper)
         # What is no number is nothing that another start would mend: solvers meet it, and their verdict names it.
-        broken[(rows.level != CONSTRAINT) | ~rows.state_only | np.isnan(broken)] = 0.0
+        broken[~of_state | np.isnan(broken)] = 0.0
         if not broken.any() or broken.max() < _ROUNDING:
             return None
         return rows.names[int(broken.argmax())], float(broken.max())
@@ -173,7 +177,7 @@ class Transcription:
         z = np.zeros(self.model.layout.n_z)
         z[self.model.layout.q], z[self.model.layout.v] = problem.start.q, problem.start.v
         here = Nodes(times=[0.0], active=[False], q=problem.start.q[None], tightened={})
-        return z, np.concatenate(numbers.parameters(here, 1.0))
+        return z, numbers.parameters(here, 1.0)
 
     @cached_property
     def program(self) -> LexicographicProgram:
@@ -189,7 +193,7 @@ class Transcription:
 
     def _ranges(self, given: Fitted) -> RowRanges:
         layout = self.row_layout
-        lower, upper = layout.bounds(given.numbers)
+        lower, upper = layout.bounds(given.numbers, given.problem.longest)
         ends = np.cumsum([len(layout.constraints), *(len(rows) for rows in layout.held)]).tolist()
         places = zip(given.problem.levels, layout.levels, ends[:-1], ends[1:], strict=True)
         return RowRanges(

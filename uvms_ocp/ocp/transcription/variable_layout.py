@@ -48,17 +48,17 @@ class VariableLayout:
         kept[self.model.layout.h] = self.free
         return np.where(kept, np.cumsum(kept) - 1, -1)
 
-    @property
+    @cached_property
     def n_step(self) -> int:
         """Variables of a step."""
         return self.model.layout.n_z - (not self.free)
 
-    @property
+    @cached_property
     def n_state(self) -> int:
         """Variables of the last node."""
         return self.model.layout.h + self.free
 
-    @property
+    @cached_property
     def n_x(self) -> int:
         return self.N * self.n_step + self.n_state
 
@@ -68,6 +68,16 @@ class VariableLayout:
         if node == self.N:
             columns[self.model.layout.h + 1 :] = -1
         return columns
+
+    @cached_property
+    def _columns(self) -> np.ndarray:
+        """(N + 1, n_z) those of all nodes."""
+        return np.array([self.columns(k) for k in range(self.N + 1)])
+
+    @cached_property
+    def _inputs(self) -> ca.Function:
+        """``z (n_z, N), water (3, N) -> thrust, torque`` in shares of their limits."""
+        return self.model.inputs_function.map(self.N)
 
     def nodes(self, x: ca.MX, h: ca.MX) -> NodeVariables:
         """Columns of the variables x (n_x,); h (N,) [s]: lengths of the steps where they are no variables."""
@@ -130,27 +140,22 @@ class VariableLayout:
                 f"the guess has {len(trajectory.a)} steps; give one of {self.N}, such as `through` makes"
             )
         actuators = self.model.actuators
-        x = np.zeros(self.n_x)
-        h = np.diff(trajectory.t)
-        for k in range(self.N + 1):
-            j = min(k, self.N - 1)
-            shares = (trajectory.thrust[j] / actuators.thrust_unit, trajectory.torque[j] / actuators.torque_unit)
-            inputs = shares if self.model.decides_forces else ()
-            z = np.concatenate([trajectory.q[k], trajectory.v[k], [h[j]], trajectory.a[j], *inputs])
-            columns = self.columns(k)
-            x[columns[columns >= 0]] = z[columns >= 0]
+        shares = (trajectory.thrust / actuators.thrust_unit, trajectory.torque / actuators.torque_unit)
+        inputs = shares if self.model.decides_forces else ()
+        steps = np.hstack([np.diff(trajectory.t)[:, None], trajectory.a, *inputs])
+        Z = np.hstack([trajectory.q, trajectory.v, np.vstack([steps, steps[-1:]])])
+        x, used = np.zeros(self.n_x), self._columns >= 0
+        x[self._columns[used]] = Z[used]
         return x
 
     def unpack(self, x: np.ndarray, problem: OcpProblem) -> Trajectory:
         """The trajectory of variables x (n_x,) [unit of x]; where durations are fixed, with those of the problem."""
         layout, actuators = self.model.layout, self.model.actuators
-        Z = np.zeros((self.N + 1, layout.n_z))
-        for k in range(self.N + 1):
-            columns = self.columns(k)
-            Z[k, columns >= 0] = x[columns[columns >= 0]]
+        Z, used = np.zeros((self.N + 1, layout.n_z)), self._columns >= 0
+        Z[used] = x[self._columns[used]]
         steps = Z[:-1, layout.h] if self.free else np.diff(problem.nominal_times())
         Z[:-1, layout.h] = steps
-        inputs = self.model.inputs_function.map(self.N)(Z[:-1].T, problem.currents.T)
+        inputs = self._inputs(Z[:-1].T, problem.currents.T)
         thrust, torque = (np.array(part).T for part in inputs)
         return Trajectory(
             t=np.concatenate([[0.0], np.cumsum(steps)]),

@@ -58,7 +58,12 @@ class Fault:
     @late
     def active(self, t: float) -> bool:
         """Whether it is there at time t [s]."""
-        return self.onset <= t + _EARLY < self.end
+        return is_on(self.onset, self.end, t)
+
+
+def is_on(onset: float, end: float, t: float) -> bool:
+    """Whether something that lasts from `onset` [s] to `end` [s] is there at time t [s]."""
+    return onset <= t + _EARLY < end
 
 
 def plain(number: float) -> str:

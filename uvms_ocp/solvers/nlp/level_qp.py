@@ -11,7 +11,7 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.nlp.program import LevelNlp
 from uvms_ocp.solvers.nlp.row_bounds import RowBounds
-from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
+from uvms_ocp.solvers.nlp.sqp_options import OF_MATRICES, SqpOptions
 
 _FUNCTIONS = ("nlp_g", "nlp_grad_f", "nlp_jac_g", "nlp_hess_l")
 _OPTIONS: dict[str, dict[str, object]] = {
@@ -56,8 +56,8 @@ class LevelQp:
         upper = nlp.functions["nlp_hess_l"](x, p, 1, ca.MX.zeros(m))
         H = ca.triu2symm(upper) + damping * ca.MX.eye(n)
         self._linearize = ca.Function(f"linear_{index}", [x, p, damping], [gradient, H, g, A])
-        shape = {"h": H.sparsity(), "a": A.sparsity()}
-        self._qp = ca.conic(f"qp_{index}", options.plugin, shape, {"error_on_fail": False, **_OPTIONS[options.plugin]})
+        shape, plugin = {"h": H.sparsity(), "a": A.sparsity()}, options.plugin or OF_MATRICES
+        self._qp = ca.conic(f"qp_{index}", plugin, shape, {"error_on_fail": False, **_OPTIONS[plugin]})
 
     def step(
         self, x: np.ndarray, p: np.ndarray, bounds: RowBounds, damping: float

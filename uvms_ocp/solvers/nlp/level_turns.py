@@ -116,18 +116,27 @@ class LevelTurns:
         """Where the next level moves the point."""
         i = len(point.reached)
         failure = self._model.step(i, point, bounds, self._options.damping + self._weights[i])
-        share, found = (0.0, point) if failure is not None else self._searched(point, levels)
+        share, found = (0.0, point) if failure is not None else self._searched(point, levels, bounds)
         self._weights.adapt(i, share)
         return found
 
-    def _searched(self, point: Point, levels: tuple[LevelRows, ...]) -> tuple[float, Point]:
-        """The largest share of the step that the rule allows, and where it leads."""
-        rule = self._rule(point, levels)
-        for share in SHARES:
-            found = self._model.moved(share)
-            if rule.allows(found.merit):
-                return share, replace(found, reached=point.reached)
-        return 0.0, point
+    def _searched(self, point: Point, levels: tuple[LevelRows, ...], bounds: RowBounds) -> tuple[float, Point]:
+        """The share of the step that is taken, and where it leads: the largest that is allowed, or all of it, mended."""
+        rule, i = self._rule(point, levels), len(point.reached)
+        tried = [self._model.moved(1.0)]
+        while not rule.allows(tried[-1].merit) and len(tried) < len(SHARES):
+            tried.append(self._model.moved(SHARES[len(tried)]))
+        share, found = (SHARES[len(tried) - 1], tried[-1]) if rule.allows(tried[-1].merit) else (0.0, point)
+        if share < 1.0:
+            mended = self._mended(tried[0], i, bounds)
+            if rule.allows(mended.merit) and mended.merit.residuals[i] <= found.merit.residuals[i]:
+                share, found = 1.0, mended
+        return share, replace(found, reached=point.reached)
+
+    def _mended(self, whole: Point, level: int, bounds: RowBounds) -> Point:
+        """A whole step, and one more, which brings back what curvature did to the rows above: a second-order correction."""
+        failure = self._model.step(level, whole, bounds, self._options.damping + self._weights[level])
+        return whole if failure is not None else self._model.moved(1.0)
 
     def _rule(self, point: Point, levels: tuple[LevelRows, ...]) -> Acceptance:
         options = self._options

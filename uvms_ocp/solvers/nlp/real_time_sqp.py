@@ -7,7 +7,9 @@ moved on in time, one step is nearly feasible and nearly optimal (real-time iter
 Within one step levels take their turns. Each is linearised where those above it left the point, so that a level also mends
 what curvature did to the constraints, and keeps their rows as they truly are there. The first takes its step whole; those
 below are damped and searched along (`proximal.py`, `acceptance.py`), and none of them takes what costs a level above
-more than the tolerance. A level whose QP fails, or for which no time is left, stays where it is.
+more than the tolerance. Where a whole step would, because rows above are curved, a second one from its end brings them back
+[Fletcher1982], and both are taken if they lead further than the share that is allowed. A level whose QP fails, or for
+which no time is left, stays where it is.
 """
 
 from __future__ import annotations

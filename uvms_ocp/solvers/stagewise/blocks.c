@@ -20,21 +20,6 @@ static inline void block_product(int n, const double *restrict a, int lda, const
   for (int j = 0; j < 4; ++j) c[0][j] = c0[j], c[1][j] = c1[j], c[2][j] = c2[j], c[3][j] = c3[j];
 }
 
-/* c += a b for 4 rows of a. */
-static inline void block_rows(int n, const double *restrict a, int lda, const double *restrict b, int ldb,
-                              double c[restrict 4][4]) {
-  double c0[4], c1[4], c2[4], c3[4];
-  for (int j = 0; j < 4; ++j) c0[j] = c[0][j], c1[j] = c[1][j], c2[j] = c[2][j], c3[j] = c[3][j];
-  for (int k = 0; k < n; ++k, ++a, b += ldb) {
-    const double a0 = a[0], a1 = a[lda], a2 = a[2 * lda], a3 = a[3 * lda];
-    for (int j = 0; j < 4; ++j) c0[j] += a0 * b[j];
-    for (int j = 0; j < 4; ++j) c1[j] += a1 * b[j];
-    for (int j = 0; j < 4; ++j) c2[j] += a2 * b[j];
-    for (int j = 0; j < 4; ++j) c3[j] += a3 * b[j];
-  }
-  for (int j = 0; j < 4; ++j) c[0][j] = c0[j], c[1][j] = c1[j], c[2][j] = c2[j], c[3][j] = c3[j];
-}
-
 /* A row of a Gram matrix, and its weight. */
 typedef struct {
   const double *row;
@@ -53,6 +38,15 @@ static inline void block_gram(int n, const WeightedRow *restrict rows, int i, in
     for (int l = 0; l < 4; ++l) c3[l] += a3 * b[l];
   }
   for (int l = 0; l < 4; ++l) c[0][l] = c0[l], c[1][l] = c1[l], c[2][l] = c2[l], c[3][l] = c3[l];
+}
+
+/* NaN wins, so that it is noticed. */
+static double larger_of(double a, double b) { return a != a || a > b ? a : b; }
+
+static double largest_of(int n, const double *a) {
+  double most = 0.0;
+  for (int i = 0; i < n; ++i) most = larger_of(most, fabs(a[i]));
+  return most;
 }
 
 static inline double dot(int n, const double *restrict a, const double *restrict b) {
@@ -108,48 +102,59 @@ static void add_gram(int m, int n, const double *A, const double *weight, double
   }
 }
 
-/* M = L' L with L lower, in place; from the last row to the first, so that what comes last is eliminated first.
+/* Eliminates the rows of M (n, n) from the last one to `state`, in place: they become rows of L, M = L' L with L lower, and what
+they leave of the first `state` rows stands there, both triangles of it.
 
-inverse (n) gets 1 / L_kk. Where a pivot is rounding only, rows from `needed` on (those that are solved for) are damped, and the
-others, of which only the product L' L counts, are 0. Returns 1 where the matrix is not positive semi-definite in these others
-alone, 2 where it is not in rows that are solved for, 3 for NaN. */
-static int factor_reversed(int n, int needed, double least, double *restrict M, double *restrict inverse) {
+inverse (n) gets 1 / L_kk. Where a pivot is rounding only it is damped. Returns 1 where one is negative, 2 for NaN. */
+static int eliminate(int n, int state, double least, double *restrict M, double *restrict inverse) {
   const int ld = PADDED(n);
-  int wrong = 0;
-  for (int i = n; i < ld; ++i) {
-    for (int j = 0; j < ld; ++j) M[i * ld + j] = 0.0;
-    M[i * ld + i] = 1.0;
-  }
-  for (int top = ld - 4; top >= 0; top -= 4) {
+  for (int end = n; end > state; end -= 4) {
+    const int top = end - 4 > state ? end - 4 : state;
     double given[4];
-    for (int p = 0; p < 4; ++p) given[p] = M[(top + p) * ld + top + p];
-    for (int j = 0; j <= top; j += 4) {
+    for (int p = 0; p < end - top; ++p) given[p] = M[(top + p) * ld + top + p];
+    for (int j = 0; j < end && end < n; j += 4) {
       double c[4][4] = {{0}};
-      block_product(ld - top - 4, M + (top + 4) * ld + top, ld, M + (top + 4) * ld + j, ld, c);
-      for (int p = 0; p < 4; ++p)
+      block_product(n - end, M + end * ld + top, ld, M + end * ld + j, ld, c);
+      for (int p = 0; p < end - top; ++p)
         for (int q = 0; q < 4; ++q) M[(top + p) * ld + j + q] -= c[p][q];
     }
-    for (int p = 3; p >= 0; --p) {
-      const int k = top + p;
+    for (int k = end - 1; k >= top; --k) {
       double *restrict row = M + k * ld;
-      for (int q = 3; q > p; --q) add_multiple(k + 1, -M[(top + q) * ld + k], M + (top + q) * ld, row);
-      double pivot = row[k], scale = 0.0;
-      if (!(pivot == pivot)) return 3;
-      if (pivot < -INDEFINITE * (fabs(given[p]) + least)) {
-        if (k >= needed) return 2;
-        wrong = 1;
-      }
-      if (pivot <= ROUNDING * given[p] + TINY) {
-        /* A direction without curvature. */
-        if (k >= needed) pivot = DAMPED * (given[p] > least ? given[p] : least);
-        else pivot = 0.0;
-      }
-      if (pivot > 0.0) scale = 1.0 / sqrt(pivot);
-      for (int j = 0; j < k; ++j) row[j] *= scale;
-      row[k] = pivot * scale;
-      for (int j = k + 1; j < top + 4; ++j) row[j] = 0.0;
-      if (k < n) inverse[k] = scale;
+      for (int later = end - 1; later > k; --later) add_multiple(k + 1, -M[later * ld + k], M + later * ld, row);
+      double pivot = row[k], before = given[k - top];
+      if (!(pivot == pivot)) return 2;
+      if (pivot < -INDEFINITE * (fabs(before) + least)) return 1;
+      /* A direction without curvature. */
+      if (pivot <= ROUNDING * before + TINY) pivot = DAMPED * (before > least ? before : least);
+      inverse[k] = 1.0 / sqrt(pivot);
+      for (int j = 0; j < k; ++j) row[j] *= inverse[k];
+      row[k] = pivot * inverse[k];
     }
   }
-  return wrong;
+  for (int i = 0; i < state; i += 4)
+    for (int j = 0; j <= i; j += 4) {
+      double c[4][4] = {{0}};
+      block_product(n - state, M + state * ld + i, ld, M + state * ld + j, ld, c);
+      for (int p = 0; p < 4 && i + p < state; ++p)
+        for (int q = 0; q < 4; ++q) M[(i + p) * ld + j + q] -= c[p][q];
+    }
+  for (int i = 0; i < state; ++i)
+    for (int j = 0; j < i; ++j) M[j * ld + i] = M[i * ld + j];
+  return 0;
+}
+
+/* M += F' P F below the diagonal: F (m, n) has few entries, P (m, m) both triangles in rows of ld_P numbers, M (n, n) is padded;
+PF: room for 2 n PADDED(m). */
+static void add_transformed(int m, int n, const double *F, const double *P, int ld_P, double *restrict M, double *restrict PF) {
+  const int ld = PADDED(n), ld_T = PADDED(m);
+  double *T = PF + n * ld_T;
+  for (int i = 0; i < n * ld_T; ++i) T[i] = 0.0;
+  for (int k = 0; k < m; ++k)
+    for (int j = 0; j < n; ++j)
+      if (F[k * n + j] != 0.0) add_multiple(m, F[k * n + j], P + k * ld_P, T + j * ld_T);
+  for (int k = 0; k < m; ++k)
+    for (int j = 0; j < n; ++j) PF[k * n + j] = T[j * ld_T + k];
+  for (int k = 0; k < m; ++k)
+    for (int j = 0; j < n; ++j)
+      if (F[k * n + j] != 0.0) add_multiple(j + 1, F[k * n + j], PF + k * n, M + j * ld);
 }

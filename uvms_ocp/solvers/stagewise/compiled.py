@@ -15,8 +15,8 @@ from uvms_ocp.arrays import Array
 from uvms_ocp.functions.compile import compile_library, loaded_library
 from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
 from uvms_ocp.solvers.stagewise.point import End, Point, Start, point_of
-from uvms_ocp.solvers.stagewise.row_table import RowTable
-from uvms_ocp.solvers.stagewise.solution import StageQpStatus, kkt_residual
+from uvms_ocp.solvers.stagewise.row_table import RowTable, may_be_fixed
+from uvms_ocp.solvers.stagewise.solution import Near, Products, StageQpStatus, kkt_residual
 from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape, places
 
 _INCLUDES = "#include <math.h>\n#include <stddef.h>\n#include <string.h>\n"
@@ -36,8 +36,16 @@ _DATA = {
     "damping": "damping",
     "constraints": "C",
 }
-_STAGE_WORK = ("fixed", "Q", "q", "L", "inverse", "plain", "W", "v", "list")
+_STAGE_WORK = ("fixed", "Q", "q", "L", "inverse", "W", "v", "list")
 _TABLE = ("bound", "side", "elastic", "equal", "target", "l1", "l2", "compliance", "norm")
+_BOUNDS = {
+    "lower": "lower",
+    "upper": "upper",
+    "c_l1": "l1",
+    "c_l2": "l2",
+    **{name: name for name in ("z_lower", "z_upper", "z_l1", "z_l2")},
+}
+_HELD = ("loose", "active", "no_side", "held_equal", "held_target")
 _WORK = ("elasticity", "point", "best", "step", "affine", "trial")
 _DIRECTION = ("weight", "soft", "left", "gap", "pull", "rhs", "t_side", "t_elastic")
 _RESIDUALS = ("grad", "held", "defect", "value", "row", "equal", "dual")
@@ -70,7 +78,7 @@ class _Residuals(ctypes.Structure):
 
     _fields_ = (
         *_pointers(*_RESIDUALS),
-        *_numbers("stationarity", "primal", "complementarity", "gradient", "variable", "linear", "worst"),
+        *_numbers("stationarity", "primal", "complementarity", "steepest", "gradient", "variable", "linear", "worst"),
     )
 
 
@@ -80,11 +88,11 @@ class _Problem(ctypes.Structure):
     _fields_ = (
         ("stages", _Stages),
         *_integers("M", "m", "n", "n_x"),
-        *_pointers(*_TABLE, *_WORK, *_DIRECTION),
+        *_pointers(*_TABLE, *_BOUNDS, *_HELD, *_WORK, *_DIRECTION, "bounded"),
         ("now", _Residuals),
         ("other", _Residuals),
-        *_numbers("curvature", "tolerance", "warm_mu"),
-        *_integers("max_iterations", "iterations", "corrections", "status", "start"),
+        *_numbers("curvature", "tolerance", "warm_mu", "slow"),
+        *_integers("n_bounded", "max_iterations", "iterations", "corrections", "status", "start"),
     )
 
 
@@ -98,33 +106,76 @@ class CompiledCore:
         self._problem.stages.N = shape.N
         # What ctypes only knows the address of.
         self._indices, self._stage_work = _indices(shape), _stage_work(shape)
-        self._work = _work(n, m, self._n_x)
+        self._work, self._table = _work(n, m, self._n_x), _table(n, m)
+        self._work["loose"][:] = may_be_fixed(shape)
+        self._loaded: StageQp | None = None
+        self._found = np.zeros(3)
         self._now, self._other = (_residuals(n, m, self._n_x) for _ in range(2))
         _point(self._problem.stages, {**self._indices, **self._stage_work})
-        _point(self._problem, self._work)
+        _point(self._problem, self._work | self._table)
         _point(self._problem.now, self._now)
         _point(self._problem.other, self._other)
 
     def run(
-        self, qp: StageQp, table: RowTable, point: Point, options: StageQpOptions, *, start: Start, costless: bool
+        self,
+        qp: StageQp,
+        table: RowTable,
+        point: Point,
+        options: StageQpOptions,
+        *,
+        start: Start,
+        costless: bool,
+        damped: bool,
     ) -> End:
         """As `NumpyCore.run`."""
-        problem = self._problem
-        given = {name: np.ascontiguousarray(getattr(table, name), dtype=float) for name in _TABLE}
-        _point(problem.stages, {name: qp.flat[own] for name, own in _DATA.items()})
-        _point(problem, given)
+        self._load(qp, options)
+        for name, array in self._table.items():
+            array[:] = np.ravel(getattr(table, name))
         self._stage_work["fixed"][:] = table.fixed
         self._work["point"][:] = point.flat()
-        problem.tolerance, problem.max_iterations = options.tolerance, options.max_iterations
-        problem.start, problem.warm_mu = int(start), options.warm_mu
-        self._library.solve_qp(ctypes.byref(problem), int(costless))
+        self._problem.start = int(start)
+        self._library.solve_qp(ctypes.byref(self._problem), int(costless), int(damped))
         return self._end()
+
+    def solve(self, qp: StageQp, options: StageQpOptions, near: Near | None) -> End:
+        """As `NumpyCore.solve`."""
+        self._load(qp, options)
+        point = self._work["point"]
+        if near is not None:
+            np.concatenate([near.z, near.costate, near.y], out=point[: self._n + self._n_x + self._problem.M])
+        self._library.solve_whole(ctypes.byref(self._problem), int(near is not None))
+        return self._end()
+
+    def products(self, qp: StageQp, z: Array) -> Products:
+        """As `NumpyCore.products`; z (n,) [unit of z]."""
+        self._load(qp, None)
+        stages = ctypes.byref(self._problem.stages)
+        self._library.products(stages, _address(z), _address(self._found))
+        slope, square, change = self._found.tolist()
+        return Products(slope=slope, square=square, change=change)
+
+    def stationarity(self, qp: StageQp, near: Near) -> float:
+        """As `NumpyCore.stationarity`."""
+        self._load(qp, None)
+        stages, m = ctypes.byref(self._problem.stages), ctypes.c_int(self._problem.m)
+        return float(self._library.stationarity(stages, _address(near.costate), _address(near.y), m))
+
+    def _load(self, qp: StageQp, options: StageQpOptions | None) -> None:
+        problem = self._problem
+        if qp is not self._loaded:
+            _point(problem.stages, {name: qp.flat[own] for name, own in _DATA.items()})
+            _point(problem, {name: qp.flat[own] for name, own in _BOUNDS.items()})
+            self._loaded = qp
+        if options is not None:
+            problem.tolerance, problem.max_iterations = options.tolerance, options.max_iterations
+            problem.warm_mu = options.warm_mu
 
     def _end(self) -> End:
         problem, now = self._problem, self._problem.now
         return End(
             status=_STATUSES[problem.status],
             point=point_of(self._work["point"].copy(), self._n, self._n_x),
+            value=self._now["value"].copy(),
             held=self._now["held"].copy(),
             kkt=kkt_residual(stationarity=now.stationarity, primal=now.primal, complementarity=now.complementarity),
             worst=now.worst,
@@ -137,6 +188,10 @@ def _point(structure: ctypes.Structure, arrays: Mapping[str, Any]) -> None:
         setattr(structure, name, array.ctypes.data)
 
 
+def _address(array: Array) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)
+
+
 def compiled_core(shape: StageShape) -> CompiledCore | None:
     """None without a compiler."""
     library = _library()
@@ -146,7 +201,11 @@ def compiled_core(shape: StageShape) -> CompiledCore | None:
 @lru_cache(maxsize=1)
 def _library() -> ctypes.CDLL | None:
     path = compile_library(core_source(), _FLAGS, "QPs of stages")
-    return None if path is None else loaded_library(path)
+    if path is None:
+        return None
+    library = loaded_library(path)
+    library.stationarity.restype = ctypes.c_double
+    return library
 
 
 def core_source() -> str:
@@ -189,19 +248,25 @@ def _stage_work(shape: StageShape) -> dict[str, Array]:
         "q": n,
         "L": factor,
         "inverse": n,
-        "plain": shape.N + 1,
-        "W": padded(max(shape.n_x)) * most,
+        "W": 2 * padded(max(shape.n_x)) * most,
         "v": 2 * most,
         "list": 4 * max(*shape.n_r, *shape.n_c),
     }
     return {name: np.zeros(size + 4) for name, size in sizes.items()} | {"fixed": np.zeros(n)}
 
 
-def _work(n: int, m: int, n_x: int) -> dict[str, Array]:
+def _work(n: int, m: int, n_x: int) -> dict[str, Any]:
     M = m + n
     sizes = {"elasticity": M, "pull": M, "rhs": n}
     sizes |= dict.fromkeys(("weight", "soft", "left", "gap", "t_side", "t_elastic"), 2 * M)
-    return {name: np.zeros(sizes.get(name, n + n_x + 9 * M)) for name in (*_WORK, *_DIRECTION)}
+    numbers = {name: np.zeros(sizes.get(name, n + n_x + 9 * M)) for name in (*_WORK, *_DIRECTION)}
+    held = {name: np.zeros(2 * M) for name in _HELD}
+    return {**numbers, **held, "loose": np.zeros(n), "bounded": np.zeros(M, dtype=np.int32)}
+
+
+def _table(n: int, m: int) -> dict[str, Array]:
+    twice = ("bound", "side", "elastic")
+    return {name: np.zeros((2 if name in twice else 1) * (m + n)) for name in _TABLE}
 
 
 def _residuals(n: int, m: int, n_x: int) -> dict[str, Array]:

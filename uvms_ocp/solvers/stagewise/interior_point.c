@@ -1,21 +1,26 @@
 /* Primal-dual interior point, one iteration, as interior_point.py has it; keep both in step.
 
 A point is one array: z (n), costate (n_x), y (M), then s, multiplier, e, f (2 M each: lower sides, upper sides). Rows M are those
-of constraints (m), then the variables. */
+of constraints (m), then the variables. Only rows with a bound are looked at: of all others these are 0, and stay so. */
 
 typedef struct {
   double *grad, *held, *defect, *value, *row, *equal, *dual;
-  double stationarity, primal, complementarity, gradient, variable, linear, worst;
+  double stationarity, primal, complementarity, steepest, gradient, variable, linear, worst;
 } Residuals;
 
 typedef struct {
   Stages stages;
   int M, m, n, n_x;
-  const double *bound, *side, *elastic, *equal, *target, *l1, *l2, *compliance, *norm; /* RowTable; flags are 0 or 1 */
+  double *bound, *side, *elastic, *equal, *target, *l1, *l2, *compliance, *norm; /* RowTable; flags are 0 or 1 */
+  const double *lower, *upper, *c_l1, *c_l2, *z_lower, *z_upper, *z_l1, *z_l2;   /* of rows and of variables, as given */
+  const double *loose; /* of each variable: 1 where the dynamics do not determine it */
+  double *active, *no_side, *held_equal, *held_target; /* which sides are held, and the table then */
   double *elasticity, *point, *best, *step, *affine, *trial;
   double *weight, *soft, *left, *gap, *pull, *rhs, *t_side, *t_elastic; /* of direction() */
+  int *bounded; /* rows with a bound, n_bounded of them */
   Residuals now, other;
-  double curvature, tolerance, warm_mu;
+  double curvature, tolerance, warm_mu, slow;
+  int n_bounded;
   int max_iterations, iterations, corrections, status, start;
 } Problem;
 
@@ -28,51 +33,53 @@ typedef struct {
 #define F(p) (E(p) + 2 * q->M)
 #define SIZE (q->n + q->n_x + 9 * q->M)
 
-/* NaN wins, so that it is noticed. */
-static double larger_of(double a, double b) { return a != a || a > b ? a : b; }
-
-static double largest_of(int n, const double *a) {
-  double most = 0.0;
-  for (int i = 0; i < n; ++i) most = larger_of(most, fabs(a[i]));
-  return most;
+/* Which rows have a bound; nothing is left over of those that had one before. */
+static void find_bounded(Problem *q) {
+  double *sides[] = {q->weight, q->soft, q->left, q->gap, q->t_side, q->t_elastic, q->now.row, q->now.dual, q->other.row, q->other.dual};
+  double *steps[] = {q->step, q->affine}, *rows[] = {q->pull, q->now.equal, q->other.equal};
+  for (int k = 0; k < q->n_bounded; ++k) {
+    const int i = q->bounded[k], M = q->M;
+    for (int a = 0; a < 10; ++a) sides[a][i] = sides[a][M + i] = 0.0;
+    for (int a = 0; a < 3; ++a) rows[a][i] = 0.0;
+    for (int a = 0; a < 2; ++a)
+      for (int b = 0; b < 9; ++b) Y(steps[a])[b * M + i] = 0.0;
+  }
+  q->n_bounded = 0;
+  for (int i = 0; i < q->M; ++i)
+    if (q->side[i] != 0.0 || q->side[q->M + i] != 0.0 || q->equal[i] != 0.0) q->bounded[q->n_bounded++] = i;
 }
 
-static void find_residuals(Problem *q, const double *p, Residuals *r) {
-  const int M = q->M, m = q->m, n = q->n;
-  double *y = q->pull, primal = 0.0, dual = 0.0, linear = 0.0, multipliers = 0.0, products = 0.0;
-  for (int i = 0; i < M; ++i) y[i] = Y(p)[i] + MULTIPLIER(p)[M + i] - MULTIPLIER(p)[i];
-  const double largest = evaluate_stages(&q->stages, Z(p), COSTATE(p), y, y + m, r->grad, r->defect, r->value);
-  for (int i = 0; i < n; ++i) {
-    r->held[i] = q->stages.fixed[i] != 0.0 ? r->grad[i] : 0.0;
-    if (q->stages.fixed[i] != 0.0) r->grad[i] = 0.0;
-    r->value[m + i] = Z(p)[i];
-  }
-  for (int i = 0; i < M; ++i) {
+/* What rows with bounds leave, at p, where the value of rows is known. */
+static void judge_rows(Problem *q, const double *p, Residuals *r, double largest) {
+  const int M = q->M, n = q->n;
+  double primal = 0.0, dual = 0.0, linear = 0.0, multipliers = 0.0, products = 0.0;
+  for (int k = 0; k < q->n_bounded; ++k) {
+    const int i = q->bounded[k];
     double missed = 0.0;
-    for (int u = 0; u < 2; ++u) {
-      const int j = u * M + i;
-      const double beyond = (u ? -1.0 : 1.0) * (r->value[i] - q->bound[j]);
-      r->row[j] = r->dual[j] = 0.0;
-      if (q->side[j] != 0.0) {
-        r->row[j] = beyond + E(p)[j] + q->compliance[i] * MULTIPLIER(p)[j] - S(p)[j];
-        linear = larger_of(linear, fabs(r->row[j]) / q->norm[i]);
-        if (q->elastic[j] == 0.0 && q->compliance[i] == 0.0) missed = larger_of(missed, -beyond);
-      }
-      if (q->elastic[j] != 0.0) {
-        r->dual[j] = q->l1[i] + q->l2[i] * E(p)[j] - MULTIPLIER(p)[j] - F(p)[j];
-        dual = larger_of(dual, fabs(r->dual[j]) * q->norm[i]);
-      }
-      products = larger_of(products, larger_of(S(p)[j] * MULTIPLIER(p)[j], E(p)[j] * F(p)[j]));
+    for (int j = i; j < 2 * M; j += M) {
+      const double beyond = (j < M ? 1.0 : -1.0) * (r->value[i] - q->bound[j]);
+      if (q->side[j] == 0.0) continue;
+      r->row[j] = beyond + E(p)[j] + q->compliance[i] * MULTIPLIER(p)[j] - S(p)[j];
+      linear = larger_of(linear, fabs(r->row[j]) / q->norm[i]);
+      if (q->elastic[j] == 0.0 && q->compliance[i] == 0.0) missed = larger_of(missed, -beyond);
+      products = larger_of(products, S(p)[j] * MULTIPLIER(p)[j]);
+      if (q->elastic[j] == 0.0) continue;
+      r->dual[j] = q->l1[i] + q->l2[i] * E(p)[j] - MULTIPLIER(p)[j] - F(p)[j];
+      dual = larger_of(dual, fabs(r->dual[j]) * q->norm[i]);
+      products = larger_of(products, E(p)[j] * F(p)[j]);
     }
-    r->equal[i] = q->equal[i] != 0.0 ? r->value[i] - q->target[i] - q->compliance[i] * Y(p)[i] : 0.0;
-    linear = larger_of(linear, fabs(r->equal[i]) / q->norm[i]);
+    if (q->equal[i] != 0.0) {
+      r->equal[i] = r->value[i] - q->target[i] - q->compliance[i] * Y(p)[i];
+      linear = larger_of(linear, fabs(r->equal[i]) / q->norm[i]);
+    }
     primal = larger_of(primal, missed / q->norm[i]);
-    multipliers = larger_of(multipliers, fabs(y[i]) * q->norm[i]);
+    multipliers = larger_of(multipliers, fabs(Y(p)[i] + MULTIPLIER(p)[M + i] - MULTIPLIER(p)[i]) * q->norm[i]);
   }
   linear = larger_of(linear, largest_of(q->n_x, r->defect));
   r->stationarity = larger_of(largest_of(n, r->grad), dual);
   r->primal = larger_of(primal, linear);
   r->complementarity = products;
+  r->steepest = largest;
   r->gradient = larger_of(largest, larger_of(multipliers, LEAST_SIZE * q->curvature));
   r->variable = 1.0 + largest_of(n, Z(p));
   r->linear = larger_of(r->stationarity / r->gradient, linear / r->variable);
@@ -80,12 +87,30 @@ static void find_residuals(Problem *q, const double *p, Residuals *r) {
                        SHARPER * r->complementarity / (r->gradient * r->variable));
 }
 
+static void find_residuals(Problem *q, const double *p, Residuals *r) {
+  const int m = q->m, n = q->n;
+  double *y = q->pull;
+  for (int k = 0; k < q->n_bounded; ++k) {
+    const int i = q->bounded[k];
+    y[i] = Y(p)[i] + MULTIPLIER(p)[q->M + i] - MULTIPLIER(p)[i];
+  }
+  const double largest = evaluate_stages(&q->stages, Z(p), COSTATE(p), y, y + m, r->grad, r->defect, r->value);
+  for (int i = 0; i < n; ++i) {
+    r->held[i] = q->stages.fixed[i] != 0.0 ? r->grad[i] : 0.0;
+    if (q->stages.fixed[i] != 0.0) r->grad[i] = 0.0;
+  }
+  memcpy(r->value + m, Z(p), sizeof(double) * (size_t)n);
+  judge_rows(q, p, r, largest);
+}
+
 /* Weights of the sides at p, and the factor with them. */
 static int find_factor(Problem *q, const double *p, int sides) {
   const int M = q->M;
+  const double slow = sides ? q->slow * q->now.gradient / q->now.variable : 0.0;
   double *total = q->pull;
   ++q->iterations;
-  for (int i = 0; i < M; ++i) {
+  for (int k = 0; k < q->n_bounded; ++k) {
+    const int i = q->bounded[k];
     total[i] = q->equal[i] != 0.0 ? 1.0 / (q->elasticity[i] + q->compliance[i]) : 0.0;
     for (int j = i; j < 2 * M; j += M) {
       const double e = E(p)[j], f = F(p)[j], multiplier = MULTIPLIER(p)[j];
@@ -97,34 +122,34 @@ static int find_factor(Problem *q, const double *p, int sides) {
       total[i] += q->weight[j];
     }
   }
-  return factor_stages(&q->stages, total, total + q->m);
+  return factor_stages(&q->stages, total, total + q->m, slow);
 }
 
 /* Of Newton's method, towards products that differ by t_side and t_elastic from those at p; 0 for no change. */
 static void find_direction(Problem *q, const double *p, const Residuals *r, const double *t_side, const double *t_elastic,
                            double *out) {
   const int M = q->M, m = q->m;
-  for (int i = 0; i < M; ++i) {
+  for (int k = 0; k < q->n_bounded; ++k) {
+    const int i = q->bounded[k];
     q->pull[i] = q->equal[i] != 0.0 ? r->equal[i] / (q->elasticity[i] + q->compliance[i]) : 0.0;
-    for (int u = 0; u < 2; ++u) {
-      const int j = u * M + i;
-      q->left[j] = q->gap[j] = 0.0;
+    for (int j = i; j < 2 * M; j += M) {
+      q->left[j] = 0.0;
       if (F(p)[j] > 0.0) q->left[j] = ((t_elastic ? t_elastic[j] : 0.0) - E(p)[j] * r->dual[j]) / (F(p)[j] + E(p)[j] * q->l2[i]);
       q->gap[j] = r->row[j] + q->left[j];
       if (t_side && MULTIPLIER(p)[j] > 0.0) q->gap[j] -= t_side[j] / MULTIPLIER(p)[j];
-      q->pull[i] += (u ? -1.0 : 1.0) * q->weight[j] * q->gap[j];
+      q->pull[i] += (j < M ? 1.0 : -1.0) * q->weight[j] * q->gap[j];
     }
   }
   memcpy(q->rhs, r->grad, sizeof(double) * (size_t)q->n);
   add_transposed(&q->stages, q->pull, q->pull + m, q->rhs);
   solve_stages(&q->stages, q->rhs, r->defect, Z(out), COSTATE(out));
-  constraint_values(&q->stages, Z(out), q->pull);
-  memcpy(q->pull + m, Z(out), sizeof(double) * (size_t)q->n);
-  for (int i = 0; i < M; ++i) {
-    Y(out)[i] = q->equal[i] != 0.0 ? (q->pull[i] + r->equal[i]) / (q->elasticity[i] + q->compliance[i]) : 0.0;
-    for (int u = 0; u < 2; ++u) {
-      const int j = u * M + i;
-      const double change = -q->weight[j] * ((u ? -1.0 : 1.0) * q->pull[i] + q->gap[j]);
+  constraint_values(&q->stages, Z(out), q->other.value);
+  for (int k = 0; k < q->n_bounded; ++k) {
+    const int i = q->bounded[k];
+    const double value = i < m ? q->other.value[i] : Z(out)[i - m];
+    if (q->equal[i] != 0.0) Y(out)[i] = (value + r->equal[i]) / (q->elasticity[i] + q->compliance[i]);
+    for (int j = i; j < 2 * M; j += M) {
+      const double change = -q->weight[j] * ((j < M ? 1.0 : -1.0) * value + q->gap[j]);
       MULTIPLIER(out)[j] = change, S(out)[j] = F(out)[j] = 0.0;
       if (MULTIPLIER(p)[j] > 0.0) S(out)[j] = ((t_side ? t_side[j] : 0.0) - S(p)[j] * change) / MULTIPLIER(p)[j];
       E(out)[j] = q->soft[j] * change + q->left[j];
@@ -148,7 +173,8 @@ static double find_share(const Problem *q, const double *p, const double *step, 
 static double find_mu(const Problem *q, const double *p, int *count) {
   double sum = 0.0;
   *count = 0;
-  for (int j = 0; j < 2 * q->M; ++j) {
+  for (int k = 0; k < 2 * q->n_bounded; ++k) {
+    const int j = q->bounded[k / 2] + (k & 1) * q->M;
     sum += S(p)[j] * MULTIPLIER(p)[j] + E(p)[j] * F(p)[j];
     *count += (q->side[j] != 0.0) + (q->elastic[j] != 0.0);
   }
@@ -159,7 +185,8 @@ static double find_mu(const Problem *q, const double *p, int *count) {
 /* By how much products of p change on the way to `centre`, with `trust` in what the affine step says of the second order. */
 static void aim(Problem *q, double centre, double trust) {
   const double *p = q->point, *a = q->affine;
-  for (int j = 0; j < 2 * q->M; ++j) {
+  for (int k = 0; k < 2 * q->n_bounded; ++k) {
+    const int j = q->bounded[k / 2] + (k & 1) * q->M;
     const double side = centre - trust * S(a)[j] * MULTIPLIER(a)[j] - S(p)[j] * MULTIPLIER(p)[j];
     const double elastic = centre - trust * E(a)[j] * F(a)[j] - E(p)[j] * F(p)[j];
     q->t_side[j] = q->side[j] != 0.0 ? side : 0.0, q->t_elastic[j] = q->elastic[j] != 0.0 ? elastic : 0.0;
@@ -188,7 +215,6 @@ static double advance(Problem *q) {
   const int wrong = find_factor(q, p, 1);
   if (wrong == 2 || (wrong && q->iterations == 1)) return -wrong;
   const double mu = larger_of(find_mu(q, p, &count), 1e-300), least = FLOOR * q->tolerance * q->now.gradient * q->now.variable;
-  memset(q->affine, 0, sizeof(double) * (size_t)SIZE);
   aim(q, 0.0, 0.0);
   find_direction(q, p, &q->now, q->t_side, q->t_elastic, q->affine);
   double share = find_share(q, p, q->affine, 1.0);

@@ -56,7 +56,10 @@ class Residuals:
 class InteriorPoint:
     """One QP whose data are loaded; curvature [1/unit of z^2]: its largest."""
 
-    def __init__(self, stages: NumpyStages, table: RowTable, curvature: float, options: StageQpOptions) -> None:
+    def __init__(
+        self, stages: NumpyStages, table: RowTable, curvature: float, options: StageQpOptions, *, damped: bool
+    ) -> None:
+        self._slow = STAGE_TOLERANCES.slow if damped else 0.0
         self.stages, self.table, self.options, self.curvature = stages, table, options, curvature
         self.iterations, self.corrections, self.stride = 0, 0, 0.0
         self._free, self._m = ~table.fixed, len(table.norm) - len(table.fixed)
@@ -103,8 +106,8 @@ class InteriorPoint:
             linear=_larger(stationarity / gradient, linear / variable),
         )
 
-    def factor(self, p: Point | None) -> int:
-        """With the weights of the sides at a point, or without sides; as `NumpyStages.factor`."""
+    def factor(self, p: Point | None, r: Residuals | None = None) -> int:
+        """With the weights of the sides at a point with its residuals, or without sides; as `NumpyStages.factor`."""
         t, self._weight, self._soft = self.table, np.zeros_like(self._weight), np.zeros_like(self._soft)
         self.iterations += 1
         if p is not None:
@@ -112,7 +115,8 @@ class InteriorPoint:
             give = STAGE_TOLERANCES.side_elasticity * self._elasticity + t.compliance + self._soft
             self._weight = _ratio(p.multiplier, p.multiplier * give + p.s, p.multiplier > 0.0)
         total = self._weight.sum(axis=0) + np.where(t.equal, 1.0 / (self._elasticity + t.compliance), 0.0)
-        return self.stages.factor(total[: self._m], total[self._m :])
+        slow = 0.0 if r is None else self._slow * r.gradient / r.variable
+        return self.stages.factor(total[: self._m], total[self._m :] + slow)
 
     def direction(self, p: Point, r: Residuals, side: Array | float = 0.0, elastic: Array | float = 0.0) -> Point:
         """Of Newton's method, towards products that differ by ``side`` and ``elastic`` (2, M) [-] from those at p."""
@@ -140,7 +144,7 @@ class InteriorPoint:
 
         Weights of later iterations hide whether the cost is convex.
         """
-        wrong = self.factor(p)
+        wrong = self.factor(p, r)
         if wrong == 2 or (wrong and self.iterations == 1):
             return p, -wrong
         mu = max(self._mu(p), 1e-300)

@@ -10,7 +10,7 @@ static int solve_equalities(Problem *q) {
     find_residuals(q, p, &q->now);
     const Residuals *r = &q->now;
     double equal = largest_of(q->n_x, r->defect);
-    for (int i = 0; i < q->M; ++i) equal = larger_of(equal, fabs(r->equal[i]) / q->norm[i]);
+    for (int j = 0; j < q->n_bounded; ++j) equal = larger_of(equal, fabs(r->equal[q->bounded[j]]) / q->norm[q->bounded[j]]);
     const double left = larger_of(largest_of(q->n, r->grad) / r->gradient, equal / r->variable);
     if (k == MOST_CORRECTIONS || !(left > 0.1 * q->tolerance)) break;
     memset(q->now.row, 0, sizeof(double) * (size_t)(2 * q->M));
@@ -18,22 +18,27 @@ static int solve_equalities(Problem *q) {
     find_direction(q, p, &q->now, 0, 0, q->step);
     move(q, p, q->step, 1.0, p);
   }
-  for (int i = 0; i < q->M; ++i)
-    for (int u = 0; u < 2; ++u) {
+  for (int k = 0; k < q->n_bounded; ++k)
+    for (int u = 0, i = q->bounded[k]; u < 2; ++u) {
       const int j = u * q->M + i;
       const double beyond = (u ? -1.0 : 1.0) * (q->now.value[i] - q->bound[j]);
       S(p)[j] = q->side[j] != 0.0 && beyond > 0.0 ? beyond : 0.0;
       F(p)[j] = q->elastic[j] != 0.0 ? q->l1[i] : 0.0;
     }
-  find_residuals(q, p, &q->now);
+  judge_rows(q, p, &q->now, q->now.steepest);
   return 0;
+}
+
+/* Fixed variables where they are to be, all others at 0. */
+static void rest(Problem *q) {
+  for (int v = 0; v < q->n; ++v) Z(q->point)[v] = q->stages.fixed[v] != 0.0 ? q->z_lower[v] : 0.0;
 }
 
 /* Largest violation of a side relative to the norm of its row, `value` given; -1 where there is none. */
 static double side_missed(const Problem *q, const double *value) {
   double most = -1.0;
-  for (int i = 0; i < q->M; ++i)
-    for (int u = 0; u < 2; ++u) {
+  for (int k = 0; k < q->n_bounded; ++k)
+    for (int u = 0, i = q->bounded[k]; u < 2; ++u) {
       const int j = u * q->M + i;
       const double missed = (u ? 1.0 : -1.0) * (value[i] - q->bound[j]) / q->norm[i];
       if (q->side[j] != 0.0 && missed > most) most = missed;
@@ -48,8 +53,8 @@ static void start_cold(Problem *q) {
   find_residuals(q, p, &q->now);
   const double missed = larger_of(side_missed(q, q->now.value), LEAST_MISSED);
   const double mu = COLD_MU * missed * larger_of(q->curvature * missed, q->now.stationarity);
-  for (int i = 0; i < q->M; ++i)
-    for (int u = 0; u < 2; ++u) {
+  for (int k = 0; k < q->n_bounded; ++k)
+    for (int u = 0, i = q->bounded[k]; u < 2; ++u) {
       const int j = u * q->M + i;
       const double beyond = (u ? -1.0 : 1.0) * (q->now.value[i] - q->bound[j]);
       if (q->side[j] == 0.0) continue;
@@ -134,18 +139,119 @@ static int start_from_equalities(Problem *q) {
   return wrong;
 }
 
-/* Status, iterations, `point` and the residuals `now`, from what `point` holds: z, where fixed variables have their values, and for a warm start costates and multipliers too; without its cost if it is costless. */
-void solve_qp(Problem *q, int costless) {
+static void begin(Problem *q, int costless, int damped) {
   load_stages(&q->stages, costless);
   q->curvature = costless ? 1.0 : q->stages.most;
+  q->slow = damped ? SLOW : 0.0;
   q->iterations = q->corrections = 0;
   for (int i = 0; i < q->M; ++i) q->elasticity[i] = ELASTICITY * q->norm[i] * q->norm[i] / q->curvature;
+  find_bounded(q);
+}
+
+static void run(Problem *q) {
   if (q->start == START_WARM) start_warm(q);
   if (q->start == START_COLD) start_cold(q);
   if (q->start == START_EQUALITIES && start_from_equalities(q)) return;
-  if (q->start == START_ACTIVE) {
-    if (!start_from_equalities(q) && q->status == SOLVED) q->status = ITERATION_LIMIT;
-    return;
-  }
   q->status = descend(q);
+}
+
+/* Status, iterations, `point` and the residuals `now`, from what `point` holds: z, where fixed variables have their values, and for a warm start costates and multipliers too; without its cost if it is costless, with steps that are damped. */
+void solve_qp(Problem *q, int costless, int damped) {
+  begin(q, costless, damped);
+  run(q);
+}
+
+/* Everything of a row as row_table.py has it; 0 where an entry of the QP is none. */
+static int make_table(Problem *q) {
+  int valid = 1;
+  for (int i = 0; i < q->M; ++i) {
+    const int v = i - q->m;
+    const double bound[2] = {v < 0 ? q->lower[i] : q->z_lower[v], v < 0 ? q->upper[i] : q->z_upper[v]};
+    const double l1 = v < 0 ? q->c_l1[i] : q->z_l1[v], l2 = v < 0 ? q->c_l2[i] : q->z_l2[v];
+    const int fixed = v >= 0 && q->loose[v] != 0.0 && bound[0] == bound[1] && l1 == INFINITY;
+    const int hard = l1 == INFINITY, counts = !fixed && (hard || l1 > 0.0 || l2 > 0.0);
+    const int elastic = counts && !hard && l1 > 0.0, equal = counts && bound[0] == bound[1] && !elastic;
+    valid &= bound[0] < INFINITY && bound[1] > -INFINITY && l1 >= 0.0 && l2 >= 0.0 && l2 < INFINITY;
+    if (v >= 0) q->stages.fixed[v] = fixed;
+    q->equal[i] = equal, q->target[i] = equal ? bound[0] : 0.0, q->norm[i] = 1.0;
+    q->l1[i] = elastic ? l1 : 0.0, q->l2[i] = elastic ? l2 : 0.0;
+    q->compliance[i] = counts && !hard && !elastic ? 1.0 / l2 : 0.0;
+    for (int u = 0, j = i; u < 2; ++u, j += q->M) {
+      const int side = counts && !equal && bound[u] < INFINITY && bound[u] > -INFINITY;
+      q->side[j] = side, q->elastic[j] = side && elastic, q->bound[j] = side ? bound[u] : 0.0;
+    }
+  }
+  find_norms(&q->stages, q->norm);
+  return valid;
+}
+
+/* Sides that hold the solution of a QP nearby where it is. */
+static void find_reached(Problem *q, const double *near) {
+  const double most = larger_of(largest_of(q->M, Y(near)), largest_of(q->n_x, COSTATE(near)));
+  for (int j = 0; j < 2 * q->M; ++j) {
+    const int i = j % q->M;
+    q->active[j] = q->side[j] != 0.0 && (j < q->M ? -1.0 : 1.0) * Y(near)[i] * q->norm[i] > COUNTS * most;
+  }
+}
+
+/* The optimum with active sides as equalities and without all others; 0 where there is none. */
+static int solve_held(Problem *q) {
+  double *side = q->side, *equal = q->equal, *target = q->target;
+  for (int i = 0; i < q->M; ++i) {
+    const double lower = q->active[i], upper = q->active[q->M + i];
+    const int any = lower != 0.0 || upper != 0.0;
+    q->held_equal[i] = any ? 1.0 : equal[i];
+    q->held_target[i] = any ? lower * q->bound[i] + upper * q->bound[q->M + i] : target[i];
+  }
+  q->side = q->no_side, q->equal = q->held_equal, q->target = q->held_target;
+  find_bounded(q);
+  rest(q);
+  const int found = start_from_equalities(q);
+  q->side = side, q->equal = equal, q->target = target;
+  return found;
+}
+
+/* Sides that pull are let go, those that are missed are held; how many change. */
+static int mend(Problem *q) {
+  const double room = q->tolerance * (1.0 + largest_of(q->n, Z(q->point)));
+  int changes = 0;
+  for (int j = 0; j < 2 * q->M; ++j) {
+    const int i = j % q->M, held = q->active[j] != 0.0;
+    if (q->side[j] == 0.0) continue;
+    const double sign = j < q->M ? 1.0 : -1.0, missed = sign * (q->bound[j] - q->now.value[i]);
+    const int holds = held ? sign * Y(q->point)[i] <= 0.0 : missed > room * q->norm[i];
+    changes += holds != held, q->active[j] = holds;
+  }
+  return changes;
+}
+
+/* The optimum where the bounds that it reaches are found soon, starting with those of a QP nearby. */
+static int solve_near(Problem *q) {
+  int fewest = 2 * q->M, vain = 0;
+  find_reached(q, q->point);
+  for (;;) {
+    if (!solve_held(q)) return 0;
+    const int changes = mend(q);
+    if (changes == 0) return 1;
+    vain = changes < fewest ? 0 : vain + 1;
+    if (vain > (changes > MANY_CHANGES ? 0 : VAIN_CHANGES)) return 0;
+    if (!vain) fewest = changes;
+  }
+}
+
+/* The same as solve_qp from nothing but the QP, or from z, costates and multipliers in `point` that are those of a QP nearby. */
+void solve_whole(Problem *q, int near) {
+  q->status = NOT_A_NUMBER;
+  if (!make_table(q)) return;
+  begin(q, 0, 0);
+  if (!has_numbers(&q->stages)) return;
+  q->start = near && largest_of(2 * q->M, q->elastic) > 0.0 ? START_WARM : START_EQUALITIES;
+  if (near && q->start == START_EQUALITIES && solve_near(q)) return;
+  q->iterations = q->corrections = 0;
+  find_bounded(q);
+  /* Where the guess of bounds is wrong it is no start either. */
+  if (q->start == START_EQUALITIES) memset(q->point, 0, sizeof(double) * (size_t)SIZE), rest(q);
+  for (int v = 0; v < q->n; ++v)
+    if (q->stages.fixed[v] != 0.0) Z(q->point)[v] = q->z_lower[v];
+  run(q);
 }

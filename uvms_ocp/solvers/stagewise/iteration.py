@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from uvms_ocp.arrays import Array
 from uvms_ocp.solvers.stagewise.interior_point import InteriorPoint, Residuals
 from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
-from uvms_ocp.solvers.stagewise.point import End, Point, Start
+from uvms_ocp.solvers.stagewise.point import End, Point, Start, nothing, resting
 from uvms_ocp.solvers.stagewise.riccati import NumpyStages
-from uvms_ocp.solvers.stagewise.row_table import SIGNS, RowTable
-from uvms_ocp.solvers.stagewise.solution import StageQpStatus
-from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape
+from uvms_ocp.solvers.stagewise.row_table import SIGNS, RowTable, held, mended, reached, row_table
+from uvms_ocp.solvers.stagewise.solution import Near, Products, StageQpStatus
+from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape, is_valid, slices
 
 _WRONG = {1: StageQpStatus.NOT_CONVEX, 2: StageQpStatus.NOT_A_NUMBER}
 _WRONG_LATER = {-1.0: StageQpStatus.NOT_CONVEX, -2.0: StageQpStatus.ITERATION_LIMIT}
@@ -26,16 +27,86 @@ class NumpyCore:
 
     @np.errstate(over="ignore", invalid="ignore", divide="ignore")
     def run(
-        self, qp: StageQp, table: RowTable, point: Point, options: StageQpOptions, *, start: Start, costless: bool
+        self,
+        qp: StageQp,
+        table: RowTable,
+        point: Point,
+        options: StageQpOptions,
+        *,
+        start: Start,
+        costless: bool,
+        damped: bool,
     ) -> End:
-        """From a point, without the cost if ``costless``."""
+        """From a point, without the cost if ``costless``, with steps that are ``damped`` in directions without curvature."""
         self._stages.fixed[:] = table.fixed
         curvature = self._stages.load(qp, costless=costless)
-        method = InteriorPoint(self._stages, table, 1.0 if costless else curvature, options)
+        method = InteriorPoint(self._stages, table, 1.0 if costless else curvature, options, damped=damped)
         if start in (Start.EQUALITIES, Start.ACTIVE):
             return _from_equalities(method, point, alone=start is Start.ACTIVE)
         begin = _warm(method, point) if start is Start.WARM else _cold(method, point)
         return _descended(method, begin)
+
+    def solve(self, qp: StageQp, options: StageQpOptions, near: Near | None) -> End:
+        """From nothing but the QP, or from the solution of one nearby; NOT_A_NUMBER where entries are none."""
+        table = row_table(qp)
+        z = np.where(table.fixed, qp.flat["z_lower"], 0.0)
+        rest = resting(z, sum(qp.shape.n_x), len(table.norm))
+        if not is_valid(qp):
+            return nothing(rest)
+        if near is not None and table.elastic.any():
+            z = np.where(table.fixed, qp.flat["z_lower"], near.z)
+            warm = replace(rest, z=z, costate=near.costate, y=near.y)
+            return self._run(qp, table, warm, options, Start.WARM)
+        found = None if near is None else self._near(qp, table, rest, near, options)
+        # Where the guess of bounds is wrong it is no start either.
+        return found or self._run(qp, table, rest, options, Start.EQUALITIES)
+
+    def _near(self, qp: StageQp, table: RowTable, rest: Point, near: Near, options: StageQpOptions) -> End | None:
+        """The optimum where the bounds that it reaches are found soon, starting with those of a QP nearby."""
+        active, fewest, spent, vain = reached(table, near.y, near.costate), table.side.size, 0, 0
+        while True:
+            end = self._run(qp, held(table, active), rest, options, Start.ACTIVE)
+            spent += end.iterations
+            if end.status is not StageQpStatus.SOLVED:
+                break
+            better = mended(table, active, end.point.y, end.value, options.tolerance)
+            changes = int((better != active).sum())
+            if changes == 0:
+                return replace(end, iterations=spent)
+            vain = 0 if changes < fewest else vain + 1
+            if vain > _patience(changes):
+                break
+            active, fewest = better, min(fewest, changes)
+        return None
+
+    def _run(self, qp: StageQp, table: RowTable, point: Point, options: StageQpOptions, start: Start) -> End:
+        return self.run(qp, table, point, options, start=start, costless=False, damped=False)
+
+    def stationarity(self, qp: StageQp, near: Near) -> float:
+        """Largest entry [1/unit of z] of the gradient of a QP's Lagrangian at 0 with the multipliers of another, but for what
+        is fixed."""
+        m, stages = len(qp.flat["lower"]), self._stages
+        stages.load(qp)
+        zero = np.zeros_like(near.z)
+        grad, *_ = stages.evaluate(zero, near.costate, near.y[:m], near.y[m:])
+        return float(np.abs(np.where(stages.fixed > 0.0, 0.0, grad)).max(initial=0.0))
+
+    def products(self, qp: StageQp, z: Array) -> Products:
+        """At z (n,) [unit of z]."""
+        parts = [z[own] for own in slices(qp.shape.n_z)]
+        along = [J @ own for J, own in zip(qp.J, parts, strict=True)]
+        changes = [np.abs(own @ J).max(initial=0.0) for J, own in zip(qp.J, along, strict=True)]
+        whole = np.concatenate(along)
+        return Products(
+            slope=float(qp.flat["r"] @ whole),
+            square=float(whole @ whole),
+            change=float(max(changes)),
+        )
+
+
+def _patience(changes: int) -> int:
+    """Rounds without a smaller number of changes."""
+    return 0 if changes > STAGE_TOLERANCES.many_changes else STAGE_TOLERANCES.vain_changes
 
 
 def _from_equalities(method: InteriorPoint, point: Point, *, alone: bool) -> End:
@@ -155,4 +226,6 @@ class _Progress:
 
 
 def _end(method: InteriorPoint, status: StageQpStatus, p: Point, r: Residuals) -> End:
-    return End(status=status, point=p, held=r.held, kkt=r.kkt, worst=r.worst, iterations=method.iterations)
+    return End(
+        status=status, point=p, value=r.value, held=r.held, kkt=r.kkt, worst=r.worst, iterations=method.iterations
+    )

@@ -52,6 +52,8 @@ class StageTolerances:
     """[-] compliance of equalities in one step, relative to that of the stiffest variable; what it leaves, the next one takes."""
     side_elasticity: float = 1e-5
     """[-] that of inequalities, relative to the one of equalities."""
+    slow: float = 1e-7
+    """[-] curvature that steps of a second run reckon with in every direction, relative to gradient over variables."""
     phase_one: float = 1e-6
     """[-] curvature in phase one, beside a cost of 1 for what is missed."""
     to_boundary: float = 0.995
@@ -64,6 +66,12 @@ class StageTolerances:
     """[-] of complementarity: a bound that only just binds is missed by the root of what is left of it."""
     least_size: float = 1e-3
     """[unit of z] variables below which a gradient is compared with the curvature."""
+    counts: float = 1e-6
+    """[-] multiplier, beside the largest, of a bound that is reached."""
+    many_changes: int = 15
+    """[-] of bounds that are held, more than which must fall from round to round."""
+    vain_changes: int = 4
+    """[-] rounds in which fewer do not."""
     most_corrections: int = 10
     """[-] of a solution without inequalities."""
     least_missed: float = 0.1

@@ -51,6 +51,11 @@ class Point:
         """(M,) [1/unit of the row] positive at an upper bound."""
         return np.asarray(self.y + self.multiplier[1] - self.multiplier[0])
 
+    def of_rows(self, rows: Array) -> Point:
+        """With those rows numbered `rows` (m,) [-] alone."""
+        sides = {name: getattr(self, name)[:, rows] for name in ("s", "multiplier", "e", "f")}
+        return Point(z=self.z, costate=self.costate, y=self.y[rows], **sides)
+
     def flat(self) -> Array:
         """All of it in one array."""
         return np.concatenate([getattr(self, own.name).ravel() for own in fields(self)])
@@ -58,9 +63,10 @@ class Point:
 
 def point_of(flat: Array, n: int, n_x: int) -> Point:
     """The point in one array, with n variables [-] and n_x states [-]; flat (n + n_x + 9 M,) [any]."""
-    z, costate, rest = np.split(flat, [n, n + n_x])
-    y, s, multiplier, e, f = np.split(rest.reshape(9, -1), [1, 3, 5, 7])
-    return Point(z=z, costate=costate, y=y[0], s=s, multiplier=multiplier, e=e, f=f)
+    m = (len(flat) - n - n_x) // 9
+    parts = flat[n + n_x :].reshape(9, m)
+    s, multiplier, e, f = (parts[k : k + 2] for k in (1, 3, 5, 7))
+    return Point(z=flat[:n], costate=flat[n : n + n_x], y=parts[0], s=s, multiplier=multiplier, e=e, f=f)
 
 
 def resting(z: Array, n_x: int, m: int) -> Point:
@@ -73,9 +79,11 @@ class End:
     """Of one run."""
 
     status: StageQpStatus
-    """SOLVED, NOT_CONVEX, NOT_A_NUMBER, UNBOUNDED or ITERATION_LIMIT."""
+    """SOLVED, NOT_CONVEX, NOT_A_NUMBER, ITERATION_LIMIT, or UNBOUNDED where steps are, which proves nothing."""
     point: Point
     """The best."""
+    value: Array
+    """(M,) [unit of the row] of rows and variables."""
     held: Array
     """(n,) [1/unit of z] gradient along fixed variables, which their bounds take."""
     kkt: KktResidual
@@ -89,5 +97,7 @@ class End:
 def nothing(point: Point) -> End:
     """Of a run that was not made, at a point."""
     endless = kkt_residual(stationarity=np.inf, primal=np.inf, complementarity=np.inf)
-    held = np.zeros_like(point.z)
-    return End(status=StageQpStatus.NOT_A_NUMBER, point=point, held=held, kkt=endless, worst=np.inf, iterations=0)
+    held, value = np.zeros_like(point.z), np.full_like(point.y, np.nan)
+    return End(
+        status=StageQpStatus.NOT_A_NUMBER, point=point, value=value, held=held, kkt=endless, worst=np.inf, iterations=0
+    )

@@ -1,4 +1,4 @@
-/* A horizon of stages: its Hessian, the Riccati recursion in square-root form, and solutions with the factor that it leaves.
+/* A horizon of stages: its Hessian, the Riccati recursion, and solutions with the factor that it leaves.
 
 Sizes and places of stage k are entries k of integer arrays; `stages.py` makes them, and the structure. */
 
@@ -8,11 +8,10 @@ typedef struct {
   const int *x, *z, *r, *c;         /* places of vectors */
   const int *F, *J, *H, *C, *M;     /* places of matrices */
   const double *dynamics, *offset, *rows, *residual, *hessian, *gradient, *damping, *constraints;
-  const double *fixed; /* of each variable: 1 where it never moves */
+  double *fixed; /* of each variable: 1 where it never moves */
   double *Q, *q;       /* Hessian, padded, and gradient at 0 */
-  double *L, *inverse; /* factor, padded */
-  double *plain;       /* of each stage: 1 where the cost-to-go of its state is not convex and stands, whole, in place of its factor */
-  double *W;           /* room for the largest n_x rows of the largest stage */
+  double *L, *inverse; /* of each stage the cost-to-go of its state and, below it, the rows of the factor of the rest; padded */
+  double *W;           /* room for twice the largest dynamics, padded */
   double *v;           /* room for 4 vectors of the largest stage */
   WeightedRow *list;   /* room for twice the largest number of rows */
   double most, least;  /* the largest curvature, and one that counts as none beside it */
@@ -45,71 +44,31 @@ static void load_stages(Stages *s, int costless) {
   s->least = SMALLEST_CURVATURE * s->most;
 }
 
-/* The cost-to-go of a state, whole, where it has no factor: what the controls leave of its Hessian M. */
-static void keep_whole(int n, int state, const double *M, double *L) {
-  const int ld = PADDED(n);
-  for (int i = 0; i < state; ++i)
-    for (int j = 0; j <= i; ++j) {
-      double left = M[i * ld + j];
-      for (int k = state; k < n; ++k) left -= L[k * ld + i] * L[k * ld + j];
-      L[i * ld + j] = L[j * ld + i] = left;
-    }
-}
-
-/* Factor with `weight` on constraint rows and then on variables; 1 where no step is a minimum, 2 for NaN, else 0. */
-static int factor_stages(Stages *s, const double *weight, const double *weight_z) {
+/* Factor with `weight` on constraint rows, weight_z and `all` on variables; 1 where no step is a minimum, 2 for NaN, else 0. */
+static int factor_stages(Stages *s, const double *weight, const double *weight_z, double all) {
   for (int k = s->N; k >= 0; --k) {
     const int n = n_z(s, k), ld = PADDED(n), after = k < s->N ? s->n_x[k + 1] : 0;
     const double *fixed = s->fixed + s->z[k];
     double *L = s->L + s->M[k];
     memcpy(L, s->Q + s->M[k], sizeof(double) * (size_t)(ld * ld));
     add_gram(s->n_c[k], n, s->constraints + s->C[k], weight + s->c[k], L, s->list);
-    for (int i = 0; i < n; ++i) L[i * ld + i] += weight_z[s->z[k] + i];
-    if (after) {
-      const int next = PADDED(n_z(s, k + 1));
-      const double *G = s->L + s->M[k + 1], *F = s->dynamics + s->F[k];
-      const int plain = s->plain[k + 1] != 0.0;
-      for (int i = 0; i < after; i += 4)
-        for (int j = 0; j < n; j += 4) {
-          double c[4][4] = {{0}};
-          block_rows(i + 4 < after && !plain ? i + 4 : after, G + i * next, next, F + j, n, c);
-          for (int p = 0; p < 4; ++p)
-            for (int q = 0; q < 4; ++q) s->W[(i + p) * ld + j + q] = c[p][q];
-        }
-      for (int i = 0; i < n; i += 4)
-        for (int j = 0; j <= i; j += 4) {
-          double c[4][4] = {{0}};
-          if (plain) block_product(after, F + i, n, s->W + j, ld, c);
-          else block_product(after, s->W + i, ld, s->W + j, ld, c);
-          for (int p = 0; p < 4; ++p)
-            for (int q = 0; q < 4; ++q) L[(i + p) * ld + j + q] += c[p][q];
-        }
-    }
+    for (int i = 0; i < n; ++i) L[i * ld + i] += weight_z[s->z[k] + i] + all;
+    if (after) add_transformed(after, n, s->dynamics + s->F[k], s->L + s->M[k + 1], PADDED(n_z(s, k + 1)), L, s->W);
     for (int i = 0; i < n; ++i)
       if (fixed[i] != 0.0) {
         for (int j = 0; j < n; ++j) L[(i > j ? i : j) * ld + (i > j ? j : i)] = 0.0;
         L[i * ld + i] = 1.0;
       }
-    const int state = k ? s->n_x[k] : 0;
-    memcpy(s->W, L, sizeof(double) * (size_t)(state * ld));
-    const int failed = factor_reversed(n, state, s->least, L, s->inverse + s->z[k]);
-    s->plain[k] = failed == 1;
-    if (failed == 1) keep_whole(n, state, s->W, L);
-    if (failed > 1) return failed - 1;
+    const int failed = eliminate(n, k ? s->n_x[k] : 0, s->least, L, s->inverse + s->z[k]);
+    if (failed) return failed;
   }
   return 0;
 }
 
-/* h = P v for the state of stage k, P = L' L unless it is plain; w: room for n_x. */
-static void times_P(const Stages *s, int k, const double *v, double *h, double *w) {
+/* h = P v for the state of stage k. */
+static void times_P(const Stages *s, int k, const double *v, double *h) {
   const int n = s->n_x[k], ld = PADDED(n_z(s, k));
-  const double *L = s->L + s->M[k];
-  if (s->plain[k] != 0.0) {
-    for (int i = 0; i < n; ++i) h[i] = dot(n, L + i * ld, v);
-    return;
-  }
-  for (int i = 0; i < n; ++i) w[i] = dot(i + 1, L + i * ld, v), h[i] = 0.0;
-  for (int i = 0; i < n; ++i) add_multiple(i + 1, w[i], L + i * ld, h);
+  for (int i = 0; i < n; ++i) h[i] = dot(n, s->L + s->M[k] + i * ld, v);
 }
 
 /* The step dz that minimises 1/2 dz' Q dz + g' dz along dx_+ = F dz + d, and its costates; g (z), d (x, that of stage 0 unused),
@@ -126,7 +85,7 @@ static void solve_stages(Stages *s, const double *g, const double *d, double *dz
     if (after) {
       const double *F = s->dynamics + s->F[k];
       const double *next = dz + s->z[k + 1];
-      times_P(s, k + 1, d + s->x[k + 1], p, w);
+      times_P(s, k + 1, d + s->x[k + 1], p);
       for (int i = 0; i < after; ++i) add_multiple(n, p[i] + next[i], F + (size_t)i * n, h);
     }
     for (int i = 0; i < n; ++i)
@@ -143,7 +102,7 @@ static void solve_stages(Stages *s, const double *g, const double *d, double *dz
     if (k) {
       /* h holds p of the state; what dx is stands in costate. */
       for (int i = 0; i < n_x; ++i) w[i] = h[i], h[i] = own[i];
-      times_P(s, k, h, own, p);
+      times_P(s, k, h, own);
       for (int i = 0; i < n_x; ++i) own[i] += w[i];
     } else
       for (int i = 0; i < n_x; ++i) own[i] = 0.0;
@@ -163,8 +122,9 @@ static double evaluate_stages(const Stages *s, const double *z, const double *co
     const int n = n_z(s, k), ld = PADDED(n), after = k < s->N ? s->n_x[k + 1] : 0, m = s->n_c[k];
     const double *Q = s->Q + s->M[k], *C = s->constraints + s->C[k], *v = z + s->z[k];
     double *restrict own = grad + s->z[k];
+    const int moves = largest_of(n, v) != 0.0;
     for (int i = 0; i < n; ++i) own[i] = 0.0;
-    for (int i = 0; i < n; ++i) {
+    for (int i = 0; i < n && moves; ++i) {
       own[i] += dot(i + 1, Q + i * ld, v);
       add_multiple(i, v[i], Q + i * ld, own);
     }
@@ -174,7 +134,7 @@ static double evaluate_stages(const Stages *s, const double *z, const double *co
       const double *row = s->dynamics + s->F[k] + (size_t)i * n;
       const int at = s->x[k + 1] + i;
       add_multiple(n, costate[at], row, own);
-      defect[at] = dot(n, row, v) + s->offset[at - s->x[1]] - z[s->z[k + 1] + i];
+      defect[at] = (moves ? dot(n, row, v) : 0.0) + s->offset[at - s->x[1]] - z[s->z[k + 1] + i];
     }
     if (k)
       for (int i = 0; i < s->n_x[k]; ++i) own[i] -= costate[s->x[k] + i];
@@ -205,4 +165,65 @@ static void constraint_values(const Stages *s, const double *z, double *value) {
   for (int k = 0; k <= s->N; ++k)
     for (int i = 0, n = n_z(s, k); i < s->n_c[k]; ++i)
       value[s->c[k] + i] = dot(n, s->constraints + s->C[k] + (size_t)i * n, z + s->z[k]);
+}
+
+/* Largest entry of each row of constraints, where there is any. */
+static void find_norms(const Stages *s, double *norm) {
+  for (int k = 0; k <= s->N; ++k)
+    for (int i = 0, n = n_z(s, k); i < s->n_c[k]; ++i) {
+      double most = 0.0;
+      for (int j = 0; j < n; ++j) {
+        const double entry = fabs(s->constraints[s->C[k] + i * n + j]);
+        most = entry > most ? entry : most;
+      }
+      norm[s->c[k] + i] = most > 0.0 ? most : 1.0;
+    }
+}
+
+static int are_finite(int n, const double *a) {
+  double nothing[4] = {0};
+  int k = 0;
+  for (; k + 4 <= n; k += 4)
+    for (int l = 0; l < 4; ++l) nothing[l] += 0.0 * a[k + l];
+  for (; k < n; ++k) nothing[0] += 0.0 * a[k];
+  return (nothing[0] + nothing[1]) + (nothing[2] + nothing[3]) == 0.0;
+}
+
+/* Whether all entries are finite but bounds; those of residuals and Hessians are in what was made of them. */
+static int has_numbers(const Stages *s) {
+  const int N = s->N;
+  return are_finite(s->F[N], s->dynamics) && are_finite(s->x[N + 1] - s->x[1], s->offset) && are_finite(s->M[N + 1], s->Q) &&
+         are_finite(s->z[N + 1], s->q) && are_finite(s->C[N + 1], s->constraints);
+}
+
+/* Of the residuals' rows along z: r' J z, |J z|^2 and the largest entry of J' J z. */
+void products(const Stages *s, const double *z, double *restrict found) {
+  for (int i = 0; i < 3; ++i) found[i] = 0.0;
+  for (int k = 0; k <= s->N; ++k) {
+    const int n = n_z(s, k);
+    const double *v = z + s->z[k];
+    for (int i = 0; i < n; ++i) s->v[i] = 0.0;
+    for (int i = 0; i < s->n_r[k]; ++i) {
+      const double *row = s->rows + s->J[k] + (size_t)i * n, along = dot(n, row, v);
+      found[0] += s->residual[s->r[k] + i] * along, found[1] += along * along;
+      add_multiple(n, along, row, s->v);
+    }
+    for (int i = 0; i < n; ++i) found[2] = fabs(s->v[i]) > found[2] ? fabs(s->v[i]) : found[2];
+  }
+}
+
+/* Largest entry of J' r + g + F' costate_+ - costate + C' y + y_z, but for fixed variables; y of rows, then of variables. */
+double stationarity(const Stages *s, const double *costate, const double *y, int m) {
+  double most = 0.0, *h = s->v;
+  for (int k = 0; k <= s->N; ++k) {
+    const int n = n_z(s, k), after = k < s->N ? s->n_x[k + 1] : 0;
+    for (int i = 0; i < n; ++i) h[i] = s->gradient[s->z[k] + i] + y[m + s->z[k] + i] - (k && i < s->n_x[k] ? costate[s->x[k] + i] : 0.0);
+    for (int i = 0; i < s->n_r[k]; ++i) add_multiple(n, s->residual[s->r[k] + i], s->rows + s->J[k] + (size_t)i * n, h);
+    for (int i = 0; i < after; ++i) add_multiple(n, costate[s->x[k + 1] + i], s->dynamics + s->F[k] + (size_t)i * n, h);
+    for (int i = 0; i < s->n_c[k]; ++i)
+      if (y[s->c[k] + i] != 0.0) add_multiple(n, y[s->c[k] + i], s->constraints + s->C[k] + (size_t)i * n, h);
+    for (int i = 0; i < n; ++i)
+      if (s->fixed[s->z[k] + i] == 0.0) most = larger_of(most, fabs(h[i]));
+  }
+  return most;
 }

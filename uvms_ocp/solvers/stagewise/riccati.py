@@ -18,9 +18,8 @@ class NumpyStages:
         self.fixed, self.q = np.zeros(sum(shape.n_z)), np.zeros(sum(shape.n_z))
         self._Q: list[Array] = []
         self._L: list[Array] = []
+        """The cost-to-go of the state, and below it the rows of the factor of the rest."""
         self._inverse: list[Array] = []
-        self._P: list[Array | None] = []
-        """Of states whose cost-to-go is not convex, and has no factor."""
         self._least = 1.0
         self._qp: StageQp
 
@@ -46,25 +45,21 @@ class NumpyStages:
 
         0, or 1 where the cost is not convex, 2 where it is not a number.
         """
-        self._L, self._inverse, self._P = [], [], []
+        self._L, self._inverse = [], []
         for k in range(self.shape.N, -1, -1):
-            C, n_x = self._qp.C[k], self.shape.n_x[k]
+            C = self._qp.C[k]
             M = self._Q[k] + C.T @ (weight[self._c[k], None] * C) + np.diag(weight_z[self._z[k]])
             if k < self.shape.N:
-                after = self.shape.n_x[k + 1]
-                F = self._qp.dynamics[k]
-                W = self._L[0][:after, :after] @ F
-                M += W.T @ W if self._P[0] is None else F.T @ self._P[0] @ F
+                after, F = self.shape.n_x[k + 1], self._qp.dynamics[k]
+                M += F.T @ self._L[0][:after, :after] @ F
             fixed = self.fixed[self._z[k]] > 0.0
             M[fixed], M[:, fixed] = 0.0, 0.0
             M[fixed, fixed] = 1.0
-            state = n_x if k else 0
-            L, inverse, failed = _factor_reversed(M, state, self._least)
+            L, inverse, failed = _eliminated(M, self.shape.n_x[k] if k else 0, self._least)
             self._L.insert(0, L)
             self._inverse.insert(0, inverse)
-            self._P.insert(0, _left(M, L, state) if failed == 1 else None)
-            if failed > 1:
-                return failed - 1
+            if failed:
+                return failed
         return 0
 
     def solve(self, g: Array, d: Array) -> tuple[Array, Array]:
@@ -97,9 +92,8 @@ class NumpyStages:
         return np.concatenate(h), costate
 
     def _times_P(self, k: int, v: Array) -> Array:
-        n, P = self.shape.n_x[k], self._P[k]
-        L = self._L[k][:n, :n]
-        return np.asarray(L.T @ (L @ v) if P is None else P @ v)
+        n = self.shape.n_x[k]
+        return np.asarray(self._L[k][:n, :n] @ v)
 
     def evaluate(self, z: Array, costate: Array, y: Array, y_z: Array) -> tuple[Array, Array, Array, float]:
         """Gradient of the Lagrangian, defects, values of rows, and the largest entry of the cost's gradient.
@@ -125,27 +119,20 @@ class NumpyStages:
         return np.asarray(grad + y_z + np.concatenate([y[own] @ C for C, own in zip(self._qp.C, self._c, strict=True)]))
 
 
-def _left(M: Array, L: Array, state: int) -> Array:
-    """What the controls leave of the Hessian M of a state, which has no factor."""
-    return np.asarray(M[:state, :state] - L[state:, :state].T @ L[state:, :state])
-
-
-def _factor_reversed(M: Array, needed: int, least: float) -> tuple[Array, Array, int]:
-    """L, 1 / L_kk, and 0, or what was wrong as in blocks.c; M = L' L."""
-    L, wrong, n, tolerances = np.tril(M), 0, len(M), STAGE_TOLERANCES
-    given, inverse = np.diag(M).copy(), np.zeros(len(M))
-    for k in range(n - 1, -1, -1):
+def _eliminated(M: Array, state: int, least: float) -> tuple[Array, Array, int]:
+    """The rows of L from `state` on and what they leave above, 1 / L_kk, and 0, or what was wrong as in blocks.c; M = L' L."""
+    L, n, tolerances = M.copy(), len(M), STAGE_TOLERANCES
+    given, inverse = np.diag(M).copy(), np.zeros(n)
+    for k in range(n - 1, state - 1, -1):
         pivot = L[k, k]
         if not np.isfinite(pivot):
-            return L, inverse, 3
+            return L, inverse, 2
         if pivot < -tolerances.indefinite * (abs(given[k]) + least):
-            if k >= needed:
-                return L, inverse, 2
-            wrong = 1
+            return L, inverse, 1
         if pivot <= tolerances.rounding * given[k] + tolerances.tiny:
-            pivot = tolerances.damped * max(given[k], least) if k >= needed else 0.0
-        inverse[k] = 1.0 / np.sqrt(pivot) if pivot > 0.0 else 0.0
+            pivot = tolerances.damped * max(given[k], least)
+        inverse[k] = 1.0 / np.sqrt(pivot)
         L[k, :k] *= inverse[k]
         L[k, k] = pivot * inverse[k]
-        L[:k, :k] -= np.tril(np.outer(L[k, :k], L[k, :k]))
-    return L, inverse, wrong
+        L[:k, :k] -= np.outer(L[k, :k], L[k, :k])
+    return L, inverse, 0

@@ -12,10 +12,9 @@ from functools import lru_cache
 import numpy as np
 
 from uvms_ocp.arrays import Array, Mask
-from uvms_ocp.solvers.stagewise.solution import StageQpSolution
+from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES
 from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape
 
-_COUNTS = 1e-6  # [-] multiplier, beside the largest, of a bound that is reached
 SIGNS = np.array([[1.0], [-1.0]])
 """Of what is left to the lower and the upper side."""
 
@@ -58,7 +57,7 @@ def row_table(qp: StageQp, *, phase_one: bool = False) -> RowTable:
     flat = qp.flat
     lower, upper, l1, l2 = (np.concatenate([flat[name], flat[f"z_{name}"]]) for name in ("lower", "upper", "l1", "l2"))
     n_rows, norm = len(flat["lower"]), _norms(qp)
-    fixed = _may_be_fixed(qp.shape) & (flat["z_lower"] == flat["z_upper"]) & (flat["z_l1"] == np.inf)
+    fixed = may_be_fixed(qp.shape) & (flat["z_lower"] == flat["z_upper"]) & (flat["z_l1"] == np.inf)
     counts = np.concatenate([np.ones(n_rows, dtype=bool), ~fixed])
     hard = l1 == np.inf
     if phase_one:
@@ -91,19 +90,21 @@ def _norms(qp: StageQp) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _may_be_fixed(shape: StageShape) -> Mask:
-    """(n,) what the dynamics do not determine: the first state and all controls."""
+def may_be_fixed(shape: StageShape) -> Mask:
+    """(n,) what the dynamics of a shape do not determine: the first state and all controls."""
     own = [np.ones(n, dtype=bool) for n in shape.n_z]
     for k, n_x in enumerate(shape.n_x[1:], start=1):
         own[k][:n_x] = False
     return np.concatenate(own)
 
 
-def reached(table: RowTable, solution: StageQpSolution) -> Mask:
-    """(2, M) sides that hold the solution of a QP nearby where it is."""
-    y = np.concatenate([*solution.y, *solution.y_z])
-    most = max(np.abs(y).max(initial=0.0), *(np.abs(own).max(initial=0.0) for own in solution.costate))
-    return np.asarray(table.side & (-SIGNS * y * table.norm > _COUNTS * most))
+def reached(table: RowTable, y: Array, costate: Array) -> Mask:
+    """(2, M) sides that hold the solution of a QP nearby where it is.
+
+    y (M,) [1/unit of the row] and costate (n_x,) [1/unit of x]: its multipliers.
+    """
+    most = max(np.abs(y).max(initial=0.0), np.abs(costate).max(initial=0.0))
+    return np.asarray(table.side & (-SIGNS * y * table.norm > STAGE_TOLERANCES.counts * most))
 
 
 def held(table: RowTable, active: Mask) -> RowTable:

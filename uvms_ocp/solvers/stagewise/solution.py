@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from uvms_ocp.arguments import Bound, checked, trusted
 from uvms_ocp.arrays import Array
+from uvms_ocp.solvers.stagewise.stage_qp import StageShape
 from uvms_ocp.status import AdvisedStatus
 
 
@@ -73,6 +76,58 @@ class StageQpSolution:
     """Of the point."""
     cost: float
     """[-] without what soft rows cost."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Near:
+    """The multipliers of a QP nearby, and where to start: in arrays with stage after stage."""
+
+    z: Array
+    """(n,) [unit of z]"""
+    costate: Array
+    """(n_x,) [1/unit of x]"""
+    y: Array
+    """(M,) [1/unit of the row] of rows, then of bounds."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Found:
+    """A `StageQpSolution` in arrays with stage after stage, for who solves one QP after the other."""
+
+    shape: StageShape
+    """Of the QP."""
+    status: StageQpStatus
+    """How far the rest can be relied on."""
+    z: Array
+    """(n,) [unit of z]"""
+    costate: Array
+    """(n_x,) [1/unit of x]"""
+    y: Array
+    """(M,) [1/unit of the row] of rows, then of bounds."""
+    excess: Array
+    """(m,) [unit of the row] by how much rows are missed."""
+    iterations: int
+    """[-] factorisations."""
+    kkt: KktResidual
+    """Of the point."""
+    products: Products
+    """Of the residuals along z."""
+
+    def near(self) -> Near:
+        """For a QP nearby that starts where this one ends."""
+        return Near(z=np.zeros_like(self.z), costate=self.costate, y=self.y)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Products:
+    """Of the residuals' rows along z."""
+
+    slope: float
+    """[-] r' J z: derivative of the half square."""
+    square: float
+    """[-] of J z."""
+    change: float
+    """[1/unit of z] largest entry of J' J z: of what the gradient of the half square changes by."""
 
 
 kkt_residual = trusted(KktResidual)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import accumulate, pairwise
 
 import numpy as np
@@ -50,7 +51,12 @@ class StageShape:
     @property
     def n_z(self) -> tuple[int, ...]:
         """(N + 1,) [-] Variables ``z = (x, u)``."""
-        return tuple(n_x + n_u for n_x, n_u in zip(self.n_x, (*self.n_u, 0), strict=True))
+        return _sums(self.n_x, (*self.n_u, 0))
+
+
+@lru_cache(maxsize=256)
+def _sums(a: tuple[int, ...], b: tuple[int, ...]) -> tuple[int, ...]:
+    return tuple(one + other for one, other in zip(a, b, strict=True))
 
 
 def places(sizes: Iterable[int]) -> list[int]:
@@ -58,10 +64,11 @@ def places(sizes: Iterable[int]) -> list[int]:
     return [0, *accumulate(sizes)]
 
 
-def slices(sizes: Sequence[int]) -> list[slice]:
+@lru_cache(maxsize=256)
+def slices(sizes: tuple[int, ...]) -> tuple[slice, ...]:
     """The same as slices; sizes [-]."""
     begin = places(sizes)
-    return [slice(a, b) for a, b in pairwise(begin)]
+    return tuple(slice(a, b) for a, b in pairwise(begin))
 
 
 @checked
@@ -127,3 +134,12 @@ class StageQp:
     def _matrices(self, name: str, sizes: list[tuple[int, int]]) -> tuple[Array, ...]:
         flat = self._vectors(name, tuple(m * n for m, n in sizes))
         return tuple(part.reshape(size) for part, size in zip(flat, sizes, strict=True))
+
+
+def is_valid(qp: StageQp) -> bool:
+    """Whether entries are finite but for bounds that there are not; slack costs something."""
+    flat = qp.flat
+    bounds = ("lower", "upper", "l1", "z_lower", "z_upper", "z_l1")
+    numbers = all(np.isfinite(array).all() for name, array in flat.items() if name not in bounds)
+    sides = all((flat[f"{z}lower"] < np.inf).all() and (flat[f"{z}upper"] > -np.inf).all() for z in ("", "z_"))
+    return numbers and sides and all((flat[name] >= 0.0).all() for name in ("l1", "l2", "z_l1", "z_l2"))

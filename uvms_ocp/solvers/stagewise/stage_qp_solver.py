@@ -13,11 +13,14 @@ from uvms_ocp.solvers.intervals import distance
 from uvms_ocp.solvers.stagewise.compiled import compiled_core
 from uvms_ocp.solvers.stagewise.iteration import NumpyCore
 from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
-from uvms_ocp.solvers.stagewise.point import End, Point, Start, nothing, resting
-from uvms_ocp.solvers.stagewise.row_table import RowTable, held, mended, reached, row_table
-from uvms_ocp.solvers.stagewise.solution import StageQpSolution, StageQpStatus, stage_qp_solution
+from uvms_ocp.solvers.stagewise.point import End, Point, Start, resting
+from uvms_ocp.solvers.stagewise.row_table import RowTable, row_table
+from uvms_ocp.solvers.stagewise.second_look.residual_rows import own_rows, with_residuals_as_rows
+from uvms_ocp.solvers.stagewise.second_look.ways_down import leads_down, may_fall_endlessly, ways_down
+from uvms_ocp.solvers.stagewise.solution import Found, Near, StageQpSolution, StageQpStatus, stage_qp_solution
 from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape, slices
 
+_UNCLEAR = (StageQpStatus.ITERATION_LIMIT, StageQpStatus.UNBOUNDED)
 _MISSED = 1e-5  # relative violation that no point does without
 _ROUGH = 1e-6  # tolerance of phase one
 
@@ -39,109 +42,157 @@ class StageQpSolver:
 
         warm: the solution of a QP nearby, of the same shape. Raises `InvalidInput` for a QP of another shape.
         """
-        if qp.shape != self.shape:
-            raise InvalidInput("the QP has another shape than the solver; make a solver for it")
-        table = row_table(qp)
-        if not _is_valid(qp):
-            return self._solution(qp, nothing(self._rest(qp, table)))
-        if warm is None:
-            end = self._run(qp, table, self._rest(qp, table))
-        else:
-            end = self._guessed(qp, table, warm) or self._run(qp, table, self._near(qp, table, warm), Start.WARM)
-        if end.status is StageQpStatus.ITERATION_LIMIT:
-            end = self._judged(qp, table, end)
-        return self._solution(qp, end)
+        near = None if warm is None else _near(warm)
+        return _split(qp, self.find(qp, near))
 
-    def _guessed(self, qp: StageQp, table: RowTable, near: StageQpSolution) -> End | None:
-        """The optimum where the bounds that it reaches are found soon, starting with those of a QP nearby."""
-        active, spent, before = reached(table, near), 0, table.side.size
-        while not table.elastic.any():
-            end = self._run(qp, held(table, active), self._rest(qp, table), Start.ACTIVE)
-            spent += end.iterations
-            if end.status is not StageQpStatus.SOLVED:
-                break
-            better = mended(table, active, end.point.y, _values(qp, end.point.z), self.options.tolerance)
-            changes = int((better != active).sum())
-            if changes == 0:
-                return replace(end, iterations=spent)
-            if changes >= before:
-                break
-            active, before = better, changes
-        return None
+    @late
+    def find(
+        self, qp: StageQp, near: Near | None = None, *, tolerance: float | None = None, explained: bool = True
+    ) -> Found:
+        """The same in arrays with stage after stage.
+
+        near: the solution of a QP nearby. tolerance [-]: instead of that of the options. explained: False takes less time where
+        no optimum is found, and does not tell infeasible from unbounded. Raises `InvalidInput` as `solve` does.
+        """
+        if qp.shape is not self.shape and qp.shape != self.shape:
+            raise InvalidInput("the QP has another shape than the solver; make a solver for it")
+        options = self.options if tolerance is None else replace(self.options, tolerance=tolerance)
+        end = self._core.solve(qp, options, near)
+        if explained and (end.status in _UNCLEAR or _only_rounding(qp, end)):
+            end = self._judged(qp, row_table(qp), end)
+        return self._found(qp, end)
+
+    @late
+    def error(self, qp: StageQp, near: Near) -> float:
+        """By how much the multipliers of the QP that was solved last miss the optimality conditions of another one at 0.
+
+        Largest entry [1/unit of z] of the gradient of its Lagrangian, or [-] product with what is left to a bound.
+        """
+        y, flat = near.y, qp.flat
+        lower, upper = (np.concatenate([flat[name], flat[f"z_{name}"]]) for name in ("lower", "upper"))
+        counts = y != 0.0
+        left = y[counts] * np.where(y > 0.0, upper, lower)[counts]
+        return max(self._core.stationarity(qp, near), float(np.abs(left).max(initial=0.0)))
 
     def _judged(self, qp: StageQp, table: RowTable, failed: End) -> End:
         """What it means that no optimum was found: phase one tells whether there is a point at all, and where."""
-        if failed.worst <= self.options.tolerance * STAGE_TOLERANCES.inexact_tolerances:
+        if failed.worst <= self._inexact and failed.status is StageQpStatus.ITERATION_LIMIT:
             return replace(failed, status=StageQpStatus.INEXACT)
         least = self._run(qp, row_table(qp, phase_one=True), self._rest(qp, table), costless=True)
         spent = failed.iterations + least.iterations
         missed = table.violation(_values(qp, least.point.z))
         if least.status is StageQpStatus.SOLVED and missed > _MISSED * (1.0 + np.abs(least.point.z).max()):
             return replace(least, status=StageQpStatus.INFEASIBLE, iterations=spent)
-        again = self._run(qp, table, least.point, Start.COLD)
+        if self._is_endless(qp):
+            return replace(failed, status=StageQpStatus.UNBOUNDED, iterations=spent)
+        again = self._run_slowly(qp, least.point)
         best = min(failed, again, key=lambda end: end.worst)
-        near = best.worst <= self.options.tolerance * STAGE_TOLERANCES.inexact_tolerances
-        inexact = near and best.status is not StageQpStatus.SOLVED
-        status = StageQpStatus.INEXACT if inexact else best.status
-        return replace(best, status=status, iterations=spent + again.iterations)
+        return replace(best, status=self._last_word(best), iterations=spent + again.iterations)
+
+    @property
+    def _inexact(self) -> float:
+        return self.options.tolerance * STAGE_TOLERANCES.inexact_tolerances
+
+    def _last_word(self, best: End) -> StageQpStatus:
+        """Endless steps, and rounding, prove nothing."""
+        if best.status is StageQpStatus.SOLVED:
+            return best.status
+        known = best.status is StageQpStatus.NOT_A_NUMBER
+        status = best.status if known else StageQpStatus.ITERATION_LIMIT
+        return StageQpStatus.INEXACT if best.worst <= self._inexact else status
+
+    def _is_endless(self, qp: StageQp) -> bool:
+        """Whether there is a way along which the cost falls for ever."""
+        if not may_fall_endlessly(qp):
+            return False
+        other = ways_down(qp)
+        way = StageQpSolver(other.shape, self.options).solve(other)
+        return way.status.usable and leads_down(other, way.z)
+
+    def _run_slowly(self, qp: StageQp, start: Point) -> End:
+        """With residuals as rows, and some curvature for directions that have none, from the z of a start."""
+        other = with_residuals_as_rows(qp)
+        table, own = row_table(other), own_rows(qp.shape, other.shape)
+        slow = StageQpSolver(other.shape, self.options)
+        point = replace(slow._rest(other, table), z=start.z)
+        end = slow._run(other, table, point, Start.COLD, damped=True)
+        return replace(end, point=end.point.of_rows(own))
 
     def _run(
-        self, qp: StageQp, table: RowTable, point: Point, start: Start = Start.EQUALITIES, *, costless: bool = False
+        self,
+        qp: StageQp,
+        table: RowTable,
+        point: Point,
+        start: Start = Start.EQUALITIES,
+        *,
+        costless: bool = False,
+        damped: bool = False,
     ) -> End:
         # With next to no curvature phase one loses digits, and needs few.
         options = replace(self.options, tolerance=max(self.options.tolerance, _ROUGH)) if costless else self.options
-        return self._core.run(qp, table, point, options, start=start, costless=costless)
+        return self._core.run(qp, table, point, options, start=start, costless=costless, damped=damped)
 
     def _rest(self, qp: StageQp, table: RowTable) -> Point:
         z = np.where(table.fixed, qp.flat["z_lower"], 0.0)
         return resting(z, sum(self.shape.n_x), len(table.norm))
 
-    def _near(self, qp: StageQp, table: RowTable, solution: StageQpSolution) -> Point:
-        z = np.where(table.fixed, qp.flat["z_lower"], np.concatenate(solution.z))
-        y = np.concatenate([*solution.y, *solution.y_z])
-        return replace(self._rest(qp, table), z=z, y=y, costate=np.concatenate(solution.costate))
-
-    @np.errstate(over="ignore", invalid="ignore")  # of what is not a number there is no cost
-    def _solution(self, qp: StageQp, end: End) -> StageQpSolution:
-        shape, m, y = self.shape, sum(self.shape.n_c), end.point.row_multipliers()
-        z, value = _split(end.point.z, shape.n_z), _values(qp, end.point.z)[:m]
-        return stage_qp_solution(
+    @np.errstate(invalid="ignore")  # of what is not a number there is no excess
+    def _found(self, qp: StageQp, end: End) -> Found:
+        m, y, flat = len(qp.flat["lower"]), end.point.row_multipliers(), qp.flat
+        y[m:] -= end.held
+        return Found(
+            shape=self.shape,
             status=end.status,
-            z=z,
-            x=tuple(own[:n] for own, n in zip(z, shape.n_x, strict=True)),
-            u=tuple(own[n:] for own, n in zip(z[:-1], shape.n_x, strict=False)),
-            costate=_split(end.point.costate, shape.n_x),
-            y=_split(y[:m], shape.n_c),
-            y_z=_split(y[m:] - end.held, shape.n_z),
-            excess=_split(distance(value, qp.flat["lower"], qp.flat["upper"]), shape.n_c),
+            z=end.point.z,
+            costate=end.point.costate,
+            y=y,
+            excess=distance(end.value[:m], flat["lower"], flat["upper"]),
             iterations=end.iterations,
             kkt=end.kkt,
-            cost=_cost(qp, z),
+            products=self._core.products(qp, end.point.z),
         )
 
 
-def _split(flat: Array, sizes: tuple[int, ...]) -> tuple[Array, ...]:
+def _only_rounding(qp: StageQp, end: End) -> bool:
+    """Whether a cost that is convex, as a sum of squares, seemed not to be."""
+    return end.status is StageQpStatus.NOT_CONVEX and not qp.flat["H"].any() and bool((qp.flat["damping"] >= 0.0).all())
+
+
+def _split(qp: StageQp, found: Found) -> StageQpSolution:
+    shape, m = qp.shape, len(found.excess)
+    z = _parts(found.z, shape.n_z)
+    return stage_qp_solution(
+        status=found.status,
+        z=z,
+        x=tuple(own[:n] for own, n in zip(z, shape.n_x, strict=True)),
+        u=tuple(own[n:] for own, n in zip(z[:-1], shape.n_x, strict=False)),
+        costate=_parts(found.costate, shape.n_x),
+        y=_parts(found.y[:m], shape.n_c),
+        y_z=_parts(found.y[m:], shape.n_z),
+        excess=_parts(found.excess, shape.n_c),
+        iterations=found.iterations,
+        kkt=found.kkt,
+        cost=_cost(qp, found),
+    )
+
+
+def _parts(flat: Array, sizes: tuple[int, ...]) -> tuple[Array, ...]:
     return tuple(flat[own] for own in slices(sizes))
 
 
 def _values(qp: StageQp, z: Array) -> Array:
     """(M,) of rows and variables."""
-    return np.concatenate([*(C @ own for C, own in zip(qp.C, _split(z, qp.shape.n_z), strict=True)), z])
+    return np.concatenate([*(C @ own for C, own in zip(qp.C, _parts(z, qp.shape.n_z), strict=True)), z])
 
 
-def _is_valid(qp: StageQp) -> bool:
-    """Finite but for bounds that there are not; slack costs something."""
-    flat = qp.flat
-    bounds = ("lower", "upper", "l1", "z_lower", "z_upper", "z_l1")
-    numbers = all(np.isfinite(array).all() for name, array in flat.items() if name not in bounds)
-    sides = all((flat[f"{z}lower"] < np.inf).all() and (flat[f"{z}upper"] > -np.inf).all() for z in ("", "z_"))
-    return numbers and sides and all((flat[name] >= 0.0).all() for name in ("l1", "l2", "z_l1", "z_l2"))
+def _near(solution: StageQpSolution) -> Near:
+    y = np.concatenate([*solution.y, *solution.y_z])
+    return Near(z=np.concatenate(solution.z), costate=np.concatenate(solution.costate), y=y)
 
 
-def _cost(qp: StageQp, z: tuple[Array, ...]) -> float:
-    residual = np.concatenate([J @ own for J, own in zip(qp.J, z, strict=True)]) + qp.flat["r"]
-    flat = np.concatenate(z)
-    total = residual @ residual / 2 + flat @ (qp.flat["damping"] * flat / 2 + qp.flat["g"])
-    if qp.flat["H"].any():
-        total += sum(own @ H @ own / 2 for H, own in zip(qp.H, z, strict=True))
-    return float(total)
+@np.errstate(over="ignore", invalid="ignore")  # of what is not a number there is no cost
+def _cost(qp: StageQp, found: Found) -> float:
+    r, z, flat, products = qp.flat["r"], found.z, qp.flat, found.products
+    straight = products.slope + z @ flat["g"]
+    bend = sum(own @ H @ own for H, own in zip(qp.H, _parts(z, qp.shape.n_z), strict=True))
+    return float((r @ r + products.square + bend + z @ (flat["damping"] * z)) / 2 + straight)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -65,12 +66,19 @@ def joint_node(model: pin.Model, joint: int) -> str:
     return f"{joint:02d} {model.names[joint]}".replace("/", "_")
 
 
-def draw_robot(node: Visualizer, robot: Robot) -> None:
-    """All visual shapes, each below the node of the joint that moves it."""
+def draw_robot(node: Visualizer, robot: Robot, rgba: tuple[float, ...] | None = None) -> None:
+    """All visual shapes, each below the node of the joint that moves it; rgba (4,) [-] in place of their own colours."""
     for i, item in enumerate(robot.visual_model.geometryObjects):
         shape = node[joint_node(robot.model, item.parentJoint)][f"{i:03d} {item.name}".replace("/", "_")]
-        if draw_shape(shape["shape"], item.geometry, np.asarray(item.meshColor)):
+        if draw_shape(shape["shape"], item.geometry, np.asarray(item.meshColor if rgba is None else rgba)):
             shape.set_transform(item.placement.homogeneous)
+
+
+def rounded(values: np.ndarray, digits: int = 3) -> Any:
+    """Lists of lists for the page, of so many significant digits [-]; values (...) [any]; `None` for what is not finite."""
+    if values.ndim:
+        return [rounded(value, digits) for value in values]
+    return float(f"{values:.{digits}g}") if np.isfinite(values) else None
 
 
 def joint_clips(robot: Robot, frames: Frames, fps: float) -> Iterator[tuple[int, AnimationClip]]:

@@ -1,4 +1,4 @@
-"""What the page's script needs beside the commands of meshcat: phases, labels, cameras, readouts."""
+"""What the page's script needs beside the commands of meshcat: where to look from, names of places, the floor."""
 
 from __future__ import annotations
 
@@ -10,59 +10,48 @@ import pinocchio as pin
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.record import Record
 from uvms_ocp.viz.scene.animation import Frames, joint_node
-from uvms_ocp.viz.scene.surroundings import extent
-from uvms_ocp.viz.series import as_known, fault_spans, phase_spans, quantity
+from uvms_ocp.viz.scene.surroundings import extent, labels
+from uvms_ocp.viz.series import as_known
 
 _FAR = 12.0  # robot sizes; a longer mission opens with the camera on the vehicle
 _LONGEST_SHOW = 60.0  # [s] beyond it playback begins sped up
 _SHORT_WAY = 0.2  # [m] a shorter horizontal way has no direction
-_SPEEDS = (1, 2, 5, 10, 20, 50, 100)
-_READOUTS = (
-    ("LA.altitude", "altitude", "m"),
-    ("PC.position_error", "to way point", "m"),
-    ("AT.misalignment", "misalignment", "rad"),
-    ("T.position_error", "tool error", "m"),
-    ("plan.clearance", "clearance", "m"),
-)
+_SPEEDS = (0.25, 1, 2, 5, 10, 20, 50, 100)
 
 
 def page_details(record: Record, robot: Robot, frames: Frames, centre: np.ndarray) -> dict[str, Any]:
     """JSON values for the page; centre (3,) [m] in W is the origin of its frame."""
-    meta = record.meta
-    start = float(record["t"][0])
-    duration = float(frames.t[-1])
-    points, size = _thinned(extent(record, frames)) - centre, _robot_size(robot)
+    points, size = _thinned(extent(record, frames)) - centre, robot_size(robot)
     far = np.linalg.norm(np.ptp(points, axis=0)) > _FAR * size
     return {
-        "scenario": meta.scenario,
-        "robot": meta.robot,
-        "duration": duration,
-        "speed": next((s for s in _SPEEDS if duration / s <= _LONGEST_SHOW), _SPEEDS[-1]),
-        "speeds": _SPEEDS,
+        "scenario": record.meta.scenario,
+        "known": as_known(record).strip(),
+        **_playback(float(frames.t[-1])),
         "floor": _lowest_floor(record, centre),
         "relief": _relief(record, centre),
-        "phases": [
-            {"name": s.name, "title": s.title, "index": s.index, "start": s.start - start, "end": s.end - start}
-            for s in phase_spans(record)
-        ],
-        "faults": [
-            {"name": s.name, "start": s.start - start, "end": s.end - start, "ended": s.ended}
-            for s in fault_spans(record)
-        ],
-        "labels": [
-            {"text": marker.name, "position": (np.array(marker.position) - centre).tolist()}
-            for marker in meta.surroundings.markers
-        ],
+        "labels": labels(record, centre),
         "points": points.tolist(),
-        "size": size,
         "start_view": "vehicle" if far and robot.n_vehicle else "mission",
         "direction": _viewing_direction(record, frames, forward=0.4),
         "close_direction": _viewing_direction(record, frames, forward=1.2),
+        **robot_details(robot),
+    }
+
+
+def robot_details(robot: Robot) -> dict[str, Any]:
+    """JSON values about the robot alone."""
+    return {
+        "robot": robot.name,
+        "size": robot_size(robot),
         "views": ["mission", "vehicle", "tool"] if robot.n_vehicle else ["mission", "tool"],
         "body": ["meshcat", "scene", "robot", joint_node(robot.model, 1)],
         "hand": ["meshcat", "scene", "robot", joint_node(robot.model, robot.model.njoints - 1)],
-        "readouts": _readouts(record, frames),
     }
+
+
+def _playback(duration: float) -> dict[str, Any]:
+    fitting = (speed for speed in _SPEEDS if speed >= 1 and duration / speed <= _LONGEST_SHOW)
+    return {"duration": duration, "speed": next(fitting, _SPEEDS[-1]), "speeds": _SPEEDS}
 
 
 def _lowest_floor(record: Record, centre: np.ndarray) -> float | None:
@@ -88,7 +77,7 @@ def _thinned(points: np.ndarray, limit: int = 400) -> np.ndarray:
     return points[:: max(1, len(points) // limit)]
 
 
-def _robot_size(robot: Robot) -> float:
+def robot_size(robot: Robot) -> float:
     """Radius [m] of a ball around the robot's shapes, about its first joint."""
     data, shapes = robot.model.createData(), robot.visual_model.createData()
     q = robot.configuration(joints=robot.home) if robot.n_vehicle else np.asarray(robot.home)
@@ -107,14 +96,3 @@ def _viewing_direction(record: Record, frames: Frames, *, forward: float) -> lis
     ahead = way / length if length > _SHORT_WAY else np.array([1.0, 0.0])
     side = np.array([ahead[1], -ahead[0]])
     return [*(side + forward * ahead).tolist(), 0.4 * float(np.hypot(1.0, forward))]
-
-
-def _readouts(record: Record, frames: Frames) -> list[dict[str, Any]]:
-    """Measured quantities at the times of the frames, rounded for the page; `None` where not known."""
-    shown = []
-    for name, label, unit in _READOUTS:
-        values = quantity(record, name)
-        if values is not None:
-            rounded = [float(f"{value:.3g}") if np.isfinite(value) else None for value in values[frames.row]]
-            shown.append({"label": label + as_known(record), "unit": unit, "values": rounded})
-    return shown if not shown else [{"label": "", "unit": "", "values": frames.t.round(3).tolist()}, *shown]

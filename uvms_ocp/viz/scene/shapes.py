@@ -31,10 +31,14 @@ def _hex(red: float, green: float, blue: float) -> int:
     return (r << 16) + (g << 8) + b
 
 
+def hex_of(rgb: tuple[float, ...]) -> str:
+    """The colour rgb (3,) [-] from 0 to 1 as style sheets write it."""
+    return f"#{_hex(*rgb):06x}"
+
+
 def glow(rgb: tuple[float, ...], opacity: float) -> mg.MeshBasicMaterial:
     """A material of colour rgb (3,) [-] and `opacity` [-], from 0 to 1, that needs no light."""
-    red, green, blue = (round(255 * x) for x in rgb)
-    return mg.MeshBasicMaterial(color=(red << 16) + (green << 8) + blue, opacity=opacity, transparent=opacity < 1)
+    return mg.MeshBasicMaterial(color=_hex(*rgb), opacity=opacity, transparent=opacity < 1)
 
 
 def draw_shape(node: Visualizer, shape: coal.CollisionGeometry, rgba: np.ndarray) -> bool:

@@ -13,11 +13,13 @@ from uvms_ocp.record import Record
 from uvms_ocp.viz.scene.animation import Frames
 from uvms_ocp.viz.scene.meshcat_parts import Visualizer
 from uvms_ocp.viz.scene.meshcat_parts import geometry as mg
-from uvms_ocp.viz.scene.shapes import draw_shape, draw_triad, glow, material, shifted, tube
+from uvms_ocp.viz.scene.shapes import draw_shape, draw_triad, glow, hex_of, material, shifted, tube
 from uvms_ocp.viz.series import floor_heights
 
 _TRAIL_STEP = 0.01  # [m] between points of a trail
-_VEHICLE_TRAIL, _TOOL_TRAIL = (1.0, 0.82, 0.2), (0.95, 0.25, 0.55)
+_SAME_PLACE = 0.05  # [m]
+Colour = tuple[float, float, float]
+_OWN_TRAILS: tuple[Colour, Colour] = ((1.0, 0.82, 0.2), (0.95, 0.25, 0.55))
 _MARKERS = ((0.95, 0.3, 0.1), (0.2, 0.85, 0.45), (0.95, 0.85, 0.2), (0.6, 0.4, 0.9))
 _OBSTACLE = np.array([0.85, 0.45, 0.2, 0.55])
 
@@ -29,16 +31,21 @@ def extent(record: Record, frames: Frames) -> np.ndarray:
     return np.vstack([frames.placements[:, 1:, :3].reshape(-1, 3), obstacles, markers])
 
 
-def draw_trails(node: Visualizer, robot: Robot, frames: Frames) -> list[dict[str, Any]]:
-    """Tubes along the paths of vehicle and tool; the page reveals them up to the time shown."""
-    paths = {"vehicle": (frames.placements[:, 1, :3] if robot.n_vehicle else None, _VEHICLE_TRAIL, 0.018)}
-    paths["tool"] = (frames.tool, _TOOL_TRAIL, 0.011)
+def draw_trails(
+    node: Visualizer, robot: Robot, frames: Frames, colours: tuple[Colour, Colour] = _OWN_TRAILS
+) -> list[dict[str, Any]]:
+    """Tubes along the paths of vehicle and tool; the page reveals them up to the time shown.
+
+    colours (3,) [-] each, from 0 to 1.
+    """
+    paths = {"vehicle": (frames.placements[:, 1, :3] if robot.n_vehicle else None, 0.018), "tool": (frames.tool, 0.011)}
     trails = []
-    for name, (points, rgb, radius) in paths.items():
+    for rgb, (name, (points, radius)) in zip(colours, paths.items(), strict=True):
         kept = None if points is None else _spaced(points)
         if points is not None and kept is not None and len(kept) > 2:
             node[name].set_object(tube(points[kept], radius), glow(rgb, 1.0))
-            trails.append({"name": name, "path": ["meshcat", "scene", "trails", name], "t": frames.t[kept].tolist()})
+            path = node[name].path.lower().strip("/").split("/")
+            trails.append({"name": name, "path": path, "colour": hex_of(rgb), "t": frames.t[kept].round(3).tolist()})
     return trails
 
 
@@ -61,6 +68,23 @@ def draw_goals(node: Visualizer, record: Record) -> None:
         own = node[f"frame {i}"]
         draw_triad(own, 0.35)
         own.set_transform(pin.XYZQUATToSE3(np.array(frame.pose)).homogeneous)
+
+
+def labels(record: Record, centre: np.ndarray) -> list[dict[str, Any]]:
+    """Names of markers, goal frames and obstacles, and where they stand (3,) [m] from centre (3,) [m] in W.
+
+    One name for each place.
+    """
+    around = record.meta.surroundings
+    found: list[dict[str, Any]] = []
+    named = [(item.name, item.position, "marker") for item in around.markers]
+    named += [(item.name, item.pose[:3], "frame") for item in around.frames]
+    named += [(item.name, item.position, "obstacle") for item in around.obstacles]
+    for text, place, kind in named:
+        position = (np.array(place) - centre).round(4).tolist()
+        if all(np.linalg.norm(np.subtract(position, other["position"])) > _SAME_PLACE for other in found):
+            found.append({"text": text, "position": position, "kind": kind})
+    return found
 
 
 def draw_obstacles(node: Visualizer, record: Record) -> None:

@@ -1,0 +1,112 @@
+"""Case 1 with everything uncertain: ``python benchmarks/campaign_case1.py [--runs N] [--work FOLDER] [--workers N]``.
+
+Writes campaign_case1.csv, one row per run, and campaign_case1.md with rates, causes and sensitivities. Killed and started
+again with the same --work, it goes on where it was.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from campaigns.case1_runs import BRIEF, VARIATIONS, brief_case1, noisy_case1
+from recording.report import Report, Row, Table, begin, parser_of
+
+from uvms_ocp.campaign import Campaign, campaign_report, read_table
+from uvms_ocp.campaign.findings.verdict import parse_bounds
+
+PROSE = """
+{runs} runs on the {plant} plant at 50 Hz; drawn by a Sobol' sequence of seed {seed}: {parameters}. The controller knows the
+nominal robot and sensors.
+
+Counted strictly, with every goal of every phase truly reached: {strict}. A phase ends when the estimate is below its limit, on
+whichever side the truth is. Counted as a mission that is finished with the tool truly within 1 cm: {useful}.
+
+{took}
+
+PAWN above its floor tells that a parameter matters, `rank` is Spearman's correlation.
+"""
+_USEFUL = "tool_position_error_m<0.01"
+_TOP = 6
+
+
+def throughput(variations: Any, runs: int, folder: Path, workers: int) -> float:
+    """Runs per second [1/s] of one campaign of `runs` [-] on `workers` [-], from the first row to the last."""
+    times: list[tuple[float, int]] = []
+    campaign = Campaign(scenario=noisy_case1, variations=variations, runs=runs, seed=1)
+    campaign.run(folder, workers=workers, progress=lambda done, *_: times.append((perf_counter(), done)))
+    first, had = next((time, done) for time, done in times if done >= workers)
+    return (runs - had) / (times[-1][0] - first)
+
+
+def causes(report: dict[str, Any]) -> list[Row]:
+    """The most frequent ones with their intervals."""
+    return [
+        {
+            "outcome": row["outcome"],
+            "cause": row["cause"],
+            "runs": row["number"],
+            "share [%]": 100 * row["share"],
+            "from [%]": 100 * row["lower"],
+            "to [%]": 100 * row["upper"],
+            "such as run": row["run"],
+        }
+        for row in report["causes"]
+    ]
+
+
+def sensitivities(report: dict[str, Any]) -> list[Row]:
+    """Of success and of the main figures, the parameters that matter most."""
+    rows: list[Row] = []
+    for figure in ("success", "tool_position_error_m", "energy_j", "duration_s"):
+        own = [row for row in report["sensitivity"] if row["figure"] == figure]
+        for row in sorted(own, key=lambda row: -row["pawn"])[:_TOP]:
+            names = {"figure": "figure", "parameter": "parameter", "pawn": "PAWN", "pawn_floor": "floor"}
+            rows.append({names[key]: row[key] for key in names} | {"rank": row["rank_correlation"]})
+    return rows
+
+
+def main() -> None:
+    """Run the campaign, or what is left of it."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--runs", type=int, default=2000, metavar="N")
+    parser.add_argument("--work", type=Path, metavar="FOLDER", help="of the campaign, kept; default: a temporary one")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="N")
+    given, run = begin(parser)
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = given.work or Path(temporary)
+        maker, variations = (brief_case1, BRIEF) if run.quick else (noisy_case1, VARIATIONS)
+        runs, workers = (4, 1) if run.quick else (given.runs, given.workers)
+        campaign = Campaign(scenario=maker, variations=variations, runs=runs)
+        begun = perf_counter()
+        campaign.run(folder / "campaign", workers=workers)
+        took = f"It took {perf_counter() - begun:.0f} s with {workers} workers."
+        if not run.quick:
+            one, two = (throughput(variations, min(100, runs), Path(temporary, f"workers{n}"), n) for n in (1, 2))
+            took += (
+                f" Two workers make {two / one:.2f} times as many runs in a second as one ({two:.2f} and {one:.2f})."
+            )
+        report = campaign_report(folder / "campaign", parse_bounds([_USEFUL]))
+        strict = campaign_report(folder / "campaign")
+        table = read_table(folder / "campaign").drop(columns=["worker"])
+    prose = PROSE.format(
+        runs=runs,
+        plant="kinematic" if run.quick else "dynamic",
+        seed=campaign.seed,
+        parameters="; ".join(f"{name} {text}" for name, text in report["parameters"].items()),
+        strict=strict["success_text"],
+        useful=report["success_text"],
+        took=took,
+    )
+    names = ("figure", "runs", "least", "5 %", "median", "95 %", "largest")
+    spread = [{name: row[name] for name in names} for row in report["distributions"]]
+    tables = [Table(rows=rows) for rows in (causes(strict), causes(report), spread, sensitivities(report)) if rows]
+    data = {"campaign_case1": table.to_dict("records")}
+    run.write(Report(name="campaign_case1", title="Case 1, uncertain", prose=prose, tables=tables, data=data))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,200 @@
+"""Identification of an AUV from its pool recordings: ``python benchmarks/identification_tauv.py FOLDER``.
+
+Every recording is predicted by a vehicle identified on the others: open loop over all of it, its start fitted on the first
+2 s, and horizon by horizon. Writes identification_tauv.csv and identification_tauv.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from driven_auv.recordings import CHANNELS, MOVING, judged, read_recordings
+from driven_auv.vehicle import vehicle
+from recording.report import Report, Row, Table, begin, parser_of
+
+from uvms_ocp.identification.answers.predictions import Predicted, Predictor, fit
+from uvms_ocp.identification.methods.output_error import Estimate, Noise, OutputError
+from uvms_ocp.identification.methods.rollout import Rollout
+from uvms_ocp.identification.methods.stretch import RATE_WINDOW, Prepared
+from uvms_ocp.identification.models.stage import Vehicle, stage_of
+from uvms_ocp.identification.parameters.status import Prior
+from uvms_ocp.identification.recordings.doubts import doubts
+
+STEP, HORIZONS = 0.1, (5.0, 20.0)
+NOISE = Noise(velocity=0.03, rate=0.06, vertical=0.1)
+STAGES = ((15.0, 8), (None, 12))
+ALL, SEEN, OWN, PRIOR, STILL = "all of it", "all of it, seen", "all of it, seen, own heave", "prior", "nothing moves"
+WANTED = {"surge": 60.0, "sway": 55.0, "heave": 65.0, "yaw rate": 50.0}
+"""[%] asked for over whole recordings."""
+WANTED_SOON = 75.0
+"""[%] asked for over the shortest horizon."""
+PROSE = """
+{n} recordings of {length:.0f} s of an AUV that is driven by its thrusters. Each is predicted by one vehicle, identified on all
+others: from the commanded wrench alone, its start fitted on the first {known:g} s. The fit is `100 (1 - |error| / |y - mean|)` in
+percent, of a channel where its standard deviation exceeds {least:g} m/s ({turning:g} rad/s in yaw). Yaw rate is that of the
+attitude, smoothed by local quadratics over {window:g} s. The table has medians over the recordings.
+
+Asked for over whole recordings: {wanted}. Over {short:g} s: {asked:g} in each.
+
+## What bounds it
+
+A vehicle that has seen all recordings is the best that this model can do: its row is "{seen}". With a constant heave force for
+every recording besides, "{own}", it says how far recordings differ among themselves: forces {forces} N.
+
+## Doubts about the recordings
+
+{doubts}
+"""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Bench:
+    """A vehicle and the recordings, prepared for it."""
+
+    vehicle: Vehicle
+    rollout: Rollout
+    prepared: tuple[Prepared, ...]
+
+    def trained(
+        self, chosen: Sequence[Prepared], shared: np.ndarray | None, stages: Sequence[tuple[float | None, int]]
+    ) -> Estimate:
+        """Identified on some recordings, in short stretches first."""
+        for duration, iterations in stages:
+            stretches = [stretch for one in chosen for stretch in one.stretches(STEP, duration)]
+            error = OutputError(self.vehicle, stretches, NOISE, self.rollout)
+            estimate = error.solve(error.start(shared), iterations=iterations, tolerance=1e-3)
+            shared = estimate.shared
+        return estimate
+
+    def predictor(self, shared: np.ndarray) -> Predictor:
+        """With unknowns shared (n,) [as they are]."""
+        return Predictor(vehicle=self.vehicle, rollout=self.rollout, shared=shared, noise=NOISE)
+
+
+def bench(folder: Path, *, quick: bool, **learnt: Prior) -> Bench:
+    """Of a folder of recordings."""
+    one = vehicle(**learnt)
+    recordings = read_recordings(folder)[: 2 if quick else None]
+    return Bench(
+        vehicle=one, rollout=Rollout(stage_of(one)), prepared=tuple(Prepared.of(each, one) for each in recordings)
+    )
+
+
+def row(name: str, kind: str, predicted: Predicted) -> Row:
+    """Fits of one prediction; none where a channel hardly moves."""
+    fits = {channel: _fit(channel, *pair) for channel, pair in judged(predicted).items()}
+    return {"recording": name, "prediction": kind, **fits}
+
+
+def _fit(channel: str, seen: np.ndarray, predicted: np.ndarray) -> float | None:
+    return fit(seen, predicted) if seen.std() > MOVING[channel] else None
+
+
+def still(predicted: Predicted) -> Predicted:
+    """The same times with a vehicle that stays where it is."""
+    resting = tuple(np.zeros_like(values) for values in predicted.rows[:2])
+    return Predicted(t=predicted.t, rows=(*resting, predicted.seen[2]), seen=predicted.seen)
+
+
+def left_out(one: Bench, shared: np.ndarray, *, quick: bool) -> list[Row]:
+    """Every recording, predicted by what the others tell; the search begins where all of them together end."""
+    rows = []
+    for held in one.prepared:
+        others = [each for each in one.prepared if each is not held]
+        found = one.predictor(one.trained(others, shared, ((None, 1 if quick else 8),)).shared)
+        name, (whole,) = held.recording.name, held.stretches(STEP)
+        rows.append(row(name, ALL, found.of(whole)))
+        rows += [row(name, f"{horizon:g} s", found.over(held, STEP, horizon)) for horizon in HORIZONS]
+    return rows
+
+
+def in_sample(one: Bench, estimate: Estimate, kind: str) -> list[Row]:
+    """Every recording, predicted by an estimate that has seen it, with what it has for itself."""
+    rows = []
+    for k, each in enumerate(one.prepared):
+        (whole,) = each.stretches(STEP)
+        p = np.concatenate([estimate.shared, estimate.own[each.recording.name]])
+        (seen,) = one.rollout.seen([whole], [estimate.starts[k]], p[None], slopes=False)
+        rows.append(row(each.recording.name, kind, Predicted(t=whole.t, rows=seen.rows, seen=whole.seen)))
+    return rows
+
+
+def nulls(one: Bench) -> list[Row]:
+    """The vehicle where the search begins, and none that moves."""
+    rows, prior = [], one.predictor(one.vehicle.shared.start)
+    for each in one.prepared:
+        (whole,) = each.stretches(STEP)
+        predicted = prior.of(whole)
+        rows += [row(each.recording.name, PRIOR, predicted), row(each.recording.name, STILL, still(predicted))]
+    return rows
+
+
+def medians(rows: Sequence[Row]) -> list[Row]:
+    """Over the recordings, by kind of prediction."""
+    kinds = dict.fromkeys(each["prediction"] for each in rows)
+    return [{"prediction": kind, **{name: _median(rows, kind, name) for name in CHANNELS}} for kind in kinds]
+
+
+def _median(rows: Sequence[Row], kind: str, channel: str) -> float | None:
+    known = [each[channel] for each in rows if each["prediction"] == kind and each[channel] is not None]
+    return float(np.median(known)) if known else None
+
+
+def _length(one: Bench) -> float:
+    return float(np.median([np.diff(each.recording.span)[0] for each in one.prepared]))
+
+
+def _doubts(one: Bench) -> str:
+    told = [f"- {each.recording.name}: {doubt}" for each in one.prepared for doubt in doubts(each.recording)]
+    return "\n".join(told) or "None."
+
+
+def prose(one: Bench, drifting: Estimate) -> str:
+    """With the figures of a bench, and of an estimate with forces of each recording."""
+    forces = [float(own[0]) for own in drifting.own.values()]
+    return PROSE.format(
+        n=len(one.prepared),
+        length=_length(one),
+        known=one.predictor(one.vehicle.shared.start).known,
+        least=MOVING["surge"],
+        turning=MOVING["yaw rate"],
+        window=RATE_WINDOW,
+        wanted=", ".join(f"{name} {least:g}" for name, least in WANTED.items()),
+        short=HORIZONS[0],
+        asked=WANTED_SOON,
+        seen=SEEN,
+        own=OWN,
+        forces=f"{min(forces):.2g} to {max(forces):.2g}",
+        doubts=_doubts(one),
+    )
+
+
+def main() -> None:
+    """Identify and predict."""
+    parser = parser_of(__doc__)
+    parser.add_argument("folder", type=Path, help="of the recordings")
+    given, run = begin(parser)
+    stages = tuple((duration, 1 if run.quick else iterations) for duration, iterations in STAGES)
+    one = bench(given.folder, quick=run.quick)
+    other = bench(given.folder, quick=run.quick, wrench_offset=Prior(sigma=2.0, only=("heave",)))
+    everything = one.trained(one.prepared, None, stages)
+    drifting = other.trained(other.prepared, everything.shared, stages[1:])
+    rows = left_out(one, everything.shared, quick=run.quick)
+    rows += in_sample(one, everything, SEEN) + in_sample(other, drifting, OWN) + nulls(one)
+    table = Table(rows=medians(rows), columns={"prediction": "", **dict.fromkeys(CHANNELS, ".0f")})
+    run.write(
+        Report(
+            name="identification_tauv",
+            title="Identification of a driven AUV",
+            prose=prose(one, drifting),
+            tables=[table],
+            data={"identification_tauv": rows},
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,103 @@
+"""Killed at any moment and started again, a campaign loses nothing that was on the disk, and repeats nothing of it."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from trivial_runs import Cluster, cluster
+
+from uvms_ocp.campaign.campaign import Campaign
+from uvms_ocp.campaign.runs.work import VARYING
+from uvms_ocp.campaign.store.parts import part_paths
+from uvms_ocp.campaign.store.table import read_table
+
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"
+)
+RUNS, KILLS = 90, 2
+MISSION = """
+import uvms_ocp as uo
+
+def scenario(**options):
+    return uo.scenarios.reach(**{"plant": "kinematic", "duration": 0.3, "dt": 0.02, **options})
+"""
+VARIATIONS = """
+from uvms_ocp.campaign import Normal, Uniform, Variation
+
+variations = [Variation("start.x", Normal(0.0, 0.1)), Variation("goals.TP.x", Uniform(-0.05, 0.05))]
+"""
+
+
+def client(folder: Path, *cluster: str, **options: bool) -> subprocess.Popen[str]:
+    words = ["campaign", "mission.py", "--vary", "variations.py", "--runs", str(RUNS), "--force"]
+    command = [sys.executable, "-m", "uvms_ocp", *words, "--out", "killed", *cluster]
+    told = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    return subprocess.Popen(command, cwd=folder, **told, **options)
+
+
+def finished(folder: Path) -> set[int]:
+    return set(read_table(folder)["run"]) if part_paths(folder) else set()
+
+
+def test_a_campaign_killed_again_and_again_equals_one_that_was_not(tmp_path: Path) -> None:
+    (tmp_path / "mission.py").write_text(MISSION)
+    (tmp_path / "variations.py").write_text(VARIATIONS)
+    draw, known = random.Random(16), set[int]()
+    with cluster(tmp_path) as processes:
+        for kill in range(KILLS):
+            process = client(tmp_path, "--scheduler", processes.address)
+            known = _killed(process, processes, tmp_path / "killed", known, draw, worker=kill == 1)
+        last = client(tmp_path, "--scheduler", processes.address)
+        told, _ = last.communicate(timeout=300)
+        assert last.returncode == 0, told
+    whole = Campaign(scenario=str(tmp_path / "mission.py"), variations=str(tmp_path / "variations.py"), runs=RUNS).run(
+        tmp_path / "whole", workers=1
+    )
+    table = read_table(tmp_path / "killed")
+    assert table["run"].tolist() == list(range(RUNS))
+    assert table.drop(columns=[*VARYING]).equals(whole.drop(columns=[*VARYING]))
+    assert table["start.x"].std() > 0.05
+
+
+def _killed(
+    process: subprocess.Popen[str],
+    processes: Cluster,
+    folder: Path,
+    known: set[int],
+    draw: random.Random,
+    *,
+    worker: bool,
+) -> set[int]:
+    """Runs that are on the disk after the client was killed, at some moment after more of them got there."""
+    while process.poll() is None and len(finished(folder)) < len(known) + 1:
+        time.sleep(0.2)
+    if worker:
+        processes.workers[0].kill()
+        processes.add_worker()
+    time.sleep(draw.uniform(0.0, 0.3))
+    assert process.poll() is None, "the campaign was over before it could be killed"
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    after = finished(folder)
+    assert known < after
+    return after
+
+
+def test_an_interrupt_of_the_whole_terminal_ends_the_command_cleanly_and_says_how_to_go_on(tmp_path: Path) -> None:
+    (tmp_path / "mission.py").write_text(MISSION)
+    (tmp_path / "variations.py").write_text(VARIATIONS)
+    process = client(tmp_path, "--workers", "1", start_new_session=True)
+    while process.poll() is None and not finished(tmp_path / "killed"):
+        time.sleep(0.2)
+    os.killpg(process.pid, signal.SIGINT)
+    told, _ = process.communicate(timeout=60)
+    assert process.returncode == 130, told
+    assert "the same command goes on" in told.replace("\n", " ")
+    assert "Traceback" not in told

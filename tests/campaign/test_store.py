@@ -1,0 +1,127 @@
+"""The folder of a campaign: rows once on the disk stay, each once, and only of this campaign."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from trivial_runs import TrivialRuns, identity_of
+
+from uvms_ocp.campaign.runs.work import attempted
+from uvms_ocp.campaign.store import parts as parts_module
+from uvms_ocp.campaign.store.folder import opened
+from uvms_ocp.campaign.store.identity import read_identity
+from uvms_ocp.campaign.store.table import read_table
+from uvms_ocp.exceptions import InvalidInput, OutputError
+
+WORK = TrivialRuns()
+
+
+def made(folder: Path, runs: list[int], total: int = 20, work: TrivialRuns = WORK) -> None:
+    with opened(folder, identity_of(WORK, total), {"scenario/a.txt": b"copy"}) as campaign:
+        for run in runs:
+            campaign.add(attempted(work, run, "here"))
+
+
+def test_rows_are_there_by_run_number_whatever_their_order(tmp_path: Path) -> None:
+    made(tmp_path, [7, 3])
+    made(tmp_path, [11, 0])
+    assert read_table(tmp_path)["run"].tolist() == [0, 3, 7, 11]
+
+
+def test_what_is_finished_is_known_and_is_not_kept_twice(tmp_path: Path) -> None:
+    made(tmp_path, [4, 5])
+    with opened(tmp_path, identity_of(WORK, 20), {}) as campaign:
+        assert 4 not in campaign.left
+        assert len(campaign.left) == 18
+        campaign.add(attempted(TrivialRuns(broken=frozenset({4})), 4, "there"))
+    assert read_table(tmp_path)["outcome"].tolist() == ["completed", "completed"]
+
+
+def test_rows_are_on_the_disk_when_the_block_ends_in_an_interrupt(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt), opened(tmp_path, identity_of(WORK, 20), {}) as campaign:
+        campaign.add(attempted(WORK, 2, "here"))
+        raise KeyboardInterrupt
+    assert read_table(tmp_path)["run"].tolist() == [2]
+
+
+def test_rows_that_have_waited_go_to_the_disk_by_themselves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("uvms_ocp.campaign.store.folder._BATCH_AGE", 0.0)
+    with opened(tmp_path, identity_of(WORK, 20), {}) as campaign:
+        campaign.add(attempted(WORK, 2, "here"))
+        campaign.flush()
+        assert read_table(tmp_path)["run"].tolist() == [2]
+
+
+@pytest.mark.parametrize(
+    "change", [{"runs": 21}, {"seed": 1}, {"package": "0"}, {"parameters": {"a": "Uniform(0, 1)"}}]
+)
+def test_another_campaign_is_refused_and_what_differs_is_named(tmp_path: Path, change: dict[str, object]) -> None:
+    made(tmp_path, [1])
+    with (
+        pytest.raises(InvalidInput, match=f"another campaign is there, which has another {next(iter(change))}"),
+        opened(tmp_path, identity_of(WORK, **({"runs": 20} | change)), {}),
+    ):
+        pass
+
+
+def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "thesis.txt").write_text("all of it")
+    with pytest.raises(InvalidInput, match=r"holds thesis.txt and no campaign"):
+        made(tmp_path, [1])
+
+
+def test_one_process_at_a_time(tmp_path: Path) -> None:
+    with opened(tmp_path, identity_of(WORK, 20), {}), pytest.raises(OutputError, match="another command writes there"):
+        made(tmp_path, [1])
+
+
+def test_a_file_cut_short_does_not_count_and_is_removed(tmp_path: Path) -> None:
+    made(tmp_path, [1])
+    (tmp_path / "rows" / "part-00000009.tmp").write_bytes(b"PAR1 half")
+    made(tmp_path, [2])
+    assert read_table(tmp_path)["run"].tolist() == [1, 2]
+    assert not list((tmp_path / "rows").glob("*.tmp"))
+
+
+def test_a_damaged_part_is_named(tmp_path: Path) -> None:
+    made(tmp_path, [1])
+    (part,) = (tmp_path / "rows").iterdir()
+    part.write_bytes(b"PAR1 and no more")
+    with pytest.raises(InvalidInput, match=r"part-00000000.parquet: damaged"):
+        read_table(tmp_path)
+
+
+def test_parts_are_joined_and_cut_off_meanwhile_each_row_still_counts_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for run in range(4):
+        made(tmp_path, [run])
+    before = read_table(tmp_path)
+    monkeypatch.setattr(Path, "unlink", lambda self, **_: None)  # killed before the old ones are gone
+    with opened(tmp_path, identity_of(WORK, 20), {}) as campaign:
+        campaign._parts.join()
+    monkeypatch.undo()
+    assert len(list((tmp_path / "rows").iterdir())) == 5
+    assert read_table(tmp_path).equals(before)
+
+
+def test_many_parts_do_not_pile_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parts_module, "_MANY", 3)
+    for run in range(10):
+        made(tmp_path, [run])
+    assert len(list((tmp_path / "rows").iterdir())) <= 3
+    assert read_table(tmp_path)["run"].tolist() == list(range(10))
+
+
+def test_records_and_copies_are_kept_whole(tmp_path: Path) -> None:
+    made(tmp_path, [3], work=TrivialRuns(kept=True))
+    assert (tmp_path / "records" / "run-00000003.npz").read_bytes() == b"whole"
+    assert (tmp_path / "sources" / "scenario" / "a.txt").read_bytes() == b"copy"
+    assert not [name for _, _, names in os.walk(tmp_path) for name in names if name.endswith(".tmp")]
+
+
+def test_what_is_no_campaign_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="no campaign is there"):
+        read_identity(tmp_path)

@@ -1,0 +1,170 @@
+"""A newcomer's path through the command line: templates, check, campaign, report, one run again, comparison."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from uvms_ocp.campaign import random_missions
+from uvms_ocp.campaign.store.table import read_table
+from uvms_ocp.cli import app
+from uvms_ocp.exceptions import InvalidInput, NameNotFound, UvmsError
+
+README = Path(__file__).parents[2] / "README.md"
+QUICK = ("--plant", "kinematic", "--duration", "0.3", "--force")
+KINEMATIC = """
+from uvms_ocp.campaign import Normal, Variation
+
+variations = [Variation("start.x", Normal(0.0, 0.1)), Variation("goals.TP.z", Normal(0.0, 0.05))]
+"""
+
+
+def ours(*words: str) -> str:
+    """What a command prints; its errors are raised."""
+    found = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert found.exit_code == 0, found.output
+    return found.output
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a robot, a mission and a campaign of it that is complete."""
+    folder = tmp_path_factory.mktemp("newcomer")
+    ours("new-robot", str(folder / "robot"))
+    ours("new-mission", str(folder / "mission.py"), "--robot", str(folder / "robot"))
+    (folder / "vary.py").write_text(KINEMATIC)
+    words = [sys.executable, "-m", "uvms_ocp", "campaign", "mission.py", "--vary", "vary.py", "--runs", "4", *QUICK]
+    told = subprocess.run(
+        [*words, "--out", "c", "--workers", "1"], cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert told.returncode == 0, told.stdout + told.stderr
+    return folder
+
+
+def test_the_templates_pass_their_checks(place: Path) -> None:
+    assert "8 thrusters, rank 6" in ours("check-robot", str(place / "robot"))
+    assert "accepted" in ours("check", str(place / "mission.py"))
+    assert "ToolPosition" not in ours("mission", str(place / "mission.py"))
+
+
+def test_the_template_mission_completes_as_it_is(place: Path, tmp_path: Path) -> None:
+    report = json.loads(_json("run", str(place / "mission.py"), "--out", str(tmp_path / "run"), "--json"))
+    assert report["completed"]
+    assert report["robot"] == "my_robot"
+
+
+def _json(*words: str) -> str:
+    found = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert found.exit_code in (0, 3), found.output
+    return found.stdout
+
+
+def test_templates_are_not_written_over(place: Path) -> None:
+    with pytest.raises(InvalidInput, match="is there already"):
+        ours("new-mission", str(place / "mission.py"))
+
+
+def test_the_folder_holds_rows_report_and_copies(place: Path) -> None:
+    folder = place / "c"
+    names = {path.name for path in folder.iterdir()} - {".uvms_ocp"}
+    assert names == {"campaign.json", "rows", "sources", "report.json", "report.html"}
+    assert (folder / "sources" / "scenario" / "mission.py").read_text() == (place / "mission.py").read_text()
+    assert (folder / "sources" / "scenario" / "robot" / "robot.urdf").exists()
+    assert (folder / "sources" / "variations" / "vary.py").read_text() == KINEMATIC
+
+
+def test_the_page_needs_no_network(place: Path) -> None:
+    page = (place / "c" / "report.html").read_text()
+    assert page.count("data:image/png;base64,") >= 3
+    assert not re.search(r'(?:src|href)="(?!data:)', page)
+    assert "uvms-ocp campaign" in page
+
+
+def test_a_report_counts_success_by_bounds_of_ones_own(place: Path) -> None:
+    told = json.loads(_json("campaign", str(place / "c"), "--report", "--success", "duration_s<100", "--json"))
+    assert told["criterion"] == ["duration_s < 100"]
+    assert (told["finished"], told["success"]["number"]) == (4, 0)
+
+
+def test_a_run_is_repeated_alone_from_the_copies(place: Path, tmp_path: Path) -> None:
+    moved = tmp_path / "elsewhere"
+    (place / "c").rename(moved)
+    try:
+        report = json.loads(_json("campaign", str(moved), "--rerun", "2", "--out", str(tmp_path / "again"), "--json"))
+        row = read_table(moved).set_index("run").loc[2]
+    finally:
+        moved.rename(place / "c")
+    assert report["seed"] == row["seed"]
+    assert report["tool_position_error_m"] == pytest.approx(row["tool_position_error_m"], rel=1e-12)
+    assert (tmp_path / "again" / "record.npz").exists()
+
+
+def test_a_campaign_compared_with_itself_is_no_different(place: Path) -> None:
+    told = json.loads(_json("campaign", str(place / "c"), "--against", str(place / "c"), "--json"))
+    assert told["paired"]
+    assert (told["first_only"], told["second_only"], told["p_value"]) == (0, 0, 1.0)
+    assert all(row["mean_change"] == 0.0 for row in told["figures"])
+
+
+def test_a_changed_mission_is_refused_and_the_file_named(place: Path, tmp_path: Path) -> None:
+    text = (place / "mission.py").read_text()
+    (place / "mission.py").write_text(text.replace("0.02)", "0.03)"))
+    words = ("campaign", str(place / "mission.py"), "--vary", str(place / "vary.py"), "--runs", "4", *QUICK)
+    try:
+        with pytest.raises(InvalidInput, match=r"another scenario files mission.py"):
+            ours(*words, "--out", str(place / "c"))
+    finally:
+        (place / "mission.py").write_text(text)
+
+
+def test_a_study_is_a_campaign_with_the_same_table(tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "uvms_ocp", "campaign", "random_missions", "--runs", "2", "--plant", "kinematic"]
+    words += ["--out", "c", "--workers", "1", "--json"]
+    told = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert told.returncode == 0, told.stderr
+    assert json.loads(told.stdout) == random_missions(n=2, plant="kinematic").run().to_dict()
+    with pytest.raises(InvalidInput, match="the campaign of a study"):
+        ours("campaign", str(tmp_path / "c"), "--report")
+
+
+def test_what_can_be_varied_is_listed() -> None:
+    known = json.loads(_json("campaign", "case1", "--parameters", "--json"))
+    assert {"water.drag", "payload.mass", "goals.PC.x"} <= {row["parameter"] for row in known}
+
+
+@pytest.mark.parametrize(
+    ("words", "error", "message"),
+    [
+        (("campaign", "case9"), NameNotFound, "unknown scenario 'case9'"),
+        (("campaign", "case1", "--sampler", "sobel"), NameNotFound, "Did you mean 'sobol'"),
+        (("campaign", "case1", "--report"), InvalidInput, "no campaign is there"),
+        (("campaign", "case1", "--vary", "nowhere.py"), InvalidInput, "there is no such file"),
+        (("campaign", "case1", "--records", "some"), NameNotFound, "unknown choice of records"),
+        (("campaign", "case1", "--runs", "0"), InvalidInput, "runs"),
+        (("new-mission", "mission.txt"), InvalidInput, "give the name of a Python file"),
+    ],
+)
+def test_mistakes_are_told_in_one_line(words: tuple[str, ...], error: type[UvmsError], message: str) -> None:
+    with pytest.raises(error, match=message) as told:
+        CliRunner().invoke(app, words, catch_exceptions=False)
+    assert "\n" not in str(told.value)
+
+
+def test_the_path_that_readme_shows_works_as_printed(tmp_path: Path) -> None:
+    (block,) = [block for block in re.findall(r"```\n(.*?)```", README.read_text(), re.S) if "new-robot" in block]
+    lines = [line for line in block.strip().splitlines() if line]
+    assert len(lines) <= 15
+    for line in lines:
+        command = shlex.split(line, comments=True)
+        assert command[0] == "uvms-ocp"
+        words = [sys.executable, "-m", "uvms_ocp", *command[1:]]
+        told = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert told.returncode == 0, f"{line}\n{told.stdout}{told.stderr}"
+    assert len(read_table(tmp_path / "first")) == len(read_table(tmp_path / "second")) == 20

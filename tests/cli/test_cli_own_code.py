@@ -1,0 +1,77 @@
+"""Every command that takes a scenario takes a file, a name in a file and a name in a module, with any robot and water."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from uvms_ocp.cli import app
+from uvms_ocp.cli.options import build_scenario
+
+COMMANDS = {
+    "run": ("run", "{}"),
+    "check": ("check", "{}"),
+    "mission": ("mission", "{}"),
+    "export": ("export", "controller", "{}", "out"),
+    "campaign": ("campaign", "{}", "--parameters"),
+    "plan": ("plan", "mission", "{}"),
+    "compare": ("compare", "{}", "{}"),
+}
+FORMS = ("mission.py", "mission.py:other", "package.module:other")
+MISSION = """
+import uvms_ocp as uo
+
+def scenario(**options):
+    return uo.scenarios.reach(**options)
+
+def other(robot="bluerov2_alpha5", plant="kinematic"):
+    return uo.scenarios.reach(robot=robot, plant=plant, duration=5.0)
+"""
+
+
+class Asked(Exception):
+    """For a scenario."""
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "package").mkdir()
+    (tmp_path / "package" / "__init__.py").touch()
+    for path in (tmp_path / "mission.py", tmp_path / "package" / "module.py"):
+        path.write_text(MISSION)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_command_builds_what_is_asked_for(
+    command: str, form: str, place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def asked(words: str, options: Mapping[str, Any], *_: Any) -> None:
+        raise Asked(words, options.get("robot"), options.get("hydrodynamics"))
+
+    monkeypatch.setattr("uvms_ocp.cli.options.chosen_scenario", asked)
+    words = [word.format(form) for word in COMMANDS[command]]
+    machine = ["--robot", "my.urdf", "--hydrodynamics", "my.yaml"] if command != "compare" else []
+    with pytest.raises(Asked) as told:
+        CliRunner().invoke(app, [*words, *machine], catch_exceptions=False)
+    assert told.value.args == (form, *(machine[1::2] or (None, None)))
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_each_form_is_built(form: str, place: Path) -> None:
+    scenario = build_scenario(form, {"plant": "kinematic"})
+    assert (scenario.plant, scenario.robot.name) == ("kinematic", "bluerov2_alpha5")
+    assert (scenario.duration == 5.0) == form.endswith("other")
+
+
+def test_two_missions_are_run_and_compared(place: Path) -> None:
+    told = CliRunner().invoke(app, ["compare", "mission.py:other", "package.module:other", "--json"])
+    assert told.exit_code == 0, told.output
+    assert '"change": 0.0' in told.stdout

@@ -1,0 +1,59 @@
+"""Laws of when a plan that is made beside begins: where the vehicle will be once it is there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from uvms_ocp.control.receding.replanning import HOLD, Replanner, Request
+from uvms_ocp.control.receding.solve_delay import SolveDelay
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.state import State
+from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpProblem, single_phase
+from uvms_ocp.ocp.terms import At, Effort, TaskTerm
+from uvms_ocp.tasks.pose import ToolPosition
+
+
+def reach() -> OcpProblem:
+    robot = load_robot("planar5")
+    tool = ToolPosition(goal=pin.SE3(np.eye(3), np.array([0.5, 0.5, 0.0])))
+    return single_phase(
+        robot=robot,
+        start=State(q=robot.configuration(joints=[0.3] * robot.n_joints), v=np.zeros(robot.n_v)),
+        duration=1.0,
+        n_steps=5,
+        levels=[OcpLevel(name="tool", terms=(TaskTerm(task=tool, at=At.PATH, weight=10.0), Effort()))],
+        hessian=HessianKind.GAUSS_NEWTON,
+    )
+
+
+@pytest.mark.parametrize("delay", [0.004, 0.05, 0.11])
+def test_a_plan_begins_where_the_present_one_leaves_the_measured_state_by_then(delay: float) -> None:
+    problem = reach()
+    replanner = Replanner(problem, options=None, time_limit=np.inf, clock=lambda: 0.0)
+    first = replanner(Request(state=problem.start, t=0.0, in_use=HOLD, begin=0.0, delay=delay)).planned
+    assert first is not None
+    model, t = problem.robot.model, 0.1
+    q, v, _ = first.trajectory.state_at(model, t)
+    apart = 1e-3 * np.arange(problem.robot.n_v)
+    measured = State(q=pin.integrate(model, q, apart), v=v + apart)
+    plan = replanner(Request(state=measured, t=t, in_use=first.number, begin=first.begin, delay=delay)).planned
+    assert plan is not None
+    assert plan.begin == pytest.approx(t + delay)
+    q, v, _ = first.trajectory.state_at(model, t + delay)
+    np.testing.assert_allclose(plan.trajectory.q[0], pin.integrate(model, q, apart), atol=1e-9)
+    np.testing.assert_allclose(plan.trajectory.v[0], v + apart, atol=1e-9)
+
+
+def test_the_longest_solve_counts_at_once_and_is_forgotten_slowly() -> None:
+    delay = SolveDelay(0.05)
+    delay.count(0.08)
+    longest = delay.seconds
+    assert 0.08 < longest < 0.082
+    for _ in range(10):
+        delay.count(0.01)
+    assert 0.03 < delay.seconds < longest
+    for _ in range(100):
+        delay.count(0.01)
+    assert delay.seconds == pytest.approx(0.01, abs=2e-3)

@@ -1,0 +1,112 @@
+"""Predictions use nothing but commands; what a recording does not determine is told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from driven import SIZE, drive, known, vehicle_of
+
+from uvms_ocp.identification.answers.certainty import bartlett, certainties, correlated, left_open
+from uvms_ocp.identification.answers.predictions import Predicted, Predictor, fit
+from uvms_ocp.identification.methods.output_error import Estimate, Noise, OutputError
+from uvms_ocp.identification.methods.rollout import Rollout
+from uvms_ocp.identification.methods.stretch import Prepared
+from uvms_ocp.identification.models.stage import Vehicle, stage_of
+from uvms_ocp.identification.parameters.status import Free, Prior
+from uvms_ocp.identification.recordings.recording import Channel, Recording
+
+LEARNT = {
+    "mass": Free(),
+    "added_mass": Free(only=("surge", "sway")),
+    "linear_drag": Prior(sigma=0.5, only=("surge", "sway")),
+    "gain": Free(only=("surge", "sway")),
+}
+NOISE = Noise(velocity=0.02, rate=0.02, vertical=0.02)
+
+
+@cache
+def problem() -> tuple[Vehicle, Rollout]:
+    one = vehicle_of(known().learning(**LEARNT))
+    return one, Rollout(stage_of(one))
+
+
+def recording(seed: int = 0, noise: float = 0.0, size: Sequence[float] = SIZE) -> Recording:
+    one, rollout = problem()
+    p = np.concatenate([one.shared.start, one.own.start])
+    return drive(rollout.stage, p, seed=seed, noise=noise, t_end=20.0, size=size)
+
+
+def predictor() -> Predictor:
+    one, rollout = problem()
+    return Predictor(vehicle=one, rollout=rollout, shared=one.shared.start, noise=NOISE)
+
+
+def estimate(*given: Recording) -> Estimate:
+    one, rollout = problem()
+    stretches = [stretch for each in given for stretch in Prepared.of(each, one).stretches(0.1, 10.0)]
+    error = OutputError(one, stretches, NOISE, rollout)
+    return error.solve(error.start())
+
+
+def test_the_true_vehicle_predicts_nearly_all() -> None:
+    (whole,) = Prepared.of(recording(), problem()[0]).stretches(0.05)
+    predicted = predictor().of(whole)
+    for axis in range(3):
+        assert fit(predicted.seen[0][:, axis], predicted.rows[0][:, axis]) > 90.0
+
+
+def test_what_is_seen_later_changes_no_prediction() -> None:
+    honest, one = recording(), problem()[0]
+    velocity = honest.channels["linear_velocity"]
+    values = np.where((velocity.t > 2.5)[:, None], 7.0, velocity.values)
+    lying = replace(honest, channels={**honest.channels, "linear_velocity": Channel(t=velocity.t, values=values)})
+    rows = [predictor().of(Prepared.of(each, one).stretches(0.1)[0]).rows[0] for each in (honest, lying)]
+    np.testing.assert_array_equal(*rows)
+
+
+def test_horizons_follow_each_other() -> None:
+    prepared = Prepared.of(recording(), problem()[0])
+    predicted = predictor().over(prepared, 0.1, 5.0)
+    t = predicted.t[0]
+    assert (np.diff(t) > 0.0).all()
+    assert np.diff(t).max() < 0.11
+    assert t[0] == pytest.approx(prepared.recording.span[0] + 2.0, abs=0.11)
+
+
+def test_a_fit_is_a_hundred_where_all_is_right_and_zero_at_the_mean() -> None:
+    seen = np.array([1.0, 2.0, 4.0])
+    assert fit(seen, seen) == 100.0
+    assert fit(seen, np.full(3, seen.mean())) == pytest.approx(0.0)
+
+
+def test_an_actuator_that_was_never_asked_is_left_open_and_the_others_are_determined() -> None:
+    one, found = problem()[0], estimate(recording(0, 0.02, size=(12.0, 0.0, 10.0, 0.8, 0.8, 3.0)))
+    told = {each.name: each for each in certainties(one, found)}
+    assert told["gain surge"].determined
+    assert told["added_mass surge"].determined
+    assert not told["gain sway"].determined
+    (opened,) = left_open(one, found)
+    assert [name for name, _ in opened.shares] == ["gain sway"]
+
+
+def test_a_prior_is_not_taken_for_knowledge_of_the_recordings() -> None:
+    one, found = problem()[0], estimate(recording(0, 0.02))
+    nothing = replace(found, information=np.diag(1.0 / one.shared.sigma**2))
+    told = {each.name: each for each in certainties(one, nothing)}
+    assert not any(each.determined for each in told.values())
+    assert told["linear_drag surge"].sigma == pytest.approx(0.5)
+
+
+def test_samples_that_miss_alike_count_for_fewer() -> None:
+    rng = np.random.default_rng(3)
+    white = rng.normal(size=4000)
+    assert bartlett(white) == pytest.approx(1.0, abs=0.2)
+    assert bartlett(np.repeat(white[:400], 10)) == pytest.approx(10.0, rel=0.3)
+    rows = tuple(np.zeros((4000, 3)) for _ in range(3))
+    seen = tuple(sigma * rng.normal(size=(4000, 3)) for sigma in (0.02, 0.02, 0.02))
+    t = tuple(np.arange(4000.0) for _ in range(3))
+    assert correlated(Predicted(t=t, rows=rows, seen=seen), NOISE) == pytest.approx(1.0, abs=0.2)

@@ -1,0 +1,62 @@
+"""Equation error finds what made a recording where accelerations are good, and tells what they do not determine."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from driven import drive, known, vehicle_of
+from vehicles import vehicle
+
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.identification.methods.equation_error import LinearFit, equation_error
+from uvms_ocp.identification.methods.stretch import Prepared
+from uvms_ocp.identification.models.regressor import regressor_of
+from uvms_ocp.identification.models.stage import Vehicle, stage_of
+
+ASKED = (
+    "linear drag surge-surge",
+    "linear drag sway-sway",
+    "added mass surge-surge",
+    "added mass heave-heave",
+    "displaced mass",
+)
+
+
+@cache
+def still_known() -> Vehicle:
+    return vehicle_of(known().starting(lag=np.array([0.3]), velocity_delay=np.array([1e-4])))
+
+
+@cache
+def prepared() -> Prepared:
+    one = still_known()
+    return Prepared.of(drive(stage_of(one), np.zeros(0), seed=4, t_end=60.0), one)
+
+
+def fit(*names: str) -> LinearFit:
+    return equation_error(still_known(), [prepared()], names, window=0.3)
+
+
+def test_what_made_a_recording_is_found_again() -> None:
+    regressor, found = regressor_of(vehicle()), fit(*ASKED)
+    wanted = np.array([regressor.phi[regressor.names.index(name)] for name in ASKED])
+    np.testing.assert_allclose(found.phi, wanted, rtol=0.12)
+    assert (found.explained[:3] > 0.9).all()
+
+
+def test_what_acts_nearly_alike_is_told_as_the_weakest_combination() -> None:
+    """Mass is nearly the sum of the added masses of all axes."""
+    found = fit("mass", "added mass surge-surge", "added mass sway-sway", "added mass heave-heave", "displaced mass")
+    assert found.condition > 5.0 * fit(*ASKED).condition
+    assert "mass" in {name for name, _ in found.weakest}
+
+
+def test_mistakes_are_named() -> None:
+    with pytest.raises(NameNotFound, match="unknown parameter 'mas'"):
+        fit("mas")
+    one = still_known()
+    armed = Vehicle(dynamics=vehicle(n_joints=1), shared=one.shared, own=one.own, actuators=one.actuators)
+    with pytest.raises(InvalidInput, match="vehicle with joints"):
+        equation_error(armed, [prepared()], ["mass"])

@@ -1,0 +1,146 @@
+"""Output error finds what made a recording, by slopes that are differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from driven import drive, known, turned, vehicle_of
+
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.identification.methods.output_error import Estimate, FitStatus, Noise, OutputError
+from uvms_ocp.identification.methods.rollout import N_START, Rollout, Start
+from uvms_ocp.identification.methods.stretch import Prepared, Stretch
+from uvms_ocp.identification.models.stage import Vehicle, stage_of
+from uvms_ocp.identification.parameters.status import Free, Prior
+from uvms_ocp.identification.recordings.recording import Channel, Recording
+
+LEARNT = {
+    "added_mass": Free(only=("surge", "sway", "heave", "yaw")),
+    "linear_drag": Free(only=("surge", "yaw")),
+    "quadratic_drag": Free(only=("surge", "heave")),
+    "centre_of_buoyancy": Free(only=("x", "z")),
+    "lag": Prior(sigma=1.0),
+    "delay": Free(),
+    "velocity_delay": Free(),
+    "velocity_point": Free(only=("x",)),
+    "wrench_offset": Prior(sigma=5.0, only=("heave",)),
+}
+EXACT = Noise(outliers=100.0)
+
+
+@cache
+def problem() -> tuple[Vehicle, Rollout]:
+    one = vehicle_of(known().learning(**LEARNT))
+    return one, Rollout(stage_of(one))
+
+
+@cache
+def truth() -> np.ndarray:
+    one, _ = problem()
+    rng = np.random.default_rng(11)
+    shared = one.shared.start + 0.3 * rng.normal(size=len(one.shared.start))
+    shared[one.shared.names.index("delay")] = np.arctanh(2 * 0.25 - 1)  # of 1 s; whole steps of the simulation
+    return np.concatenate([shared, [1.5]])
+
+
+@cache
+def recording(seed: int = 0, noise: float = 0.0) -> Recording:
+    return drive(problem()[1].stage, truth(), seed=seed, noise=noise)
+
+
+def stretches(given: Recording, duration: float | None = 10.0, step: float = 0.05) -> tuple[Stretch, ...]:
+    return Prepared.of(given, problem()[0]).stretches(step, duration)
+
+
+def fit(*given: Recording, noise: Noise = EXACT, **options: float) -> Estimate:
+    one, rollout = problem()
+    parts = [stretch for each in given for stretch in stretches(each)]
+    error = OutputError(one, parts, noise, rollout)
+    return error.solve(error.start(), **options)
+
+
+def test_slopes_of_what_is_seen_are_differences() -> None:
+    _, rollout = problem()
+    one, step = stretches(recording(), 3.0)[1], 1e-6
+    n_p = rollout.stage.n_p
+    begin, p = Start(q=one.q, v=one.v), truth()
+    (seen,) = rollout.seen([one], [begin], p[None], slopes=True)
+    for k in range(n_p + N_START):
+        ends = []
+        for sign in (1, -1):
+            change = sign * step * np.eye(n_p + N_START)[k]
+            moved, at = begin.moved(change[n_p:]), p + change[:n_p]
+            ends.append(rollout.seen([one], [moved], at[None], slopes=False)[0].rows)
+        for sensor in range(3):
+            slope = (ends[0][sensor] - ends[1][sensor]) / (2 * step)
+            # Samples that cross an edge of a step, where the interpolation has a corner.
+            off = np.abs(seen.slopes[sensor][:, :, k] - slope) > 1e-5 * (1 + np.abs(slope).max())
+            assert off.mean() < 0.05, (k, sensor)
+
+
+def test_what_made_a_recording_is_found_again() -> None:
+    found = fit(recording(0), recording(1))
+    assert found.status is FitStatus.CONVERGED
+    np.testing.assert_allclose(found.shared, truth()[:-1], atol=0.03)
+    np.testing.assert_allclose([float(x[0]) for x in found.own.values()], truth()[-1], atol=0.2)
+
+
+def test_noise_moves_the_unknowns_by_about_their_standard_errors() -> None:
+    noise = Noise(velocity=0.02, rate=0.02, vertical=0.02, outliers=100.0)
+    found = fit(recording(2, 0.02), recording(3, 0.02), noise=noise)
+    sigma = np.sqrt(np.diag(np.linalg.inv(found.information)))
+    z = (found.shared - truth()[:-1]) / sigma
+    assert np.abs(z).max() < 5.0
+    assert np.sqrt((z**2).mean()) < 2.0
+
+
+def test_the_fit_does_not_depend_on_the_world_frame() -> None:
+    one = fit(recording(0), iterations=6)
+    other = fit(turned(recording(0), 2.0), iterations=6)
+    np.testing.assert_allclose(other.shared, one.shared, atol=1e-6)
+
+
+def test_outliers_move_a_robust_fit_less() -> None:
+    good = recording(0)
+    velocity = good.channels["linear_velocity"]
+    values = velocity.values.copy()
+    values[::9] += [0.5, 0.0, 0.0]
+    bad = replace(good, channels={**good.channels, "linear_velocity": Channel(t=velocity.t, values=values)})
+    wrong = {name: np.abs(fit(bad, noise=noise).shared - truth()[:-1]).max()
+             for name, noise in {"robust": Noise(outliers=1.0), "squares": EXACT}.items()}  # fmt: skip
+    assert wrong["robust"] < 0.5 * wrong["squares"]
+
+
+def test_a_frozen_vehicle_keeps_its_unknowns_and_finds_the_start() -> None:
+    one, rollout = problem()
+    part = stretches(recording(1), None)[0].first(2.0)
+    error = OutputError(one, [part], EXACT, rollout)
+    begin = error.start(truth()[:-1])
+    found = error.solve(begin, frozen=True)
+    np.testing.assert_array_equal(found.shared, truth()[:-1])
+    assert found.cost < 0.05 * error.solve(begin, frozen=True, iterations=0).cost + 1e-3
+
+
+def test_stretches_cover_a_recording_without_overlap() -> None:
+    parts = stretches(recording(), 7.0)
+    for one, after in pairwise(parts):
+        assert one.edges[-1] == pytest.approx(after.edges[0])
+        assert len(one.edges) == len(after.edges)
+    assert parts[0].edges[0] == recording().span[0]
+    assert parts[-1].edges[-1] > recording().span[1] - 1.0
+
+
+def test_what_is_missing_is_told() -> None:
+    channels = dict(recording().channels)
+    del channels["wrench"]
+    with pytest.raises(InvalidInput, match=r"commands \[\] recorded; allowed: one of thrust, wrench"):
+        Prepared.of(Recording(name="r", channels=channels), problem()[0])
+    with pytest.raises(NameNotFound, match="unknown channel 'attitude'"):
+        Prepared.of(Recording(name="r", channels={"wrench": recording().channels["wrench"]}), problem()[0])
+    thrust = Channel(t=np.array([0.0, 1.0]), values=np.zeros((2, 8)))
+    with pytest.raises(InvalidInput, match="thrust has 8 columns; the actuators' allocation takes 6"):
+        Prepared.of(Recording(name="r", channels={**channels, "thrust": thrust}), problem()[0])

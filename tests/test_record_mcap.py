@@ -1,0 +1,143 @@
+"""Records as MCAP: Foxglove finds poses, joints, wrenches and what was said, and the same record comes back."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.record import Record
+from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.tables.mcap.series_messages import field_names, series_message, values_of
+from uvms_ocp.tables.series_table import unit_of
+
+pytest.importorskip("mcap", reason='needs pip install "uvms-ocp[mcap]"')
+RECORDS = Path(__file__).parent / "records"
+PLANS = [Record.load(RECORDS / f"{name}.npz") for name in ("plan_curve_v0_1", "plan_ocp_v0_1")]
+
+
+@pytest.fixture(scope="module")
+def record() -> Record:
+    return case1(noise=True, dt=0.02, duration=0.3, faults=("altimeter:frozen@0.1",)).run()
+
+
+@pytest.fixture(scope="module")
+def topics(record: Record, tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Any]]:
+    return read(record, tmp_path_factory.mktemp("mcap") / "run.mcap")
+
+
+def read(record: Record, path: Path) -> dict[str, list[Any]]:
+    """All messages by topic, as any reader of MCAP finds them."""
+    from mcap.reader import make_reader
+    from mcap_protobuf.decoder import DecoderFactory
+
+    record.to_mcap(path)
+    found: dict[str, list[Any]] = defaultdict(list)
+    with path.open("rb") as file:
+        for schema, channel, message, decoded in make_reader(
+            file, decoder_factories=[DecoderFactory()]
+        ).iter_decoded_messages():
+            found[channel.topic].append((message.log_time, schema.name, decoded))
+    return found
+
+
+def test_poses_are_transforms_at_their_times(record: Record, topics: dict[str, list[Any]]) -> None:
+    assert [when for when, _, _ in topics["/tf"]] == np.rint(1e9 * record["t"]).astype(int).tolist()
+    assert {schema for _, schema, _ in topics["/tf"]} == {"foxglove.FrameTransforms"}
+    for (_, _, told), q, estimated in zip(topics["/tf"], record["q"], record["q_measured"], strict=True):
+        for one, frame, row in zip(told.transforms, ("base_link", "base_link_estimated"), (q, estimated), strict=True):
+            assert (one.parent_frame_id, one.child_frame_id) == ("world", frame)
+            assert [one.translation.x, one.translation.y, one.translation.z] == row[:3].tolist()
+            assert [one.rotation.x, one.rotation.y, one.rotation.z, one.rotation.w] == row[3:7].tolist()
+    goals = topics["/goals"][0][2].transforms
+    assert [goal.child_frame_id for goal in goals] == [frame.name for frame in record.meta.surroundings.frames]
+
+
+def test_joints_have_states_by_which_a_urdf_moves(record: Record, topics: dict[str, list[Any]]) -> None:
+    _, schema, last = topics["/joint_states"][-1]
+    assert schema == "foxglove.JointStates"
+    assert [joint.name for joint in last.joints] == list(record.meta.joints)
+    assert [joint.position for joint in last.joints] == record["q"][-1, 7:].tolist()
+    assert [joint.velocity for joint in last.joints] == record["v"][-1, 6:].tolist()
+    assert [joint.effort for joint in last.joints] == record["torque"][-1].tolist()
+
+
+def test_wrenches_are_forces_and_torques_of_the_vehicle(record: Record, topics: dict[str, list[Any]]) -> None:
+    for name in ("wrench", "unreachable", "disturbance"):
+        for (_, _, told), row in zip(topics[f"/{name}"], record[name], strict=True):
+            assert told.frame_id == "base_link"
+            parts = (told.force, told.torque)
+            assert [value for part in parts for value in (part.x, part.y, part.z)] == row[:6].tolist()
+
+
+def test_series_have_fields_with_the_names_of_their_columns(record: Record, topics: dict[str, list[Any]]) -> None:
+    assert {name.removeprefix("/series/") for name in topics if name.startswith("/series/")} == set(record.series)
+    assert [told.joint3 for _, _, told in topics["/series/q"]] == record["q"][:, 9].tolist()
+    errors = [told.T_position_error for _, _, told in topics["/series/quantities"]]
+    assert errors == record["T.position_error"].tolist()
+
+
+def test_what_was_said_is_a_log(record: Record, topics: dict[str, list[Any]]) -> None:
+    told = [(when, one.message) for when, _, one in topics["/log"]]
+    wanted = [(alarm.t, alarm.text) for alarm in record.run_meta.alarms]
+    wanted += [(fault.t, fault.text) for fault in record.run_meta.faults]
+    assert sorted(told) == sorted((round(1e9 * t), text) for t, text in wanted)
+    assert told
+
+
+def test_channels_say_what_their_columns_are(record: Record, tmp_path: Path) -> None:
+    from mcap.reader import make_reader
+
+    record.to_mcap(tmp_path / "run.mcap")
+    with (tmp_path / "run.mcap").open("rb") as file:
+        channels = make_reader(file).get_summary().channels.values()
+    told = {channel.metadata["series"]: channel.metadata for channel in channels if channel.metadata}
+    assert told["thrust"]["units"].split("\n") == [unit_of("thrust")] * record["thrust"].shape[1]
+    assert told["q"]["units"].split("\n")[2:5] == ["m", "-", "-"]
+
+
+@pytest.mark.parametrize("plan", PLANS, ids=("curve", "ocp"))
+def test_plans_come_back_as_they_were(plan: Record, tmp_path: Path) -> None:
+    comes_back(plan, tmp_path)
+    topics = read(plan, tmp_path / "again.mcap")
+    assert len(topics["/tf"]) == len(topics["/joint_states"]) == len(plan)
+
+
+def test_a_run_comes_back_as_it_was(record: Record, tmp_path: Path) -> None:
+    comes_back(record, tmp_path)
+
+
+def comes_back(record: Record, folder: Path) -> None:
+    record.to_mcap(folder / "record.mcap")
+    again = Record.from_mcap(folder / "record.mcap")
+    assert again.meta == record.meta
+    assert list(again.series) == list(record.series)
+    for name, array in record.series.items():
+        assert again[name].dtype == array.dtype
+        assert np.array_equal(again[name], array, equal_nan=array.dtype.kind == "f")
+
+
+@pytest.mark.parametrize("dtype", ["f8", "f4", "i1", "i8", "u8", "?"])
+def test_messages_keep_every_digit_and_type(dtype: str) -> None:
+    odd = {"f": [np.nan, np.inf, -1e-310, 0.1], "i": [-128, 127, 0, 1], "u": [0, 2**64 - 1, 1, 2], "b": [1, 0, 0, 1]}
+    array = np.array(odd[np.dtype(dtype).kind], dtype=dtype).reshape(2, 2)
+    made = series_message("any", array.dtype.kind, ["a", "a"])
+    sent = [made(a=row[0], a_2=row[1]).SerializeToString() for row in array.tolist()]
+    again = values_of([made.FromString(content) for content in sent], array.dtype.str, 2)
+    assert again.dtype == array.dtype
+    assert again.tobytes() == array.tobytes()
+
+
+def test_names_of_fields_are_such_as_messages_may_have_and_differ() -> None:
+    assert field_names(["T.position error", "1", "a-b", "a.b", "é"]) == ["T_position_error", "_1", "a_b", "a_b_4", "_"]
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"PAR1" * 9], ids=("empty", "head", "other"))
+def test_a_file_of_others_is_refused_in_one_line(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "a.mcap").write_bytes(content)
+    with pytest.raises(InvalidInput, match=r"^[^\n]*a\.mcap[^\n]*$"):
+        Record.from_mcap(tmp_path / "a.mcap")

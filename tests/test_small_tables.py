@@ -1,0 +1,87 @@
+"""Public values show themselves as small tables: 80 columns in a shell, a table in a notebook, names as text."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import uvms_ocp as uo
+from uvms_ocp.meta_values import PhaseMeta
+from uvms_ocp.preflight.findings import Finding, PreflightReport, Severity
+from uvms_ocp.run_meta import RunMeta
+from uvms_ocp.tables.small_table import SmallTable
+
+EVIL = "<script>alert(1)</script>\x1b[31m"
+
+
+def record() -> uo.Record:
+    meta = RunMeta(
+        scenario=EVIL,
+        robot="planar5",
+        joints=("a",),
+        phases=(PhaseMeta(name="A"),),
+        plant="kinematic",
+        solver="none",
+        floating=False,
+        dt=0.1,
+        completed=True,
+    )
+    return uo.Record(series={"t": np.array([0.0, 0.1]), "q": np.zeros((2, 1)), "own": np.zeros(2)}, meta=meta)
+
+
+def report() -> PreflightReport:
+    text = (
+        "the target is out of reach by so much that no posture of this long arm leads there, whatever the vehicle does"
+    )
+    return PreflightReport(findings=(Finding(severity=Severity.ERROR, check=EVIL, text=text),))
+
+
+VALUES: dict[str, Callable[[], Any]] = {
+    "record": record,
+    "report": report,
+    "mission": lambda: uo.scenarios.case1().mission,
+}
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_a_value_is_shown_in_80_columns_of_plain_letters(name: str) -> None:
+    lines = repr(VALUES[name]()).splitlines()
+    assert 1 < len(lines) < 50
+    assert max(map(len, lines)) <= 80
+    assert all(line.isprintable() for line in lines)
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_a_notebook_gets_a_table_in_which_names_are_text(name: str) -> None:
+    html = VALUES[name]()._repr_html_()
+    assert html.count("<table>") == 1
+    assert "<script" not in html
+
+
+def test_a_record_tells_its_series_with_their_units() -> None:
+    shown = repr(record())
+    assert "2 rows, 0 to 0.1 s" in shown
+    assert "true configuration" in shown
+    assert "own" in shown
+
+
+def test_a_mission_tells_which_tasks_are_on_when() -> None:
+    rows = repr(uo.scenarios.case1().mission).splitlines()
+    assert rows[1].split()[:3] == ["task", "type", "A"]
+    assert next(row for row in rows if " PC " in row).split()[:6] == ["PC", "[R,E,AD]", "1", "0", "0", "0"]
+
+
+def test_a_robot_tells_its_joints_in_a_notebook() -> None:
+    robot = uo.load_robot("planar5")
+    html = robot._repr_html_()
+    assert all(name in html for name in robot.joint_names)
+    assert repr(robot).startswith("Robot('planar5'")
+
+
+def test_rows_beyond_the_first_are_counted() -> None:
+    table = SmallTable(title="numbers", rows=tuple((str(k),) for k in range(100)))
+    assert table.text().splitlines()[-1].strip() == "and 60 more"
+    assert "and 60 more" in table.html()

@@ -1,0 +1,52 @@
+"""Files that earlier versions wrote are read by this one: each format has its version, and a stored file of it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uvms_ocp.campaign import campaign_report, read_table
+from uvms_ocp.campaign.campaign import kept_campaign
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.record import Record
+
+RECORDS = Path(__file__).parent / "records"
+LOADERS = {"run_v1.parquet": Record.from_parquet, "run_v1.mcap": Record.from_mcap}
+
+
+@pytest.mark.parametrize("name", LOADERS)
+def test_exported_files_of_version_1_hold_the_record_of_the_same_run(name: str) -> None:
+    wanted, found = Record.load(RECORDS / "run_v0_2.npz"), LOADERS[name](RECORDS / name)
+    assert found.meta == wanted.meta
+    assert found.series.keys() == wanted.series.keys()
+    for series, array in wanted.series.items():
+        assert found[series].dtype == array.dtype
+        assert found[series].tobytes() == array.tobytes(), series
+
+
+def test_a_folder_of_a_campaign_of_version_1_is_read_reported_and_its_runs_are_made_again() -> None:
+    folder = RECORDS / "campaign_v1"
+    table, report = read_table(folder), campaign_report(folder)
+    assert table["run"].tolist() == list(range(6))
+    assert (report["runs"], report["finished"]) == (6, 6)
+    kept = kept_campaign(folder)
+    assert kept.work.head(3) == {"seed": table["seed"][3], "start.x": table["start.x"][3]}
+    row = kept.work.make(3).row
+    assert row["path_length_m"] == pytest.approx(table["path_length_m"][3], rel=1e-6)
+
+
+def test_a_version_that_is_not_known_yet_is_refused_by_its_number(tmp_path: Path) -> None:
+    folder = tmp_path / "campaign"
+    shutil.copytree(RECORDS / "campaign_v1", folder)
+    told = json.loads((folder / "campaign.json").read_text())
+    (folder / "campaign.json").write_text(json.dumps(told | {"version": 2}))
+    with pytest.raises(InvalidInput, match="version"):
+        read_table(folder)
+
+
+def test_the_stored_record_is_one_of_a_moving_robot() -> None:
+    assert np.ptp(Record.load(RECORDS / "run_v0_2.npz")["q"][:, 0]) > 0.0

@@ -1,0 +1,103 @@
+"""Figures of anything that a record holds, in the formats that papers take, with obstacles where they stand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from synthetic_record import QUANTITIES, synthetic_record
+
+from uvms_ocp.exceptions import NameNotFound
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.obstacle_data import ObstacleData
+from uvms_ocp.record import Record
+from uvms_ocp.viz import figure_of, figure_path, figure_quantities, plot, write_figures
+from uvms_ocp.viz.path import obstacle_outline
+
+
+def _labels(figure: Figure | None) -> list[str]:
+    assert figure is not None
+    return [" ".join(axis.get_ylabel().split()) for axis in figure.axes]
+
+
+def test_any_quantity_series_or_column_has_a_panel_with_its_unit(record: Record) -> None:
+    figure = plot(record, "T.position_error", "thrust", "q.z", "tick_time")
+    assert _labels(figure) == ["T.position_error [m]", "thrust [N]", "q.z [m]", "tick_time [s]"]
+    lines = [axis.get_lines() for axis in figure.axes]
+    np.testing.assert_array_equal(lines[0][0].get_ydata(), record["T.position_error"])
+    np.testing.assert_array_equal(lines[2][0].get_ydata(), record["q"][:, 2])
+    assert len(figure.axes[1].get_legend().get_texts()) == record["thrust"].shape[1]
+
+
+def test_an_unknown_name_is_answered_with_the_nearest(record: Record) -> None:
+    with pytest.raises(NameNotFound, match=r"Did you mean 'T.position_error'"):
+        plot(record, "T.position_eror")
+    with pytest.raises(NameNotFound, match=r"Did you mean 'q.joint3'"):
+        plot(record, "q.jiont3")
+    with pytest.raises(NameNotFound, match="unknown quantity, series or column 'nothing'"):
+        figure_of(record, "q", "nothing")
+
+
+def test_without_a_name_a_run_gives_every_figure_and_a_notebook_shows_them(record: Record) -> None:
+    figures = plot(record)
+    assert len(figures) > 10
+    assert figures[:2] != ()
+    assert type(figures)(figures[:2])._repr_html_().count("data:image/png;base64,") == 2
+
+
+@pytest.mark.parametrize(("format", "head"), [("pdf", b"%PDF"), ("svg", b"<?xml"), ("png", b"\x89PNG")])
+def test_figures_are_written_in_the_formats_of_papers(record: Record, tmp_path: Path, format: str, head: bytes) -> None:
+    paths = write_figures(record, tmp_path, format)
+    assert {path.suffix for path in paths} == {f".{format}"}
+    assert all(path.read_bytes().startswith(head) for path in paths)
+
+
+def test_quantities_of_own_tasks_appear_by_themselves(robot: Robot) -> None:
+    record = synthetic_record(robot, quantities=("OWN.swing", *QUANTITIES[1:]))
+    assert _labels(figure_quantities(record)) == ["OWN.swing [-]", "MP.posture_error [rad or m]"]
+    assert figure_quantities(synthetic_record(robot, quantities=(*QUANTITIES[:5], "HA.tilt"))) is None
+
+
+BALL = ObstacleData(name="ball", shape="sphere", size=(0.5,), position=(1.0, 2.0, -3.0))
+PILE = ObstacleData(name="pile", shape="cylinder", size=(0.2, 3.0), position=(0.0, 0.0, 0.0))
+CRATE = ObstacleData(
+    name="crate", shape="box", size=(2.0, 1.0, 0.5), position=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, np.pi / 2)
+)
+PLATE = ObstacleData(
+    name="plate",
+    shape="mesh",
+    vertices=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.2, 0.2, 0.0)),
+    triangles=((0, 1, 2), (0, 1, 3)),
+    position=(5.0, 0.0, 0.0),
+)
+
+
+@pytest.mark.parametrize(
+    ("obstacle", "axes", "low", "high"),
+    [
+        (BALL, (0, 1), (0.5, 1.5), (1.5, 2.5)),
+        (BALL, (0, 2), (0.5, -3.5), (1.5, -2.5)),
+        (PILE, (0, 1), (-0.2, -0.2), (0.2, 0.2)),
+        (PILE, (0, 2), (-0.2, -1.5), (0.2, 1.5)),
+        (CRATE, (0, 1), (-0.5, -1.0), (0.5, 1.0)),
+        (PLATE, (0, 1), (5.0, 0.0), (6.0, 1.0)),
+    ],
+)
+def test_an_obstacle_covers_what_it_covers(
+    obstacle: ObstacleData, axes: tuple[int, int], low: tuple[float, float], high: tuple[float, float]
+) -> None:
+    outline = obstacle_outline(obstacle, *axes)
+    np.testing.assert_allclose(outline.min(axis=0), low, atol=0.01)
+    np.testing.assert_allclose(outline.max(axis=0), high, atol=0.01)
+
+
+def test_obstacles_stand_in_the_figure_of_the_path(record: Record) -> None:
+    around = record.meta.surroundings.model_copy(update={"obstacles": (BALL, PILE)})
+    figure = figure_path(replace(record, meta=record.meta.model_copy(update={"surroundings": around})))
+    assert figure is not None
+    for axis in figure.axes:
+        assert len(axis.patches) == 2
+        assert {"ball", "pile"} <= {text.get_text() for text in axis.texts}

@@ -1,0 +1,190 @@
+"""A campaign as a value: a mission, what is uncertain about it, and how many runs of it."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from uvms_ocp.arguments import AtLeastOne, Count, Period, checked
+from uvms_ocp.campaign.execution.carry_out import Progress, carry_out
+from uvms_ocp.campaign.runs.code_source import CodeSource
+from uvms_ocp.campaign.runs.mission_runs import MissionRuns, built
+from uvms_ocp.campaign.runs.work import columns_of
+from uvms_ocp.campaign.store.identity import SOURCES, Identity, read_identity
+from uvms_ocp.campaign.store.table import read_table
+from uvms_ocp.campaign.variations.samplers import Design
+from uvms_ocp.campaign.variations.variation import Variation, require_known
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.scenario import Scenario
+from uvms_ocp.version import __version__
+
+_MOST_RUNS = 10_000_000
+
+
+@checked
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Campaign:
+    """Runs of one scenario with parameters drawn anew for each.
+
+    Raises `NameNotFound` for an unknown parameter or sampler, and `InvalidInput` for numbers that make no campaign.
+    """
+
+    scenario: str | CodeSource | Callable[[], Scenario]
+    """A name, ``file.py:name``, ``package.module:name``, or a function that makes it."""
+    variations: str | CodeSource | Sequence[Variation] = ()
+    """What is uncertain: values, or a file that defines `variations`."""
+    runs: AtLeastOne = 100
+    """[-]"""
+    seed: Count = 0
+    """Of all that is drawn."""
+    sampler: str = "sobol"
+    """random, latin, sobol, or indices, the design that Sobol' indices need."""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    """Of a scenario that is given by words."""
+    records: str = "none"
+    """Which runs keep their whole record: none, failures or all."""
+    work: MissionRuns = field(init=False, repr=False)
+    """What workers get."""
+
+    def __post_init__(self) -> None:
+        if self.runs > _MOST_RUNS:
+            raise InvalidInput(f"{self.runs:,} runs; give at most {_MOST_RUNS:,}")
+        scenario = _gathered(self.scenario, self.options, "scenario")
+        variations = _gathered(self.variations, {}, "variations")
+        values = _checked_values(built(variations))
+        design = Design(sampler=self.sampler, runs=self.runs, parameters=len(values), seed=self.seed)
+        names = tuple(variation.name for variation in values)
+        work = MissionRuns(scenario=scenario, variations=variations, names=names, design=design, records=self.records)
+        require_known(values, work.base())
+        object.__setattr__(self, "work", work)
+
+    def run(
+        self,
+        out: Path,
+        *,
+        workers: AtLeastOne | None = None,
+        scheduler: str | None = None,
+        time_limit: Period = 3600.0,
+        progress: Progress | None = None,
+    ) -> Any:
+        """Make all runs that are not finished in the folder `out`, and return the table of all: a pandas.DataFrame.
+
+        workers [-]: processes of this machine, by default as many as it has processors. scheduler: address of a Dask cluster in
+        their place. time_limit [s]: of a run, whose row says so where it takes longer. Killed at any moment
+        and called again, it neither loses nor repeats a run whose row is on the disk.
+        Raises `InvalidInput` where another campaign is in the folder, `OutputError` where it cannot be written, and
+        `NotInstalled` without the extra ``uvms-ocp[campaign]``.
+        """
+        carry_out(
+            out,
+            self.identity(),
+            self.work,
+            sources=self.sources(),
+            workers=workers,
+            scheduler=scheduler,
+            limit=time_limit,
+            progress=progress,
+        )
+        return read_table(out)
+
+    def scenario_of(self, run: Count) -> Scenario:
+        """What run `run` [-] simulates. Raises `InvalidInput` for one that there is not."""
+        require_run(run, self.runs)
+        return self.work.scenario_of(run)
+
+    def identity(self) -> Identity:
+        """By which the folder knows it again."""
+        values = built(self.work.variations)
+        return Identity(
+            name=_title(self.work.scenario),
+            package=__version__,
+            runs=self.runs,
+            seed=self.seed,
+            sampler=self.sampler,
+            parameters={variation.name: str(variation).partition(": ")[2] for variation in values},
+            columns={name: kind.__name__ for name, kind in columns_of(self.work).items()},
+            scenario=_identity(self.work.scenario),
+            variations=_identity(self.work.variations),
+            records=self.records,
+        )
+
+    def sources(self) -> dict[str, bytes]:
+        """Files to keep a copy of, by the name that the copy has."""
+        parts = {"scenario": self.work.scenario, "variations": self.work.variations}
+        return {
+            f"{part}/{name}": content
+            for part, source in parts.items()
+            if isinstance(source, CodeSource)
+            for name, content in source.files.items()
+        }
+
+
+@checked
+def kept_campaign(folder: Path) -> Campaign:
+    """The campaign of a folder, made of the copies that it keeps: whatever has become of the files since.
+
+    Raises `InvalidInput` where there is none, where a copy was changed, and for one whose scenario is a function of Python,
+    which is not kept.
+    """
+    known = read_identity(folder)
+    if "words" not in known.scenario:
+        raise InvalidInput(
+            f"{folder}: its scenario was a function in Python, which is not kept; use Campaign.scenario_of there"
+        )
+    variations: Any = known.variations
+    if variations.get("values", ()):
+        raise InvalidInput(
+            f"{folder}: its variations were values in Python, which are not kept; use Campaign.scenario_of there"
+        )
+    return Campaign(
+        scenario=CodeSource.restored(known.scenario, folder / SOURCES / "scenario"),
+        variations=CodeSource.restored(variations, folder / SOURCES / "variations") if "words" in variations else (),
+        runs=known.runs,
+        seed=known.seed,
+        sampler=known.sampler,
+        records=known.records,
+    )
+
+
+def require_run(run: int, runs: int) -> None:
+    """Raise `InvalidInput` for a run [-] that a campaign of `runs` [-] does not have."""
+    if not 0 <= run < runs:
+        raise InvalidInput(f"run {run} of a campaign with {runs} runs; give a number from 0 to {runs - 1}")
+
+
+def _gathered(given: Any, options: Mapping[str, Any], attribute: str) -> Any:
+    return CodeSource.gathered(given, options, attribute) if isinstance(given, str) else given
+
+
+def _checked_values(values: Any) -> Sequence[Variation]:
+    if not isinstance(values, Sequence) or not all(isinstance(value, Variation) for value in values):
+        raise InvalidInput(f"variations = {str(values)[:80]}; give a list of Variation values")
+    return values
+
+
+def _identity(source: Any) -> dict[str, Any]:
+    if isinstance(source, CodeSource):
+        return source.identity()
+    if callable(source):
+        return {"function": _title(source), "sha256": _digest(source)}
+    return {"values": [str(value) for value in source]}
+
+
+def _title(source: Any) -> str:
+    return (
+        Path(source.words).name
+        if isinstance(source, CodeSource)
+        else getattr(source, "__qualname__", type(source).__name__)
+    )
+
+
+def _digest(function: Any) -> str:
+    try:
+        text = inspect.getsource(function)
+    except (OSError, TypeError):
+        text = repr(type(function))
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,0 +1,1 @@
+"""One run of a campaign. In: its number. Out: a row."""

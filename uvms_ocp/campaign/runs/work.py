@@ -1,0 +1,106 @@
+"""What a campaign runs: something that makes a row of a number, on any machine, and a row of whatever goes wrong."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from threading import TIMEOUT_MAX as THREADS_WAIT
+from time import perf_counter
+from typing import Any, Protocol
+
+from uvms_ocp.campaign.runs.time_limit import OverTime, time_limit
+from uvms_ocp.exceptions import plain_line
+from uvms_ocp.version import __version__
+
+Row = Mapping[str, Any]
+COMPLETED, ERROR, KILLED, TIME_LIMIT = "completed", "error", "killed", "time limit"
+"""Outcomes: success, an exception, the end of the process, no end in the time allowed. Other outcomes are those of missions."""
+FIRST: Mapping[str, type] = {"run": int}
+LAST: Mapping[str, type] = {
+    "outcome": str,
+    "success": bool,
+    "cause": str,
+    "wall_s": float,
+    "worker": str,
+    "version": str,
+}
+"""Columns of every campaign, before and after its own."""
+VARYING = ("wall_s", "worker")
+"""Columns that differ when a run is repeated."""
+_LONGEST = 2000  # characters of a cause
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Done:
+    """What became of a run."""
+
+    row: Row
+    """Its own columns, outcome and cause."""
+    attachment: bytes = b""
+    """A file to keep, such as the record."""
+
+
+class Work(Protocol):
+    """Goes to other processes as it is, by cloudpickle."""
+
+    @property
+    def columns(self) -> Mapping[str, type]:
+        """Its own, with the type of their values: int, float, str or bool."""
+
+    def head(self, run: int) -> Row:
+        """What is known of a run [-] before it is made."""
+
+    def make(self, run: int) -> Done:
+        """Make a run [-]."""
+
+
+def columns_of(work: Work) -> dict[str, type]:
+    """All columns of its table, in their order."""
+    return {**FIRST, **work.columns, **LAST}
+
+
+def attempted(
+    work: Work, run: int, worker: str, limit: float = THREADS_WAIT, stuck: Callable[[], None] = lambda: None
+) -> Done:
+    """The whole row of a run [-]; an exception is one too, with its text, and the end of the time `limit` [s].
+
+    stuck: called where a run does not end by itself then.
+    """
+    begin = perf_counter()
+    try:
+        with time_limit(min(limit, THREADS_WAIT), stuck):
+            done = work.make(run)
+    except OverTime as error:
+        done = Done(row=failed_row(work, run, TIME_LIMIT, f"{over_time(limit)}{_place(error)}"))
+    except (Exception, SystemExit) as error:
+        done = Done(row=failed_row(work, run, ERROR, _told(error)))
+    wall = perf_counter() - begin
+    row = {"run": run, **done.row, "wall_s": wall, "worker": worker, "version": __version__}
+    return Done(row=row, attachment=done.attachment)
+
+
+def failed_row(work: Work, run: int, outcome: str, text: str) -> dict[str, Any]:
+    """Of a run [-] that made none itself."""
+    try:
+        head = dict(work.head(run))
+    except Exception as error:
+        head, text = {}, f"{text}; and its parameters cannot be drawn: {_told(error)}"
+    own = {"outcome": outcome, "success": False, "cause": plain_line(text, _LONGEST)}
+    return {"run": run, **head, **own, "version": __version__}
+
+
+def over_time(limit: float) -> str:
+    """Why a run was stopped; limit [s]."""
+    return f"not over after {limit:g} s, and stopped; give more by the time limit"
+
+
+def _told(error: BaseException) -> str:
+    """Class, message and place."""
+    return f"{type(error).__name__}: {error}{_place(error)}"
+
+
+def _place(error: BaseException) -> str:
+    """Of the innermost call."""
+    frames = traceback.extract_tb(error.__traceback__)
+    return f" ({frames[-1].filename.rpartition('/')[2]}:{frames[-1].lineno})" if frames else ""

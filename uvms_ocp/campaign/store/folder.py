@@ -1,0 +1,125 @@
+"""A campaign's folder while it grows: batches of rows, records, what is done already."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.campaign.runs.work import Done, Work, columns_of
+from uvms_ocp.campaign.store.identity import SOURCES, Identity, claim_identity
+from uvms_ocp.campaign.store.parts import Parts, read_rows
+from uvms_ocp.exceptions import OutputError
+from uvms_ocp.output.durable import discard, sync_folders
+from uvms_ocp.output.lock import locked
+from uvms_ocp.output.manifest import STORE
+
+_BATCH_AGE = 2.0  # [s] after which rows go to the disk; a kill loses no older ones
+_BATCH = 2000  # rows, which go there at once
+RECORDS = "records"
+
+
+class CampaignFolder:
+    """Of one campaign, for the one process that holds its lock."""
+
+    def __init__(self, folder: Path, identity: Identity) -> None:
+        """folder: it is there, and locked."""
+        self.folder, self._identity = folder, identity
+        self._parts = Parts(folder, identity.types)
+        self._waiting: list[Mapping[str, Any]] = []
+        self._since = monotonic()
+        self.finished = np.zeros(identity.runs, dtype=bool)
+        self.failed = 0
+        table = read_rows(folder, identity.types, ("run", "success"))
+        self.finished[table["run"].to_numpy()] = True
+        self.failed = table.num_rows - int(np.sum(table["success"].to_numpy(zero_copy_only=False).astype(bool)))
+
+    @property
+    def left(self) -> np.ndarray:
+        """(n,) [-] numbers of the runs that are not finished."""
+        return np.flatnonzero(~self.finished)
+
+    def add(self, done: Done) -> None:
+        """Keep a row, and the record that comes with it, which is written first. Raises `OutputError` where the disk refuses."""
+        run = int(done.row["run"])
+        if self.finished[run]:
+            return
+        if done.attachment:
+            _write_whole(self.folder / RECORDS / f"run-{run:08d}.npz", done.attachment)
+        if not self._waiting:
+            self._since = monotonic()
+        self._waiting.append({name: done.row.get(name) for name in self._identity.columns})
+        self.finished[run] = True
+        self.failed += not done.row["success"]
+
+    def flush(self, *, now: bool = False) -> None:
+        """Bring rows to the disk that have waited for long enough; now: all of them."""
+        if self._waiting and (now or len(self._waiting) >= _BATCH or monotonic() - self._since > _BATCH_AGE):
+            self._parts.append(self._waiting)
+            self._waiting = []
+
+    def close(self) -> None:
+        """Bring all rows to the disk, in one file once the campaign is complete."""
+        self.flush(now=True)
+        if self.finished.all():
+            self._parts.join()
+
+
+@contextmanager
+def opened(folder: Path, identity: Identity, sources: Mapping[str, bytes]) -> Iterator[CampaignFolder]:
+    """The folder of this campaign, new or as it was left; rows are on the disk when the block ends, however it does.
+
+    sources: copies to keep, by name. Raises `InvalidInput` for another campaign there, and `OutputError` where it cannot be
+    written or another process is at it.
+    """
+    with _locked(folder):
+        claim_identity(folder, identity)
+        for name, content in sources.items():
+            if not (folder / SOURCES / name).exists():
+                _write_whole(folder / SOURCES / name, content)
+        found = CampaignFolder(folder, identity)
+        try:
+            yield found
+        finally:
+            found.close()
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = locked(folder / STORE)
+        lock.__enter__()
+    except OutputError:
+        raise
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot write there ({error.strerror}); choose another folder") from error
+    try:
+        yield
+    finally:
+        lock.__exit__(None, None, None)
+
+
+def types_of(work: Work) -> dict[str, str]:
+    """Of the columns of its table, by name, as `Identity` has them."""
+    return {name: kind.__name__ for name, kind in columns_of(work).items()}
+
+
+def _write_whole(path: Path, content: bytes) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    fresh = path.with_name(path.name + ".tmp")
+    try:
+        with fresh.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(fresh, path)
+    except OSError as error:
+        discard(fresh)
+        raise OutputError(f"{path}: cannot write there ({error.strerror or error}); free some space") from error
+    sync_folders([path.parent])

@@ -1,0 +1,122 @@
+"""What a command writes and prints of a campaign."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from uvms_ocp.campaign.findings.campaign_report import campaign_report, judged_table
+from uvms_ocp.campaign.findings.spread import merit_values
+from uvms_ocp.campaign.findings.verdict import Bound
+from uvms_ocp.campaign.runs.merits import MERITS
+from uvms_ocp.cli.printing import print_paths, table_of
+from uvms_ocp.exceptions import OutputError, plain_line
+from uvms_ocp.output.durable import write_durably
+
+_DPI = 110
+_SHOWN = 8  # rows of a table on a terminal
+_SENSITIVITY = ("figure", "parameter", "rank_correlation", "pawn", "pawn_floor")
+
+
+def write_report(folder: Path, success: Sequence[Bound], console: Console) -> dict[str, Any]:
+    """Write report.json and report.html into the folder of a campaign, and print what matters. Raises `OutputError`."""
+    from uvms_ocp.viz.campaign.report_page import report_page
+
+    report = campaign_report(folder, success)
+    with console.status("drawing"):
+        page = report_page(report, _figures(folder, success, report))
+    paths = [folder / "report.json", folder / "report.html"]
+    try:
+        for path, text in zip(paths, (json.dumps(report, indent=1) + "\n", page), strict=True):
+            write_durably(path, text)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot write the report ({error.strerror})") from error
+    _print_report(report, console)
+    print_paths(console, paths)
+    return report
+
+
+def _figures(folder: Path, success: Sequence[Bound], report: dict[str, Any]) -> dict[str, bytes]:
+    from uvms_ocp.viz.campaign import campaign_figures as figures
+
+    table, rate = judged_table(folder, success), report["success"]
+    good = table["success"].to_numpy(dtype=bool)
+    drawn = {
+        "success rate": figures.figure_rate(good, (rate["lower"], rate["upper"])),
+        "outcomes": figures.figure_outcomes(report["outcomes"]),
+        "distributions": figures.figure_spread({name: merit_values(table, name) for name in MERITS}, good),
+    }
+    for name in ("success", "tool_position_error_m", "duration_s"):
+        if any(row["figure"] == name for row in report["sensitivity"]):
+            drawn[f"sensitivity of {name}"] = figures.figure_sensitivity(report["sensitivity"], name)
+    return {name: _png(figure) for name, figure in drawn.items()}
+
+
+def _png(figure: Figure) -> bytes:
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png", dpi=_DPI)
+    return buffer.getvalue()
+
+
+def _print_report(report: dict[str, Any], console: Console) -> None:
+    console.print(plain_line(f"success: {report['success_text']}"), style="bold", highlight=False)
+    console.print(plain_line(f"counted as success: {'; '.join(report['criterion'])}"), highlight=False)
+    if report["finished"] < report["runs"]:
+        console.print(f"so far: {report['finished']} of {report['runs']} runs are finished", highlight=False)
+    _print_table(console, "causes of failure", report["causes"], ("number", "outcome", "cause", "run"))
+    spread = ("figure", "least", "5 %", "median", "95 %", "largest")
+    _print_table(console, "distributions", report["distributions"], spread, len(MERITS))
+    ranked = sorted(report["sensitivity"], key=lambda row: row["pawn_floor"] - row["pawn"])
+    own = [row for row in ranked if row["figure"] in ("success", "tool_position_error_m")]
+    _print_table(console, "sensitivity", own, _SENSITIVITY)
+    _print_table(console, "worst runs", report["worst"], ("run", "outcome", "cause", "repeat"))
+
+
+def _print_table(
+    console: Console, title: str, rows: Sequence[dict[str, Any]], columns: tuple[str, ...], most: int = _SHOWN
+) -> None:
+    if rows:
+        console.print(table_of(title, rows[:most], columns))
+
+
+def print_comparison(found: dict[str, Any], console: Console) -> None:
+    """Both rates, and pairs of runs where there are any."""
+    for folder, text in zip(found["campaigns"], found["success_text"], strict=True):
+        console.print(plain_line(f"{folder}: success {text}"), highlight=False)
+    if not found["paired"]:
+        console.print("not paired: other parameters, seeds, sampler or numbers of runs", highlight=False)
+        return
+    text = f"of {found['pairs']} pairs the first alone succeeds in {found['first_only']}, the second alone in"
+    console.print(f"{text} {found['second_only']}; p = {found['p_value']:.3g} (McNemar, exact)", highlight=False)
+    columns = ("figure", "pairs", "mean_change", "lower", "upper", "median_change")
+    _print_table(console, "second less first", found["figures"], columns, len(MERITS))
+
+
+@contextmanager
+def progress_bar(console: Console) -> Iterator[Callable[[int, int, int], None]]:
+    """Done, failed, rate and time left, on one line."""
+    columns = (
+        TextColumn("{task.completed} of {task.total} runs"),
+        BarColumn(bar_width=24),
+        TextColumn("{task.fields[failed]} failed, {task.fields[rate]}"),
+        TimeElapsedColumn(),
+        TextColumn("left:"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task("", total=None, failed=0, rate="starting")
+
+        def tell(done: int, failed: int, total: int) -> None:
+            speed = bar.tasks[0].finished_speed or bar.tasks[0].speed
+            rate = "-" if not speed else f"{speed:.3g} runs/s" if speed >= 1 else f"{60 * speed:.3g} runs/min"
+            bar.update(task, completed=done, total=total, failed=failed, rate=rate)
+
+        yield tell

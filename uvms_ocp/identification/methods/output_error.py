@@ -1,0 +1,274 @@
+"""Output error: the unknowns with which simulated stretches show what was seen, by multiple shooting and Gauss-Newton.
+
+Every stretch begins where it likes; where it ends may differ from where the next one begins, at the price of process noise.
+Unknowns of single recordings, and starts, are eliminated recording by recording, so that a step costs little more than the
+simulation. The loss is quadratic near zero and linear beyond `Noise.outliers` standard deviations, by weights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+
+from uvms_ocp.identification.methods.rollout import N_START, Rollout, Seen, Start, turn_slope
+from uvms_ocp.identification.methods.stretch import Stretch
+from uvms_ocp.identification.models.stage import N_Q, N_V, Vehicle
+from uvms_ocp.model.spatial import quaternion_conjugate, quaternion_log, quaternion_multiply
+from uvms_ocp.status import AdvisedStatus
+
+
+class FitStatus(AdvisedStatus):
+    """How a fit has ended."""
+
+    CONVERGED = "converged", "Look at what is not determined before numbers are used."
+    ITERATION_LIMIT = "iteration limit", "Allow more iterations, or give shorter stretches first."
+    STALLED = "stalled", "No step lowers the cost: look at the recordings' doubts, and at starts and priors."
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Noise:
+    """Standard deviations of what is seen and of what happens between stretches."""
+
+    velocity: float = 0.02
+    """[m/s] of measured velocity, what the model cannot explain included."""
+    rate: float = 0.05
+    """[rad/s] of angular velocity."""
+    vertical: float = 0.03
+    """[-] of the vertical in B, radians of roll and pitch."""
+    process: float = 0.05
+    """[m/s, rad/s, rad] between the end of a stretch and the beginning of the next."""
+    start: float = 0.1
+    """[m/s, rad/s, rad] between where a stretch begins and what was seen there."""
+    outliers: float = 3.0
+    """[-] standard deviations beyond which the loss is linear."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Estimate:
+    """Unknowns with what they were found from."""
+
+    shared: np.ndarray
+    """(n,) [as `Unknowns.start`]"""
+    own: Mapping[str, np.ndarray]
+    """(m,) [as `Unknowns.start`] of each recording, by its name."""
+    starts: tuple[Start, ...]
+    """Of the stretches."""
+    cost: float
+    """[-] half the weighted squares."""
+    information: np.ndarray
+    """(n, n) [1 / unknowns^2] of the shared unknowns, the others eliminated, priors included."""
+    status: FitStatus
+    iterations: int
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Point:
+    """Values of all unknowns."""
+
+    shared: np.ndarray
+    own: tuple[np.ndarray, ...]
+    starts: tuple[tuple[Start, ...], ...]
+    """Of the stretches of each recording."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Block:
+    """Normal equations of one recording, its local unknowns apart."""
+
+    cost: float
+    H: np.ndarray
+    g: np.ndarray
+    H_local: np.ndarray
+    g_local: np.ndarray
+    cross: np.ndarray
+    """(n, n_local)"""
+
+
+class OutputError:
+    """A problem: a vehicle, stretches of recordings and noise. Stretches of a recording follow each other."""
+
+    def __init__(self, vehicle: Vehicle, stretches: Sequence[Stretch], noise: Noise, rollout: Rollout) -> None:
+        self._vehicle, self._noise, self._rollout = vehicle, noise, rollout
+        self._recordings = [tuple(group) for _, group in groupby(stretches, key=lambda one: one.recording)]
+        self._n, self._m = len(vehicle.shared.start), len(vehicle.own.start)
+        self._sigma = noise.velocity, noise.rate, noise.vertical
+
+    def start(self, shared: np.ndarray | None = None) -> _Point:
+        """Where the declaration has unknowns, or at shared (n,) [as `Unknowns.start`], and stretches begin as it was seen."""
+        begins = tuple(tuple(Start(q=one.q, v=one.v) for one in group) for group in self._recordings)
+        own = tuple(self._vehicle.own.start for _ in self._recordings)
+        return _Point(shared=self._vehicle.shared.start if shared is None else shared, own=own, starts=begins)
+
+    def solve(self, point: _Point, *, iterations: int = 20, frozen: bool = False, tolerance: float = 1e-4) -> Estimate:
+        """Levenberg and Marquardt's method. frozen: shared unknowns stay. tolerance: [-] share of the cost worth a step."""
+        damping, blocks, status, done = 1e-3, self._blocks(point), FitStatus.ITERATION_LIMIT, 0
+        while done < iterations:
+            done += 1
+            tried = self._step(point, blocks, damping, frozen)
+            if tried is None:
+                status = FitStatus.STALLED
+                break
+            after, damping = tried
+            gained = 1.0 - self._total(after, self._costs(after)) / self._total(point, [b.cost for b in blocks])
+            point, blocks = after, self._blocks(after)
+            if gained < tolerance:
+                status = FitStatus.CONVERGED
+                break
+        return self._estimate(point, blocks, status, done)
+
+    def _step(self, point: _Point, blocks: list[_Block], damping: float, frozen: bool) -> tuple[_Point, float] | None:
+        before = self._total(point, [block.cost for block in blocks])
+        for _ in range(8):
+            after = self._moved(point, blocks, damping, frozen)
+            cost = self._total(after, self._costs(after))
+            if np.isfinite(cost) and cost < before:
+                return after, max(damping / 5.0, 1e-9)
+            damping *= 8.0
+        return None
+
+    def _moved(self, point: _Point, blocks: list[_Block], damping: float, frozen: bool) -> _Point:
+        H, g, eliminated = self._reduced(point, blocks, damping)
+        change = np.zeros(self._n)
+        if not frozen and self._n:
+            change = -np.linalg.solve(H + damping * np.diag(np.diag(H) + 1e-9), g)
+        shared = np.clip(
+            point.shared + np.clip(change, -1.0, 1.0), self._vehicle.shared.lower, self._vehicle.shared.upper
+        )
+        change = shared - point.shared
+        own, starts = [], []
+        for k, (block, inverse) in enumerate(zip(blocks, eliminated, strict=True)):
+            local = -inverse @ (block.g_local + block.cross.T @ change)
+            own.append(point.own[k] + local[: self._m])
+            turns = local[self._m :].reshape(-1, N_START)
+            starts.append(
+                tuple(one.moved(np.clip(c, -0.5, 0.5)) for one, c in zip(point.starts[k], turns, strict=True))
+            )
+        return _Point(shared=shared, own=tuple(own), starts=tuple(starts))
+
+    def _reduced(
+        self, point: _Point, blocks: list[_Block], damping: float
+    ) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+        """Normal equations of the shared unknowns, and inverses for the others."""
+        weight = 1.0 / self._vehicle.shared.sigma**2
+        H, g = np.diag(weight), weight * (point.shared - self._vehicle.shared.start)
+        inverses = []
+        for block in blocks:
+            local = block.H_local + damping * np.diag(np.diag(block.H_local))
+            inverse = np.linalg.inv(local)
+            H = H + block.H - block.cross @ inverse @ block.cross.T
+            g = g + block.g - block.cross @ inverse @ block.g_local
+            inverses.append(inverse)
+        return H, g, inverses
+
+    def _estimate(self, point: _Point, blocks: list[_Block], status: FitStatus, done: int) -> Estimate:
+        names = [group[0].recording for group in self._recordings]
+        return Estimate(
+            shared=point.shared,
+            own=dict(zip(names, point.own, strict=True)),
+            starts=tuple(one for group in point.starts for one in group),
+            cost=self._total(point, [block.cost for block in blocks]),
+            information=self._reduced(point, blocks, 0.0)[0],
+            status=status,
+            iterations=done,
+        )
+
+    def _total(self, point: _Point, costs: Sequence[float]) -> float:
+        far = (point.shared - self._vehicle.shared.start) / self._vehicle.shared.sigma
+        return float(sum(costs) + far @ far / 2)
+
+    def _costs(self, point: _Point) -> list[float]:
+        with np.errstate(all="ignore"):
+            return [self._cost(k, point, seen) for k, seen in enumerate(self._all_seen(point, slopes=False))]
+
+    def _blocks(self, point: _Point) -> list[_Block]:
+        return [self._block(k, point, seen) for k, seen in enumerate(self._all_seen(point, slopes=True))]
+
+    def _all_seen(self, point: _Point, *, slopes: bool) -> list[list[Seen]]:
+        """By recording; stretches that have equally many steps are simulated together."""
+        flat = [
+            (k, stretch, start)
+            for k, group in enumerate(self._recordings)
+            for stretch, start in zip(group, point.starts[k], strict=True)
+        ]
+        found: dict[int, Seen] = {}
+        for n in {len(stretch.edges) for _, stretch, _ in flat}:
+            chosen = [i for i, (_, stretch, _) in enumerate(flat) if len(stretch.edges) == n]
+            p = np.array([np.concatenate([point.shared, point.own[flat[i][0]]]) for i in chosen])
+            parts = [flat[i][1] for i in chosen], [flat[i][2] for i in chosen]
+            found |= dict(zip(chosen, self._rollout.seen(*parts, p, slopes=slopes), strict=True))
+        return [[found[i] for i, (k, _, _) in enumerate(flat) if k == group] for group in range(len(self._recordings))]
+
+    def _cost(self, k: int, point: _Point, seen: list[Seen]) -> float:
+        squares = sum(_loss(r, self._noise.outliers) for rows in self._residuals(k, seen) for r in rows)
+        return float(squares + self._beginnings(k, point)[1] + sum(d @ d for d, _ in self._gaps(k, point, seen)) / 2)
+
+    def _residuals(self, k: int, seen: list[Seen]) -> list[list[np.ndarray]]:
+        pairs = zip(self._recordings[k], seen, strict=True)
+        return [[(one.rows[j] - stretch.seen[j]) / self._sigma[j] for j in range(3)] for stretch, one in pairs]
+
+    def _beginnings(self, k: int, point: _Point) -> tuple[list[np.ndarray], float]:
+        """How far starts are from what was seen there, weighted, and what that costs."""
+        far = [_difference(Start(q=one.q, v=one.v), start) / self._noise.start
+               for one, start in zip(self._recordings[k], point.starts[k], strict=True)]  # fmt: skip
+        own = (point.own[k] - self._vehicle.own.start) / self._vehicle.own.sigma
+        return far, float(sum(one @ one for one in far) + own @ own) / 2
+
+    def _gaps(self, k: int, point: _Point, seen: list[Seen]) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Between the ends of stretches and the next ones, weighted, with their slopes with end states (9, n_x)."""
+        found = []
+        for one, after in zip(seen[:-1], point.starts[k][1:], strict=True):
+            end = Start(q=one.end[:N_Q], v=one.end[N_Q : N_Q + N_V])
+            slope = np.zeros((N_START, len(one.end)))
+            slope[:N_V, N_Q : N_Q + N_V] = np.eye(N_V)
+            slope[N_V:, 3:N_Q] = 4.0 * turn_slope(end.q[3:]).T
+            found.append((_difference(after, end) / self._noise.process, slope / self._noise.process))
+        return found
+
+    def _block(self, k: int, point: _Point, seen: list[Seen]) -> _Block:
+        n, m, count = self._n, self._m, len(seen)
+        size = n + m + N_START * count
+        H, g = np.zeros((size, size)), np.zeros(size)
+        far, _ = self._beginnings(k, point)
+        weight = 1.0 / self._vehicle.own.sigma**2
+        H[range(n, n + m), range(n, n + m)] = weight
+        g[n : n + m] = weight * (point.own[k] - self._vehicle.own.start)
+        for i, (one, rows) in enumerate(zip(seen, self._residuals(k, seen), strict=True)):
+            places = _places(n + m, i)
+            for slope, row, sigma in zip(one.slopes, rows, self._sigma, strict=True):
+                r, J = _weighted(row, slope / sigma, self._noise.outliers)
+                H[np.ix_(places, places)] += J.T @ J
+                g[places] += J.T @ r
+            begin = places[-N_START:]
+            H[begin, begin] += 1.0 / self._noise.start**2
+            g[begin] += far[i] / self._noise.start
+        for i, (gap, slope) in enumerate(self._gaps(k, point, seen)):
+            J = np.zeros((N_START, size))
+            J[:, _places(n + m, i)] = slope @ seen[i].end_slope
+            J[:, _places(n + m, i + 1)[-N_START:]] = -np.eye(N_START) / self._noise.process
+            H += J.T @ J
+            g += J.T @ gap
+        return _Block(self._cost(k, point, seen), H[:n, :n], g[:n], H[n:, n:], g[n:], H[:n, n:])
+
+
+def _places(n_p: int, stretch: int) -> np.ndarray:
+    return np.concatenate([np.arange(n_p), n_p + N_START * stretch + np.arange(N_START)])
+
+
+def _difference(of: Start, to: Start) -> np.ndarray:
+    """(9,) [m/s, rad/s, rad] that moves one start to another."""
+    turn = quaternion_log(quaternion_multiply(quaternion_conjugate(of.q[3:]), to.q[3:]))
+    return np.concatenate([to.v - of.v, np.asarray(turn).ravel()])
+
+
+def _loss(r: np.ndarray, outliers: float) -> float:
+    """Pseudo-Huber's: half the squares near zero."""
+    return float((outliers**2 * (np.sqrt(1.0 + (r / outliers) ** 2) - 1.0)).sum())
+
+
+def _weighted(r: np.ndarray, J: np.ndarray, outliers: float) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals (n,) and slopes (n, k) whose squares have the gradient of the loss."""
+    root = (1.0 + (r / outliers) ** 2) ** -0.25
+    return (root * r).ravel(), (root[..., None] * J).reshape(-1, J.shape[-1])

@@ -1,0 +1,191 @@
+"""Simulation of many stretches at once, with the sensitivities of what is seen.
+
+The derivatives of single steps come from the stage, and are chained here: ``S_next = A S + B + C du/dp``. That is the
+variational equation of the discrete model, so that slopes are those of what is simulated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions.compile import compile_function
+from uvms_ocp.identification.methods.stretch import N_SEEN, Stretch
+from uvms_ocp.identification.models.stage import N_Q, N_V, PAST, PAST_STEP, Stage
+from uvms_ocp.model.spatial import quaternion_exp, quaternion_multiply
+
+N_START = 9
+"""[-] unknowns of a start: velocity (6), then the turn of the attitude in B (3)."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Start:
+    """Where a stretch begins."""
+
+    q: np.ndarray
+    """(7,) [m, -]"""
+    v: np.ndarray
+    """(6,) [m/s, rad/s]"""
+
+    def moved(self, change: np.ndarray) -> Start:
+        """By a change (9,) [m/s, rad/s, rad]."""
+        turned = np.asarray(quaternion_multiply(self.q[3:], quaternion_exp(change[N_V:])))
+        return Start(q=np.concatenate([self.q[:3], turned / np.linalg.norm(turned)]), v=self.v + change[:N_V])
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Seen:
+    """What a stretch should show, by the three sensors, and where it ends."""
+
+    rows: tuple[np.ndarray, ...]
+    """Three of (m, 3) [m/s, rad/s, -]"""
+    end: np.ndarray
+    """(n_x,) [as the state] where it is last."""
+    slopes: tuple[np.ndarray, ...] = ()
+    """Three of (m, 3, n_p + 9) [as rows, per unknown]: with the unknowns, then with the start."""
+    end_slope: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    """(n_x, n_p + 9) [as the state, per unknown]"""
+
+
+class Rollout:
+    """Of one stage; functions are compiled where there is a compiler, and made once for each number of steps."""
+
+    def __init__(self, stage: Stage) -> None:
+        self.stage = stage
+        self._step, self._slope = compile_function(stage.step), compile_function(stage.slope)
+        self._many: dict[tuple[str, int, int], ca.Function] = {}
+
+    def seen(self, stretches: Sequence[Stretch], starts: Sequence[Start], p: np.ndarray, *, slopes: bool) -> list[Seen]:
+        """Simulate stretches of equally many steps, all with unknowns p (n, n_p) [any], a row for each.
+
+        Raises InvalidInput where they have different numbers of steps, or joints other than the vehicle's.
+        """
+        n = {len(one.edges) - 1 for one in stretches}
+        if len(n) != 1 or any(one.joints.shape[0] != 3 * self.stage.n_j for one in stretches):
+            raise InvalidInput(f"stretches of {sorted(n)} steps; allowed: equally many, with all joints of the vehicle")
+        run = _Run(self, stretches, starts, p, n.pop())
+        return run.with_slopes() if slopes else run.rows()
+
+    def many(self, name: str, function: ca.Function, n: int, m: int) -> ca.Function:
+        """A function `n` times after itself, `m` of these beside each other; or, with n = 0, only the latter."""
+        key = (name, n, m)
+        if key not in self._many:
+            self._many[key] = function.mapaccum(n).map(m) if n else function.map(m)
+        return self._many[key]
+
+
+class _Run:
+    """One simulation of m stretches in n steps: states (m, n + 1, n_x)."""
+
+    def __init__(
+        self, rollout: Rollout, stretches: Sequence[Stretch], starts: Sequence[Start], p: np.ndarray, n: int
+    ) -> None:
+        self._rollout, self._stage, self._stretches, self._n = rollout, rollout.stage, stretches, n
+        self._p = p
+        self._delays = [[np.asarray(part) for part in self._stage.delays(row)] for row in p]
+        u = [one.commands.mean(one.edges - d[0, 0]) for one, (d, _) in zip(stretches, self._delays, strict=True)]
+        self._u = np.vstack(u)
+        past = [one.commands.mean(self._past(k)).T for k, one in enumerate(stretches)]
+        self._begun = first = [[np.asarray(part) for part in self._stage.begun(past[k], p[k])] for k in range(len(p))]
+        x0 = [np.concatenate([s.q, s.v, w.ravel()]) for s, (w, _, _) in zip(starts, first, strict=True)]
+        self._given = (
+            self._u.T,
+            np.hstack([one.joints for one in stretches]),
+            np.repeat(p, n, axis=0).T,
+            np.repeat([one.step for one in stretches], n)[None],
+        )
+        after = rollout.many("step", rollout._step, n, len(p))(np.array(x0).T, *self._given)
+        states = np.asarray(after).T.reshape(len(p), n, -1)
+        self._x = np.concatenate([np.array(x0)[:, None], states], axis=1)
+
+    def rows(self) -> list[Seen]:
+        y, _, _ = self._outputs()
+        return [Seen(rows=self._sampled(k, y[k]), end=self._x[k, -1]) for k in range(len(self._stretches))]
+
+    def with_slopes(self) -> list[Seen]:
+        y, y_x, y_p = self._outputs()
+        S, n_p = self._sensitivities(), self._stage.n_p
+        found = []
+        for k in range(len(self._stretches)):
+            dy = y_x[k] @ S[k]
+            dy[:, :, :n_p] += y_p[k]
+            rows, slopes = self._sampled(k, y[k]), list(self._sampled(k, dy))
+            dd = self._delays[k][1]
+            slopes[0] = slopes[0] - self._rate(k, y[k])[:, :, None] * np.concatenate([dd[1], np.zeros(N_START)])
+            found.append(Seen(rows=rows, slopes=tuple(slopes), end=self._x[k, -1], end_slope=S[k, -1]))
+        return found
+
+    def _outputs(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        m, n, n_x = self._x.shape
+        function = self._rollout.many("seen", self._stage.seen, 0, m * n)
+        y, y_x, y_p = (np.asarray(one) for one in function(self._x.reshape(-1, n_x).T, np.repeat(self._p, n, axis=0).T))
+        shaped = [_blocks(one, width, m, n) for one, width in ((y_x, n_x), (y_p, self._stage.n_p))]
+        return y.T.reshape(m, n, N_SEEN), shaped[0], shaped[1]
+
+    def _sensitivities(self) -> np.ndarray:
+        """(m, n + 1, n_x, n_p + 9)"""
+        m, n, stage = len(self._stretches), self._n, self._stage
+        before = self._x[:, :-1].reshape(-1, stage.n_x).T
+        found = self._rollout.many("slope", self._rollout._slope, 0, m * n)(before, *self._given)
+        widths = stage.n_x, stage.n_p, stage.n_u
+        A, B, C = (_blocks(np.asarray(one), width, m, n) for one, width in zip(found, widths, strict=True))
+        S = np.zeros((m, n + 1, stage.n_x, stage.n_p + N_START))
+        for k, one in enumerate(self._stretches):
+            d, dd = self._delays[k]
+            slope = -one.commands.mean_slope(one.edges - d[0, 0])
+            B[k] += np.einsum("nij,nj->ni", C[k], slope)[:, :, None] * dd[0]
+            S[k, 0] = self._start_slope(k)
+        for j in range(n):
+            S[:, j + 1] = A[:, j] @ S[:, j]
+            S[:, j + 1, :, : stage.n_p] += B[:, j]
+        return S
+
+    def _past(self, k: int) -> np.ndarray:
+        """Edges of the commands before the start."""
+        return self._stretches[k].edges[0] - self._delays[k][0][0, 0] + PAST_STEP * np.arange(-PAST, 1)
+
+    def _start_slope(self, k: int) -> np.ndarray:
+        S = np.zeros((self._stage.n_x, self._stage.n_p + N_START))
+        _, with_p, with_past = self._begun[k]
+        later = with_past @ -self._stretches[k].commands.mean_slope(self._past(k)).ravel()  # command by command
+        S[N_Q + N_V :, : self._stage.n_p] = with_p + np.outer(later, self._delays[k][1][0])
+        S[N_Q : N_Q + N_V, self._stage.n_p : self._stage.n_p + N_V] = np.eye(N_V)
+        S[3:N_Q, self._stage.n_p + N_V :] = turn_slope(self._x[k, 0, 3:N_Q])
+        return S
+
+    def _sampled(self, k: int, values: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Rows of each sensor at the times of its samples."""
+        found = []
+        for sensor in range(3):
+            index, share = self._place(k, sensor)
+            rows = values[:, 3 * sensor : 3 * sensor + 3]
+            share = share.reshape(-1, *([1] * (rows.ndim - 1)))
+            found.append((1.0 - share) * rows[index] + share * rows[index + 1])
+        return tuple(found)
+
+    def _rate(self, k: int, y: np.ndarray) -> np.ndarray:
+        index, share = self._place(k, 0)
+        moving = (index + share > 0.0)[:, None]  # before the beginning there is only the beginning
+        return np.asarray(moving * (y[index + 1, :3] - y[index, :3]) / self._stretches[k].step)
+
+    def _place(self, k: int, sensor: int) -> tuple[np.ndarray, np.ndarray]:
+        one = self._stretches[k]
+        late = float(self._delays[k][0][1, 0]) if sensor == 0 else 0.0
+        place = np.maximum((one.t[sensor] - late - one.edges[0]) / one.step, 0.0)
+        index = np.clip(place.astype(int), 0, self._n - 1)
+        return index, place - index
+
+
+def turn_slope(quaternion: np.ndarray) -> np.ndarray:
+    """How a quaternion (4,) [-] xyzw changes with a turn in B (4, 3) [1/rad]."""
+    x, y, z, w = quaternion
+    return np.array([[w, -z, y], [z, w, -x], [-y, x, w], [-x, -y, -z]]) / 2
+
+
+def _blocks(wide: np.ndarray, width: int, m: int, n: int) -> np.ndarray:
+    """(m, n, rows, width) of m n blocks side by side."""
+    return np.ascontiguousarray(wide.reshape(len(wide), m, n, width).transpose(1, 2, 0, 3))

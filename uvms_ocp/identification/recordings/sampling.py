@@ -1,0 +1,72 @@
+"""Channels at any times: commands as they are held, measurements smoothed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from uvms_ocp.identification.recordings.recording import Channel
+from uvms_ocp.model.spatial import quaternion_to_matrix
+
+GRID = 0.05
+"""[s] of uniform samples before they are smoothed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Held:
+    """A command that stays from one sample to the next; before the first it is as the first."""
+
+    channel: Channel
+
+    def at(self, t: np.ndarray) -> np.ndarray:
+        """Values (m, k) [unit of the channel] at t (m,) [s]."""
+        return self.channel.values[self._index(t)]
+
+    def mean(self, edges: np.ndarray) -> np.ndarray:
+        """Means (m - 1, k) [unit of the channel] between edges (m,) [s]: smooth in these, whatever the samples do."""
+        known, values = self.channel.known_t, self.channel.values
+        whole = np.vstack([np.zeros(values.shape[1]), np.cumsum(values[:-1] * np.diff(known)[:, None], axis=0)])
+        index = self._index(edges)
+        total = whole[index] + values[index] * (edges - known[index])[:, None]
+        return np.asarray(np.diff(total, axis=0) / np.diff(edges)[:, None])
+
+    def mean_slope(self, edges: np.ndarray) -> np.ndarray:
+        """Rate (m - 1, k) [unit of the channel per s] of these means where all edges (m,) [s] move together."""
+        return np.asarray(np.diff(self.at(edges), axis=0) / np.diff(edges)[:, None])
+
+    def _index(self, t: np.ndarray) -> np.ndarray:
+        index = np.searchsorted(self.channel.known_t, t, side="right") - 1
+        return np.asarray(np.clip(index, 0, len(self.channel.t) - 1))
+
+
+def smoothed(t: np.ndarray, values: np.ndarray, window: float, derivative: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Uniform times (m,) [s] and there, by local quadratics over `window` [s], values or their derivative (m, k) [any].
+
+    t: (n,) [s] and values: (n, k) [any] of the samples, interpolated between them.
+    """
+    grid = np.arange(t[0], t[-1], GRID)
+    uniform = np.column_stack([np.interp(grid, t, column) for column in values.T])
+    length = max(3, round(window / GRID) // 2 * 2 + 1)
+    return grid, savgol_filter(uniform, length, 2, deriv=derivative, delta=GRID, axis=0)
+
+
+def angular_rate(attitude: Channel, window: float) -> tuple[np.ndarray, np.ndarray]:
+    """Uniform times (m,) [s] and the angular velocity in B (m, 3) [rad/s] of an attitude, smoothed over `window` [s]."""
+    t, quaternions = smoothed(attitude.known_t, attitude.values, window)
+    _, rates = smoothed(attitude.known_t, attitude.values, window, derivative=1)
+    x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    a, b, c, d = rates.T
+    # Twice the vector part of the conjugate times the rate.
+    omega = 2 * np.column_stack(
+        [w * a - x * d - y * c + z * b, w * b - y * d - z * a + x * c, w * c - z * d - x * b + y * a]
+    )
+    return t, omega
+
+
+def rotations(attitude: Channel, t: np.ndarray) -> np.ndarray:
+    """R_WB (m, 3, 3) [-] at t (m,) [s], between samples interpolated."""
+    found = np.column_stack([np.interp(t, attitude.known_t, column) for column in attitude.values.T])
+    found /= np.linalg.norm(found, axis=1, keepdims=True)
+    return np.moveaxis(np.array(quaternion_to_matrix(found.T)), -1, 0)

@@ -1,0 +1,127 @@
+"""Columns of numbers in a file that anyone may have written: CSV, also packed by gzip, and Parquet."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import zlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from uvms_ocp.exceptions import InvalidInput, NameNotFound, NotInstalled, UvmsError
+from uvms_ocp.untrusted.regular_file import require_regular
+
+MOST_ROWS = 5_000_000
+"""[-] of a file: 14 hours at 100 Hz."""
+_COMMENT = "#"
+
+
+def read_columns(path: Path, wanted: Sequence[str]) -> np.ndarray:
+    """The wanted columns (n, k) [as they are] of a table; an empty cell is NaN.
+
+    Raises NameNotFound for a column that there is not, NotInstalled, and InvalidInput for what is no table of numbers.
+    """
+    require_regular(path)
+    return _from_parquet(path, wanted) if path.suffix == ".parquet" else _from_csv(path, wanted)
+
+
+def column_names(path: Path) -> tuple[str, ...]:
+    """Of a table. Raises InvalidInput for what is none, and NotInstalled."""
+    require_regular(path)
+    if path.suffix == ".parquet":
+        return tuple(_parquet(path).schema_arrow.names)
+    with _opened(path) as file:
+        return tuple(name.strip() for name in next(csv.reader(_rows_of(file)), []))
+
+
+def _from_csv(path: Path, wanted: Sequence[str]) -> np.ndarray:
+    with _opened(path) as file:
+        rows = csv.reader(_rows_of(file))
+        places = _places(path, next(rows, []), wanted)
+        return np.array(list(_numbers(rows, places)), dtype=float).reshape(-1, len(wanted))
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[IO[str]]:
+    """A file to read, whose damage is told in one line."""
+    try:
+        with (
+            gzip.open(path, "rt", encoding="utf-8", newline="")
+            if path.suffix == ".gz"
+            else path.open(encoding="utf-8", newline="") as file
+        ):
+            yield file
+    except UvmsError:
+        raise
+    except (OSError, EOFError, zlib.error, csv.Error, ValueError, IndexError) as error:
+        raise InvalidInput(f"{path}: no table of numbers ({' '.join(str(error).split())[:200]})") from None
+
+
+def _rows_of(file: IO[str]) -> Iterator[str]:
+    return (line for line in file if not line.startswith(_COMMENT))
+
+
+def _places(path: Path, header: Sequence[str], wanted: Sequence[str]) -> list[int]:
+    names = [name.strip() for name in header]
+    for name in wanted:
+        if name not in names:
+            raise NameNotFound(f"column of {path.name}", name, names)
+    return [names.index(name) for name in wanted]
+
+
+def _numbers(rows: Iterable[list[str]], places: Sequence[int]) -> Iterable[list[float]]:
+    for number, row in enumerate(rows):
+        if number >= MOST_ROWS:
+            raise InvalidInput(f"more than {MOST_ROWS} rows; give recordings one by one")
+        if row:
+            yield [float(row[place]) if row[place].strip() else np.nan for place in places]
+
+
+def _from_parquet(path: Path, wanted: Sequence[str]) -> np.ndarray:
+    file = _parquet(path)
+    _places(path, file.schema_arrow.names, wanted)
+    table = file.read(columns=list(wanted))
+    return np.column_stack([table.column(name).to_numpy().astype(float) for name in wanted])
+
+
+def _parquet(path: Path) -> Any:
+    try:
+        from pyarrow import ArrowException, parquet
+    except ImportError:
+        raise NotInstalled("reading Parquet", "pyarrow") from None
+    try:
+        file = parquet.ParquetFile(path)
+    except (ArrowException, OSError) as error:
+        raise InvalidInput(f"{path}: no Parquet file ({' '.join(str(error).split())[:200]})") from None
+    if file.metadata.num_rows > MOST_ROWS:
+        raise InvalidInput(f"{path}: more than {MOST_ROWS} rows; give recordings one by one")
+    return file
+
+
+def write_columns(path: Path, columns: Mapping[str, np.ndarray]) -> None:
+    """Write columns (n,) [as they are] by their names, NaN as an empty cell; the ending of the path says what kind of table.
+
+    Raises NotInstalled where Parquet cannot be written.
+    """
+    if path.suffix == ".parquet":
+        _to_parquet(path, columns)
+        return
+    with gzip.open(path, "wt", newline="") if path.suffix == ".gz" else path.open("w", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(columns)
+        rows.writerows(
+            ["" if np.isnan(x) else repr(float(x)) for x in row] for row in zip(*columns.values(), strict=True)
+        )
+
+
+def _to_parquet(path: Path, columns: Mapping[str, np.ndarray]) -> None:
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError:
+        raise NotInstalled("writing Parquet", "pyarrow") from None
+    parquet.write_table(pyarrow.table(dict(columns)), path)

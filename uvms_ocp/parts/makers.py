@@ -1,0 +1,96 @@
+"""What `Scenario` takes for its parts beside the toolkit's own: values that make a part for each run.
+
+A maker is called with the scenario and builds what takes long to build, so that a step only steps: an instance with settings, a
+function, or a class whose constructor takes the scenario. What it makes runs as Python beside what is compiled, fresh in every
+run: what it remembers belongs to that run, and what it draws it draws from `scenario.seed`. A maker that can be pickled, a class
+or a value of a class that can be imported, goes to the workers of studies. Shapes and numbers are looked at at every tick; what
+does not fit raises `InvalidInput` with the name of the part. Records and reports tell the names of all parts.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from uvms_ocp.model.sensing import SensorSpecs
+from uvms_ocp.model.state import Command, Readings
+from uvms_ocp.sim.loop import Controller, Sensors, StateEstimator
+from uvms_ocp.sim.plant import Plant
+
+
+class PlantMaker(Protocol):
+    """Of ``Scenario(plant=...)``, where it is none of the names ``dynamic`` and ``kinematic``.
+
+    It may have `suffers`, a tuple of ``thruster``, ``joint``, ``current`` and ``payload``: the faults that its plant has of
+    itself when `scenario.known_faults` lists them; others are refused, those of sensors are none of its business. Campaigns vary
+    `scenario.plant_robot` and `scenario.environment`, and of a maker that is a dataclass every float by its name, such as
+    ``parts.plant.rate``: what a plant does not read is not varied.
+    """
+
+    takes_forces: bool
+    """Whether commands carry thrust and torque for it, from the controller's dynamic layer; otherwise velocities alone."""
+
+    def __call__(self, scenario: Any) -> Plant:
+        """The plant of a `Scenario`, at its start and at rest."""
+
+
+class Disturbance(Protocol):
+    """What goes wrong in one run, asked from its onset to its end."""
+
+    def readings(self, readings: Readings, t: float) -> Readings:
+        """What arrives of the sensors at time t [s]; the same object where nothing is wrong, others are new readings."""
+
+    def command(self, command: Command, t: float) -> Command:
+        """What arrives of the command at the plant at time t [s]. The record keeps what was asked for."""
+
+
+class FaultMaker(Protocol):
+    """Among ``Scenario(faults=...)``, beside each `Fault`: what goes wrong between the parts."""
+
+    onset: float
+    """[s], 0 or more."""
+    end: float
+    """[s] from which all is well again; inf: never."""
+
+    def __call__(self, scenario: Any) -> Disturbance:
+        """The fault in a run of a `Scenario`."""
+
+
+class SensorsMaker(Protocol):
+    """Of ``Scenario(sensors=...)``, where it is no `SensorSpecs`.
+
+    It may have `suffers`, a tuple of channels: the faults that its sensors have of themselves when `scenario.known_faults` lists
+    them; others are refused. Campaigns vary `scenario.real_sensors`, what they are truly like where that is not as `specs` say.
+    """
+
+    @property
+    def specs(self) -> SensorSpecs:
+        """What estimator, monitor and pre-flight expect of them."""
+
+    def __call__(self, scenario: Any) -> Sensors:
+        """The sensors of a `Scenario`: a callable ``(State, t) -> Readings`` of the true state at time t [s].
+
+        A reading that is the same object as at the tick before is no new one. Values may be nan: that is a sensor which fails,
+        and the monitor deals with it. Of channels that `specs` has, readings of the shapes of `Readings`.
+        """
+
+
+class EstimatorMaker(Protocol):
+    """Of ``Scenario(estimator=...)``."""
+
+    def __call__(self, scenario: Any) -> StateEstimator:
+        """The estimator of a `Scenario`: a callable ``(Readings, t, command) -> Measurement`` at time t [s].
+
+        `command` has been acting since the last call, `None` at the first. A monitor stands around it: readings that cannot be
+        true are kept from it, and age and health of its measurements are the monitor's. One that has `outcomes` and
+        `doubt_velocity`, as `uvms_ocp.control.Estimator` does, is heard by the monitor too.
+        """
+
+
+class ControllerMaker(Protocol):
+    """Of ``Scenario(controller=...)``."""
+
+    def __call__(self, scenario: Any) -> Controller:
+        """The controller of a `Scenario`: a callable ``(Measurement, t) -> Command`` at time t [s].
+
+        The command has thrust and torque where the plant takes forces. `WatchedController` follows the mission beside it.
+        """

@@ -1,0 +1,78 @@
+"""Small tables: what a public value says of itself, as text of 80 columns and in notebooks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import Any
+
+_WIDTH = 80
+_MOST_ROWS = 40
+_GAP = "  "
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class SmallTable:
+    """A title and rows of texts, the first of which are the names of the columns if there are any."""
+
+    title: str
+    head: tuple[str, ...] = ()
+    rows: tuple[tuple[str, ...], ...]
+
+    def text(self) -> str:
+        """Lines of at most 80 characters; what is longer is cut, and rows beyond the first are counted."""
+        lines = [row for row in (self.head, *self._shown()) if row]
+        widths = [max(len(row[k]) for row in lines if k < len(row)) for k in range(max(map(len, lines), default=0))]
+        text = [
+            _GAP.join(cell.ljust(width) for cell, width in zip(row, widths, strict=False)).rstrip() for row in lines
+        ]
+        return "\n".join(_cut(line) for line in (self.title, *(f"{_GAP}{line}" for line in text), *self._rest()))
+
+    def html(self) -> str:
+        """The same as a table; names are text, whatever they hold."""
+        head = f"<thead>{_row('th', self.head)}</thead>" if self.head else ""
+        rows = "".join(_row("td", row) for row in self._shown())
+        rest = "".join(f"<p>{escape(line)}</p>" for line in self._rest())
+        return f"<b>{escape(self.title)}</b><table>{head}<tbody>{rows}</tbody></table>{rest}"
+
+    def _shown(self) -> Sequence[tuple[str, ...]]:
+        return self.rows[:_MOST_ROWS]
+
+    def _rest(self) -> tuple[str, ...]:
+        more = len(self.rows) - _MOST_ROWS
+        return (f"{_GAP}and {more} more",) if more > 0 else ()
+
+
+def rows_of(values: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
+    """A row for each value, numbers in four digits."""
+    return tuple((name.replace("_", " "), _cell(value)) for name, value in values.items())
+
+
+def _cell(value: Any) -> str:
+    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _cut(line: str) -> str:
+    plain = "".join(letter if letter.isprintable() else " " for letter in line)
+    return plain if len(plain) <= _WIDTH else plain[: _WIDTH - 1] + "…"
+
+
+def _row(cell: str, row: Sequence[str]) -> str:
+    style = ' style="text-align:left"'
+    return "<tr>" + "".join(f"<{cell}{style}>{escape(text)}</{cell}>" for text in row) + "</tr>"
+
+
+class Tabled:
+    """What shows itself as a `SmallTable`: in a shell, and in a notebook."""
+
+    __slots__ = ()
+
+    def _table(self) -> SmallTable:
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return self._table().text()
+
+    def _repr_html_(self) -> str:
+        return self._table().html()

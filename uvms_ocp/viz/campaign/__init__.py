@@ -1,0 +1,1 @@
+"""Figures and the page of a campaign. In: its report and table as plain values. Out: PNG, HTML."""

@@ -1,0 +1,56 @@
+// A robot that stands still: sliders for its joints, and the words of Python that give the same configuration.
+const AXES = ["x", "y", "z", "roll", "pitch", "yaw"];
+const matrixOf = ([x, y, z, ...turn]) => new THREE.Matrix4().compose(
+  new THREE.Vector3(x, y, z), new THREE.Quaternion(...turn), new THREE.Vector3(1, 1, 1));
+
+// By what a joint moves the next link, at its values.
+function motionOf(joint) {
+  const axis = new THREE.Vector3(...(joint.axis || [0, 0, 0])), [value] = joint.values;
+  if (joint.kind === "turn") return new THREE.Matrix4().makeRotationAxis(axis, value);
+  if (joint.kind === "slide") return new THREE.Matrix4().makeTranslation(...axis.multiplyScalar(value).toArray());
+  if (joint.kind === "held") return matrixOf(joint.pose);
+  const [x, y, z, roll, pitch, yaw] = joint.values;
+  return new THREE.Matrix4().makeRotationFromEuler(new THREE.Euler(roll, pitch, yaw, "ZYX")).setPosition(x, y, z);
+}
+
+function poseJoints() {
+  const poses = [];
+  for (const joint of DETAILS.joints) {
+    const before = joint.parent < 0 ? new THREE.Matrix4() : poses[joint.parent].clone();
+    const pose = before.multiply(matrixOf(joint.placement)).multiply(motionOf(joint)), node = nodeAt(joint.path);
+    poses.push(pose);
+    pose.decompose(node.position, node.quaternion, node.scale);
+  }
+  viewer.scene.updateMatrixWorld(true);
+  byId("words").textContent = wordsOfPython();
+  follow();
+  viewer.set_dirty();
+}
+
+function wordsOfPython() {
+  const list = (values) => `(${values.map((x) => Number(x.toFixed(4))).join(", ")}${values.length === 1 ? "," : ""})`;
+  const free = DETAILS.joints.find(({kind}) => kind === "free"), parts = [];
+  if (free) parts.push(`position=${list(free.values.slice(0, 3))}`, `rpy=${list(free.values.slice(3))}`);
+  const own = DETAILS.joints.filter(({kind}) => kind === "turn" || kind === "slide");
+  if (own.length) parts.push(`joints=${list(own.map(({values}) => values[0]))}`);
+  return `q = robot.configuration(${parts.join(", ")})`;
+}
+
+function addSlider(label, unit, [lower, upper], values, i) {
+  const row = addElement(byId("joints"), "label", ""), shown = (x) => `${(Math.round(100 * x) / 100 + 0).toFixed(2)} ${unit}`;
+  addElement(row, "span", label);
+  const properties = {type: "range", min: lower, max: upper, step: (upper - lower) / 1000, title: label};
+  const slider = addElement(row, "input", "", properties), value = addElement(row, "span", shown(values[i]));
+  slider.value = values[i];
+  slider.oninput = () => { values[i] = Number(slider.value); value.textContent = shown(values[i]); poseJoints(); };
+}
+
+function buildSliders() {
+  if (!DETAILS.joints.length) return;
+  for (const {kind, name, ranges, values} of DETAILS.joints) {
+    if (kind === "free") AXES.forEach((axis, i) => addSlider(axis, i < 3 ? "m" : "rad", ranges[i], values, i));
+    if (kind === "turn" || kind === "slide") addSlider(name, kind === "turn" ? "rad" : "m", ranges[0], values, 0);
+  }
+  byId("posture").open = window.innerWidth > 760;
+  poseJoints();
+}
