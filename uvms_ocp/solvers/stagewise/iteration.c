@@ -206,7 +206,7 @@ static int solve_held(Problem *q) {
   q->side = q->no_side, q->equal = q->held_equal, q->target = q->held_target;
   find_bounded(q);
   rest(q);
-  const int found = start_from_equalities(q);
+  const int found = start_from_equalities(q) && q->status == SOLVED;
   q->side = side, q->equal = equal, q->target = target;
   return found;
 }
