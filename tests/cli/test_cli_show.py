@@ -55,7 +55,7 @@ def legend(page: Path) -> list[str]:
 
 
 def test_a_run_and_its_ghost_are_written_as_one_page(run: Path, tmp_path: Path) -> None:
-    page = tmp_path / "out" / "scene.html"
+    page = tmp_path / ("a_path_that_is_wider_than_a_terminal_" * 3) / "scene.html"
     process = show(run, "--ghost", run / "record.npz", "--out", page)
     assert process.returncode == 0, process.stderr
     assert process.stdout.split() == [str(page)]

@@ -31,7 +31,7 @@ def console_of(*, stderr: bool = False) -> Console:
 def print_paths(console: Console, paths: Iterable[Path]) -> None:
     """One path per line, as it is."""
     for path in paths:
-        console.print(str(path), highlight=False)
+        console.print(str(path), highlight=False, soft_wrap=True)
 
 
 def table_of(title: str, rows: Sequence[Mapping[str, Any]], columns: tuple[str, ...]) -> Table:
