@@ -60,7 +60,7 @@ def test_rows_that_have_waited_go_to_the_disk_by_themselves(tmp_path: Path, monk
 def test_another_campaign_is_refused_and_what_differs_is_named(tmp_path: Path, change: dict[str, object]) -> None:
     made(tmp_path, [1])
     with (
-        pytest.raises(InvalidInput, match=f"another campaign is there, which has another {next(iter(change))}"),
+        pytest.raises(InvalidInput, match=f"another campaign is there; not the same: {next(iter(change))}"),
         opened(tmp_path, identity_of(WORK, **({"runs": 20} | change)), {}),
     ):
         pass

@@ -49,9 +49,24 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_templates_pass_their_checks(place: Path) -> None:
-    assert "8 thrusters, rank 6" in ours("check-robot", str(place / "robot"))
+    checked = ours("check-robot", str(place / "robot"))
+    assert "8 thrusters, rank 6" in checked
+    assert "warning" not in checked
     assert "accepted" in ours("check", str(place / "mission.py"))
     assert "ToolPosition" not in ours("mission", str(place / "mission.py"))
+
+
+def test_names_of_what_can_be_varied_are_whole_and_the_posture_of_the_arm_is_no_point(place: Path) -> None:
+    words = ("campaign", str(place / "mission.py"), "--parameters")
+    names = [row["parameter"] for row in json.loads(_json(*words, "--json"))]
+    printed = ours(*words).split()
+    assert [name for name in names if name not in printed] == []
+    assert [name for name in names if name.startswith("goals.") and name.endswith(".x")] == ["goals.TP.x", "goals.PC.x"]
+
+
+def test_what_is_no_python_code_is_no_list_of_variations(place: Path) -> None:
+    with pytest.raises(InvalidInput, match=r"'vary\.txt' is no Python code; give FILE\.py"):
+        ours("campaign", str(place / "mission.py"), "--vary", "vary.txt", "--out", str(place / "none"))
 
 
 def test_the_template_mission_completes_as_it_is(place: Path, tmp_path: Path) -> None:
@@ -118,7 +133,7 @@ def test_a_changed_mission_is_refused_and_the_file_named(place: Path, tmp_path: 
     (place / "mission.py").write_text(text.replace("0.02)", "0.03)"))
     words = ("campaign", str(place / "mission.py"), "--vary", str(place / "vary.py"), "--runs", "4", *QUICK)
     try:
-        with pytest.raises(InvalidInput, match=r"another scenario files mission.py"):
+        with pytest.raises(InvalidInput, match=r"not the same: scenario files mission.py"):
             ours(*words, "--out", str(place / "c"))
     finally:
         (place / "mission.py").write_text(text)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from uvms_ocp.meta_values import PhaseMeta
+from uvms_ocp.model.files.library import robot_folder
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.record import Record
 from uvms_ocp.run_meta import RunMeta
@@ -54,7 +55,7 @@ def legend(page: Path) -> list[str]:
 
 
 def test_a_run_and_its_ghost_are_written_as_one_page(run: Path, tmp_path: Path) -> None:
-    page = tmp_path / "out" / "scene.html"
+    page = tmp_path / ("a_path_that_is_wider_than_a_terminal_" * 3) / "scene.html"
     process = show(run, "--ghost", run / "record.npz", "--out", page)
     assert process.returncode == 0, process.stderr
     assert process.stdout.split() == [str(page)]
@@ -65,6 +66,14 @@ def test_a_robot_is_shown_by_its_name(tmp_path: Path) -> None:
     process = show("planar5", "--out", tmp_path / "robot.html")
     assert process.returncode == 0, process.stderr
     assert "planar5" in (tmp_path / "robot.html").read_text(encoding="utf-8")
+
+
+def test_a_robot_is_shown_by_its_folder_and_shows_its_runs(run: Path, tmp_path: Path) -> None:
+    folder = robot_folder("planar5")
+    for k, words in enumerate(((folder,), (run, "--robot", folder))):
+        process = show(*words, "--out", tmp_path / f"{k}.html")
+        assert process.returncode == 0, process.stderr
+        assert "planar5" in (tmp_path / f"{k}.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

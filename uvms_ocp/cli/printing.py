@@ -15,6 +15,8 @@ from rich.table import Table
 from uvms_ocp.exceptions import plain_line
 from uvms_ocp.preflight.findings import PreflightReport, Severity
 
+_TYPED = ("figure", "parameter")  # columns of names that are typed again: never broken
+
 
 def print_json(value: Any) -> None:
     """One JSON value on stdout."""
@@ -29,14 +31,14 @@ def console_of(*, stderr: bool = False) -> Console:
 def print_paths(console: Console, paths: Iterable[Path]) -> None:
     """One path per line, as it is."""
     for path in paths:
-        console.print(str(path), highlight=False)
+        console.print(str(path), highlight=False, soft_wrap=True)
 
 
 def table_of(title: str, rows: Sequence[Mapping[str, Any]], columns: tuple[str, ...]) -> Table:
     """A table of the given columns of all rows."""
     table = Table(title=plain_line(title))
     for column in columns:
-        table.add_column(plain_line(column), overflow="fold")
+        table.add_column(plain_line(column), overflow="fold", no_wrap=column in _TYPED)
     for row in rows:
         table.add_row(*(cell(row[column]) for column in columns))
     return table

@@ -12,15 +12,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from uvms_ocp.cli.options import given
 from uvms_ocp.cli.printing import console_of, print_paths
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.files.library import list_robots
-from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.output import settle
 from uvms_ocp.record import Record
+from uvms_ocp.scenarios.chosen import robot_of
 
 if TYPE_CHECKING:
     from uvms_ocp.viz.scene.page.viewer import ScenePage
@@ -28,13 +27,16 @@ if TYPE_CHECKING:
 
 def show_scene(
     what: Annotated[
-        str, typer.Argument(metavar="WHAT", help="Folder of a run or a plan, its file, or a robot's name.")
+        str,
+        typer.Argument(
+            metavar="WHAT", help="Folder of a run, a plan or a robot, a file of a motion, or a robot's name."
+        ),
     ],
     ghost: Annotated[
         list[Path] | None, typer.Option(metavar="PATH", help="Another run or plan, drawn translucent; several times.")
     ] = None,
     robot: Annotated[
-        str | None, typer.Option(help="Robot of the record, by name or URDF; default: as it says.")
+        str | None, typer.Option(help="Robot of the record, by name, folder or URDF; default: as it says.")
     ] = None,
     hydrodynamics: Annotated[Path | None, typer.Option(metavar="YAML", help="Its file of water and limits.")] = None,
     fps: Annotated[float, typer.Option(metavar="HZ", help="Frames per second.")] = 25.0,
@@ -81,8 +83,8 @@ def _film(console: Console, page: ScenePage, folder: Path, fps: float) -> None:
 def _page(what: str, ghosts: tuple[Path, ...], robot: Robot | None, fps: float) -> ScenePage:
     from uvms_ocp.viz.scene.show import show
 
-    if what in list_robots() and not Path(what).exists():
-        return show(load_robot(what))
+    if (what in list_robots() and not Path(what).exists()) or (Path(what) / "robot.urdf").is_file():
+        return show(robot_of(what))
     others = {_name_of(path): _motion(path) for path in ghosts}
     if len(others) < len(ghosts):
         raise InvalidInput("two ghosts of one name; their folders, or files, need different names")
@@ -95,7 +97,7 @@ def _own_robot(robot: str | None, hydrodynamics: Path | None) -> Robot | None:
         if hydrodynamics is not None:
             raise InvalidInput("--hydrodynamics goes with --robot URDF; give both")
         return None
-    return load_robot(robot) if robot in list_robots() else load_robot(urdf=robot, **given(hydrodynamics=hydrodynamics))
+    return robot_of(robot, hydrodynamics)
 
 
 def _motion(path: Path) -> Record | Plan:
@@ -117,7 +119,7 @@ def _kept(folder: Path, names: tuple[str, ...]) -> Path:
     found = [folder / name for name in names if (folder / name).is_file()]
     if not found:
         raise InvalidInput(
-            f"{folder}: holds no {' or '.join(names)}; give the folder of a run or a plan, or a robot's name"
+            f"{folder}: holds no {' or '.join(names)}; give the folder of a run, a plan or a robot, or a robot's name"
         )
     return found[0]
 

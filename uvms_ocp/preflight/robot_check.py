@@ -22,7 +22,7 @@ FORCE_TOLERANCE = 0.5  # [N] residual of a trimmed robot with its arm stowed
 MOMENT_TOLERANCE = 0.5  # [N m]
 _RANK_TOLERANCE = 1e-6  # relative to the largest singular value
 _TRIANGLE_TOLERANCE = 1e-3  # relative; published inertias are rounded
-_FRAMES = ("base_link", "altimeter", "flange", "tool")
+_FRAMES = ("base_link", "altimeter", "tool")
 _AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 
 

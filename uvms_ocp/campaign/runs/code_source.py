@@ -55,12 +55,17 @@ class CodeSource:
         return replace(bare, root=_common(paths), files=_contents(paths))
 
     def build(self) -> Any:
-        """What the code gives: a `Scenario`, or whatever has the name of `attribute`."""
+        """What the code gives: a `Scenario`, or whatever has the name of `attribute`.
+
+        Raises `InvalidInput` for words that are no code, and what the code raises.
+        """
         here = self.located()
         if self.attribute == "scenario":
             return chosen_scenario(here.words, here.options, SCENARIOS)
         code = own_code(here.words, self.attribute)
-        found = None if code is None else code.load()
+        if code is None:
+            raise InvalidInput(f"{here.words!r} is no Python code; give FILE.py, FILE.py:NAME or PACKAGE.MODULE:NAME")
+        found = code.load()
         return found() if callable(found) else found
 
     def located(self) -> CodeSource:

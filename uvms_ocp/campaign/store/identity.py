@@ -71,7 +71,7 @@ def claim_identity(folder: Path, wanted: Identity) -> None:
         write_durably(folder / FILE, json.dumps(wanted.model_dump(), indent=1) + "\n")
     elif differs := list(_differences("", known.model_dump(), json.loads(wanted.model_dump_json()))):
         advice = "take the folder of a new campaign, or put back what was"
-        raise InvalidInput(f"{folder}: another campaign is there, which has another {differs[0]}; {advice}")
+        raise InvalidInput(f"{folder}: another campaign is there; not the same: {differs[0]}; {advice}")
 
 
 def _differences(place: str, known: Any, wanted: Any) -> Any:

@@ -15,6 +15,7 @@ from uvms_ocp.control.force.dynamic import VelocityGains
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.tasks.hierarchy import Hierarchy
+from uvms_ocp.tasks.joints import JointTracking
 from uvms_ocp.tasks.task import Task
 
 _OFFSETS = ("x", "y", "z")
@@ -24,7 +25,7 @@ def objective_parameters(scenario: Scenario) -> Iterator[Parameter]:
     """What the controller is told, and so knows."""
     for task in scenario.mission.hierarchy.tasks:
         goal = getattr(task, "goal", None)
-        if isinstance(goal, pin.SE3) or _is_point(goal):
+        if isinstance(goal, pin.SE3) or _is_point(task, goal):
             for axis, name in enumerate(_OFFSETS):
                 meaning = f"added to {name} of the goal of {task.name}, in W"
                 apply = partial(_with_goal, task.name, axis)
@@ -46,8 +47,9 @@ def objective_parameters(scenario: Scenario) -> Iterator[Parameter]:
             )
 
 
-def _is_point(goal: Any) -> bool:
-    return isinstance(goal, np.ndarray) and goal.shape == (3,)
+def _is_point(task: Task, goal: Any) -> bool:
+    """In W; the posture of an arm of three joints is none."""
+    return isinstance(goal, np.ndarray) and goal.shape == (3,) and not isinstance(task, JointTracking)
 
 
 def _numbers(task: Task) -> list[str]:

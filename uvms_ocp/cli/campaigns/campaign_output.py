@@ -104,7 +104,7 @@ def print_comparison(found: dict[str, Any], console: Console) -> None:
 def progress_bar(console: Console) -> Iterator[Callable[[int, int, int], None]]:
     """Done, failed, rate and time left, on one line."""
     columns = (
-        TextColumn("{task.completed} of {task.total} runs"),
+        TextColumn("{task.description}"),
         BarColumn(bar_width=24),
         TextColumn("{task.fields[failed]} failed, {task.fields[rate]}"),
         TimeElapsedColumn(),
@@ -112,11 +112,12 @@ def progress_bar(console: Console) -> Iterator[Callable[[int, int, int], None]]:
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=console) as bar:
-        task = bar.add_task("", total=None, failed=0, rate="starting")
+        task = bar.add_task("starting", total=None, failed=0, rate="-")
 
         def tell(done: int, failed: int, total: int) -> None:
             speed = bar.tasks[0].finished_speed or bar.tasks[0].speed
             rate = "-" if not speed else f"{speed:.3g} runs/s" if speed >= 1 else f"{60 * speed:.3g} runs/min"
-            bar.update(task, completed=done, total=total, failed=failed, rate=rate)
+            done_of = f"{done} of {total} runs"
+            bar.update(task, description=done_of, completed=done, total=total, failed=failed, rate=rate)
 
         yield tell

@@ -85,7 +85,7 @@ def robot_of(record: Record) -> Robot:
     """The robot of that name in the library. Raises `InvalidInput` where there is none."""
     name = record.meta.robot
     if name not in list_robots():
-        raise InvalidInput(f"a record of {name} does not hold its robot; give it: show(record, robot)")
+        raise InvalidInput(f"a record of {name} does not hold its robot; give it: --robot DIR, or show(record, robot)")
     return load_robot(name)
 
 
