@@ -19,17 +19,18 @@ from uvms_ocp.campaign import Campaign, campaign_report, read_table
 from uvms_ocp.campaign.findings.verdict import parse_bounds
 
 PROSE = """
-{runs} runs on the {plant} plant at 50 Hz; drawn by a Sobol' sequence of seed {seed}: {parameters}. The controller knows the
+{runs} runs on the {plant} plant, drawn by a Sobol' sequence of seed {seed}: {parameters}. The controller knows the
 nominal robot and sensors.
 
 Counted strictly, with every goal of every phase truly reached: {strict}. A phase ends when the estimate is below its limit, on
-whichever side the truth is. Counted as a mission that is finished with the tool truly within 1 cm: {useful}.
+whichever side the truth is. Counted as a mission that is finished with the tool truly within {useful_mm:.0f} mm: {useful}.
 
 {took}
 
 PAWN above its floor tells that a parameter matters, `rank` is Spearman's correlation.
 """
-_USEFUL = "tool_position_error_m<0.01"
+_USEFUL_ERROR = 0.01  # [m]
+_USEFUL = f"tool_position_error_m<{_USEFUL_ERROR}"
 _TOP = 6
 
 
@@ -99,6 +100,7 @@ def main() -> None:
         parameters="; ".join(f"{name} {text}" for name, text in report["parameters"].items()),
         strict=strict["success_text"],
         useful=report["success_text"],
+        useful_mm=1e3 * _USEFUL_ERROR,
         took=took,
     )
     names = ("figure", "runs", "least", "5 %", "median", "95 %", "largest")

@@ -65,8 +65,8 @@ def test_a_mistyped_name_is_told_by_a_pool_of_processes() -> None:
 
 def test_a_study_in_processes_tells_the_mistake_of_a_case() -> None:
     study = Study(name="a", title="b", cases=("giorna", "nautilus"), run_case=mistyped, summarize=list)
-    with pytest.raises(NameNotFound, match="'giorna'"):
-        study.run(jobs=2)
+    with pytest.raises(InvalidInput, match="2 of 2 cases .*unknown robot 'giorna'"):
+        study.run(workers=2)
 
 
 def test_values_do_not_change_with_what_they_were_made_of() -> None:

@@ -725,6 +725,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "Plan.load": lambda: {"path": plan().save("plan.npz")},
     "replay": lambda: {"plan": plan(), "where": from_pool("Where", "where")},
     "Trajectory": lambda: fields_of(plan().trajectory),
+    "Trajectory.leaving": lambda: {"model": arm().model},
     "Trajectory.state_at": lambda: {"model": arm().model},
     "Trajectory.states_at": lambda: {"model": arm().model, "t": np.array([0.0, 0.5])},
     "Posture": lambda: {"q": arm().configuration()},

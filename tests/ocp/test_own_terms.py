@@ -256,8 +256,6 @@ def test_every_plan_is_a_record_with_figures_and_a_scene(arm: Robot, planner: Pl
         for figure in figures:
             plt.close(figure)
         assert len(show(plan).html) == len(show(record, plan.robot).html), "but for identifiers drawn anew"
-    with pytest.raises(InvalidInput, match=r"give it: show\(record, robot\)"):
-        show(record)
 
 
 def test_a_plan_is_replayed_in_the_plant_within_10_mm(planner: Planner, tmp_path: Path) -> None:

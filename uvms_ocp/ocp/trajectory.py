@@ -50,8 +50,10 @@ class Trajectory:
     def leaving(self, model: pin.Model, k: int) -> np.ndarray:
         """(n_v,) [m/s, rad/s] Velocity at the beginning of step k with which it ends at the next node.
 
-        That of the node with `Integrator.MIDPOINT`; others make something else of it.
+        That of the node with `Integrator.MIDPOINT`; others make something else of it. Raises `InvalidInput` for no step.
         """
+        if not 0 <= k < len(self.a):
+            raise InvalidInput(f"k = {k}; give a step of this trajectory, 0 to {len(self.a) - 1}")
         h = self.t[k + 1] - self.t[k]
         return np.asarray(pin.difference(model, self.q[k], self.q[k + 1]) / h - h / 2 * self.a[k])
 
@@ -61,9 +63,10 @@ class Trajectory:
         """q (n, n_q) and v (n, n_v) at times t (n,) [s], and the steps that hold them (n,); the end is held."""
         steps = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.a) - 1)
         s, v, a = (t - self.t[steps])[:, None], self.v[steps], self.a[steps]
-        leaving = np.array([self.leaving(model, k) for k in steps])
+        leaving = np.array([self.leaving(model, k) for k in steps]).reshape(v.shape)
         moves, q = s * leaving + s * s / 2 * a, self.q[steps]
-        q, v = np.array([pin.integrate(model, *pair) for pair in zip(q, moves, strict=True)]), v + s * a
+        ends = np.array([pin.integrate(model, *pair) for pair in zip(q, moves, strict=True)])
+        q, v = ends.reshape(q.shape), v + s * a
         over = t >= self.t[-1]
         q[over], v[over] = self.q[-1], self.v[-1]
         return q, v, steps
