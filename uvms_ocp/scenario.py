@@ -51,8 +51,8 @@ def our_controller(scenario: Scenario, guide: Guide | None = None) -> KinematicC
     if not scenario.takes_forces:
         return kinematic
     model = known_dynamics(scenario.robot)
-    known = {"gains": scenario.gains, "sensors": scenario.specs}
-    return DynamicController(robot=scenario.robot, dynamics=model, kinematic=kinematic, **known)
+    robot, gains, sensors = scenario.robot, scenario.gains, scenario.specs
+    return DynamicController(robot=robot, dynamics=model, kinematic=kinematic, gains=gains, sensors=sensors)
 
 
 def our_estimator(scenario: Scenario) -> StateEstimator:

@@ -49,9 +49,13 @@ def test_the_ends_of_a_sample_are_finite(ours: Normal | LogNormal) -> None:
     assert np.isfinite([ours.quantile(0.0), ours.quantile(1.0)]).all()
 
 
-def test_an_unknown_parameter_is_refused_with_the_nearest_and_the_list(scenario: Scenario) -> None:
-    with pytest.raises(NameNotFound, match=r"unknown parameter 'water.darg'; known: .*Did you mean 'water.drag'\?"):
+def test_of_many_parameters_an_unknown_one_is_refused_with_the_nearest_first_and_where_all_are_listed(
+    scenario: Scenario,
+) -> None:
+    with pytest.raises(NameNotFound, match=r"unknown parameter 'water.darg'\. Did you mean 'water.drag'\?") as refused:
         require_known([Variation("water.darg", Uniform(0.5, 1.5))], scenario)
+    assert "--parameters` lists them" in str(refused.value)
+    assert len(str(refused.value)) < 300 < len(", ".join(known_parameters(scenario)))
 
 
 def test_a_parameter_has_one_distribution(scenario: Scenario) -> None:
