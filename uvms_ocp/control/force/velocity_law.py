@@ -86,7 +86,7 @@ def dead_times(specs: SensorSpecs) -> DeadTimes:
 
 
 def borne_by(late: DeadTimes, *, vehicle: float, joints: float) -> Borne:
-    """Of loops with these bandwidths [1/s] of vehicle and joints."""
+    """Of loops with the bandwidths vehicle [1/s] and joints [1/s]."""
     return Borne(vehicle=_share(vehicle, late.vehicle), joints=_share(joints, late.joints), joints_late=late.joints)
 
 
