@@ -39,7 +39,7 @@ _MODELS = (
 _PATIENCE, _DIGITS = 15, 1e-5  # iterations of the last level before a gain of this share of its cost is none
 _MENDS, _STIFF = 3, 1e6  # ways back to the rows, and what makes them short [1/unit of z^2]
 _LOUDEST = 1e4  # times the first violation
-_ROUGHLY, _ROUGHEST = 1e-3, 1e-4  # tolerance of a QP, of how far its point is from the optimum, and at most
+_ROUGHLY, _ROUGHEST = 1e-3, 1e-5  # tolerance of a QP, of how far its point is from the optimum, and at most
 _NEARER = 0.5  # times the violation at which curvature was not convex, from where it may be
 _NO_HELP = 1e-6  # share of the violation that a step must take away to count as a help
 

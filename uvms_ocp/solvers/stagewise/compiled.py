@@ -20,7 +20,7 @@ from uvms_ocp.solvers.stagewise.solution import Near, Products, StageQpStatus, k
 from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape, places
 
 _INCLUDES = "#include <math.h>\n#include <stddef.h>\n#include <string.h>\n"
-_SOURCES = ("blocks.c", "riccati.c", "interior_point.c", "iteration.c")
+_SOURCES = ("blocks.c", "riccati.c", "interior_point.c", "iteration.c", "near.c")
 # At -O3 the blocks leave the registers again.
 _FLAGS = ("-O2", "-ftree-vectorize", "-std=c99")
 _STATUSES = tuple(StageQpStatus)
@@ -91,8 +91,8 @@ class _Problem(ctypes.Structure):
         *_pointers(*_TABLE, *_BOUNDS, *_HELD, *_WORK, *_DIRECTION, "bounded"),
         ("now", _Residuals),
         ("other", _Residuals),
-        *_numbers("curvature", "tolerance", "warm_mu", "slow"),
-        *_integers("n_bounded", "max_iterations", "iterations", "corrections", "status", "start"),
+        *_numbers("curvature", "tolerance", "warm_mu", "slow", "share"),
+        *_integers("n_bounded", "max_iterations", "iterations", "corrections", "status", "start", "is_elastic"),
     )
 
 
