@@ -65,8 +65,10 @@ class NumpyCore:
 
     def _finished(self, qp: StageQp, table: RowTable, end: End, options: StageQpOptions) -> End:
         """What an interior point comes close to, to all digits: with the sides that it approaches as equalities."""
-        if table.elastic.any() or end.approached is None or end.status is not StageQpStatus.SOLVED:
+        rough = options.tolerance > STAGE_TOLERANCES.finished or end.approached is None
+        if rough or table.elastic.any() or end.status is not StageQpStatus.SOLVED:
             return end
+        assert end.approached is not None
         start = replace(end.point, y=end.point.row_multipliers())
         found = self._active(qp, table, start, end.approached, options)
         return end if found is None else replace(found, iterations=end.iterations + found.iterations)

@@ -132,5 +132,5 @@ void solve_whole(Problem *q, int near) {
   q->iterations = q->corrections = 0;
   for (int v = 0; v < q->n; ++v)
     if (q->stages.fixed[v] != 0.0) Z(q->point)[v] = q->z_lower[v];
-  if (run(q) && hard && q->status == SOLVED && q->share > 0.0) finish(q);
+  if (run(q) && hard && q->tolerance <= FINISHED && q->status == SOLVED && q->share > 0.0) finish(q);
 }

@@ -76,6 +76,8 @@ class StageTolerances:
     """[-] of a solution without inequalities."""
     exact: float = 1e-5
     """[-] of the tolerance, down to which those corrections go on while they help."""
+    finished: float = 1e-5
+    """[-] tolerance above which what an interior point comes close to is not looked for: it keeps off the bounds."""
     sharp: float = 1e-2
     """[-] of the tolerance, by which a side must be missed to be held."""
     far: float = 0.5
