@@ -20,7 +20,7 @@ from uvms_ocp.solvers.stagewise.solution import Near, Products, StageQpStatus, k
 from uvms_ocp.solvers.stagewise.stage_qp import StageQp, StageShape, places
 
 _INCLUDES = "#include <math.h>\n#include <stddef.h>\n#include <string.h>\n"
-_SOURCES = ("blocks.c", "riccati.c", "interior_point.c", "iteration.c", "near.c")
+_SOURCES = ("blocks.c", "riccati.c", "interior_point.c", "iteration.c")
 # At -O3 the blocks leave the registers again.
 _FLAGS = ("-O2", "-ftree-vectorize", "-std=c99")
 _STATUSES = tuple(StageQpStatus)
