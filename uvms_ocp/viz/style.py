@@ -187,8 +187,9 @@ def heading_legend(figure: Figure, handles: Sequence[Line2D]) -> None:
 
 
 def legend_beside(axis: Axes) -> None:
-    """One entry below the other to the right of the panel, where it covers nothing."""
-    n = len(axis.get_legend_handles_labels()[0])
+    """One entry below the other to the right of the panel, where it covers nothing; none where nothing is named."""
+    if not (n := len(axis.get_legend_handles_labels()[0])):
+        return
     axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), ncols=1 + (n - 1) // _TALLEST, fontsize=6.5)
 
 
