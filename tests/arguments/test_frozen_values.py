@@ -65,7 +65,7 @@ def test_a_mistyped_name_is_told_by_a_pool_of_processes() -> None:
 
 def test_a_study_in_processes_tells_the_mistake_of_a_case() -> None:
     study = Study(name="a", title="b", cases=("giorna", "nautilus"), run_case=mistyped, summarize=list)
-    with pytest.raises(InvalidInput, match="2 of 2 cases .*unknown robot 'giorna'"):
+    with pytest.raises(InvalidInput, match=r"2 of 2 cases .*unknown robot 'giorna'"):
         study.run(workers=2)
 
 

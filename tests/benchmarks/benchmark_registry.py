@@ -9,7 +9,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 SCRIPTS = ROOT / "benchmarks"
-TOOLS = ("peer_environments", "same_numbers")
+TOOLS = ("__main__", "peer_environments", "same_numbers")
 """Scripts beside the benchmarks, which record nothing."""
 
 
