@@ -119,10 +119,10 @@ def written_into(text: str) -> str:
     return _TABLE.sub(lambda found: table(), text)
 
 
-def run(names: list[str], peers: Path | None, rest: list[str]) -> int:
+def run(names: list[str], options: list[str]) -> int:
     """The exit code of the first benchmark that fails, or 0."""
     for name in SCRIPTS if names == ["all"] else names:
-        words = [sys.executable, str(ROOT / f"{name}.py"), *(["--peers", str(peers)] if peers else []), *rest]
+        words = [sys.executable, str(ROOT / f"{name}.py"), *options]
         sys.stderr.write(f"{' '.join(words[1:])}\n")
         if code := subprocess.run(words, check=False).returncode:
             return code
@@ -137,10 +137,13 @@ def main() -> int:
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"all, or of {', '.join(SCRIPTS)}")
     parser.add_argument("--peers", type=Path, metavar="FOLDER", help="of the peers' environments")
     parser.add_argument("--into", type=Path, metavar="FILE", help="whose table is to be replaced")
-    given, rest = parser.parse_known_args()
+    parser.add_argument("--out", type=Path, metavar="PATH", help="folder of the files, instead of benchmarks/results")
+    parser.add_argument("--quick", action="store_true", help="little work, to see that it runs; needs --out")
+    given = parser.parse_args()
     if unknown := set(given.names) - {"all", *SCRIPTS}:
         parser.error(f"unknown: {', '.join(sorted(unknown))}; give all, or of {', '.join(SCRIPTS)}")
-    if given.names and (code := run(given.names, given.peers, rest)):
+    options = [word for name in ("peers", "out") if (path := getattr(given, name)) for word in (f"--{name}", str(path))]
+    if given.names and (code := run(given.names, [*options, *(["--quick"] if given.quick else [])])):
         return code
     if given.into:
         given.into.write_text(written_into(given.into.read_text(encoding="utf-8")), encoding="utf-8")
