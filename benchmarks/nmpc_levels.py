@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from horizon.conflict_runs import LEVELS, ConflictRuns, conflict_rows
+from horizon.conflict_runs import GAINS, LEVELS, ConflictRuns, conflict_rows
 from horizon.receding_conflicts import LEEWAY, MARGIN, SETTLING, SPEED, WAY
 from horizon.worst_of_seeds import worst_of_seeds
 from recording.processes import hide_compiler
@@ -24,7 +24,8 @@ tool*: the goal goes {way:g} m out and back at {speed:g} m/s, and the vehicle go
 {held:g} mm, the tool within {back:g} mm from {settling:g} s after the goal's return. The same with an arm that is stretched at
 first towards a goal out of reach. *clearance above tool*: a ball comes to where the tool is to be and leaves again; wanted: a gap
 of {margin:g} mm, for which plans keep {leeway:g} mm more at their nodes, and the tool as before. `unfit` are plans that broke
-constraints, so that the last one went on.
+constraints, so that the last one went on. Everywhere thrusters are driven {lead:g} times faster than their lag, and the vehicle
+follows its plans with {damping:g} /s.
 
 Weights rank the same terms in one level, those of a level so many times as heavy as those of the next.
 
@@ -53,6 +54,8 @@ def prose(runs: ConflictRuns, table: Sequence[Row]) -> str:
         settling=SETTLING,
         margin=1e3 * MARGIN,
         leeway=1e3 * LEEWAY,
+        lead=GAINS.lead,
+        damping=GAINS.vehicle_damping,
         kept=sum(kept(row) for row in own),
         all=len(own),
         unfit=sum(row["unfit"] for row in own),

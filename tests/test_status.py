@@ -7,6 +7,7 @@ import pickle
 import pytest
 
 from uvms_ocp.control.receding.workers import WorkerStatus
+from uvms_ocp.identification.methods.output_error import FitStatus
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.planning.soft_collision import PlanStatus
 from uvms_ocp.solvers.hierarchy.solution import Status
@@ -15,7 +16,9 @@ from uvms_ocp.solvers.stagewise import StageQpStatus
 from uvms_ocp.status import AdvisedStatus
 
 MEMBERS = [
-    status for kind in (Status, NlpStatus, OcpStatus, PlanStatus, StageQpStatus, WorkerStatus) for status in kind
+    status
+    for kind in (FitStatus, Status, NlpStatus, OcpStatus, PlanStatus, StageQpStatus, WorkerStatus)
+    for status in kind
 ]
 
 

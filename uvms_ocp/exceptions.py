@@ -10,6 +10,9 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+_MANY = 30  # names that a message lists
+_NEAREST = 6  # of more
+
 
 class UvmsError(Exception):
     """Base of every exception that uvms_ocp raises on purpose. It can be pickled, whatever its constructor takes."""
@@ -34,14 +37,20 @@ class InvalidInput(UvmsError, ValueError):
 
 
 class NameNotFound(UvmsError, LookupError):
-    """A name that does not exist; the message lists the names that do."""
+    """A name that does not exist; the message lists the names that do, or of many the nearest and where all are listed."""
 
-    def __init__(self, kind: str, given: str, allowed: Iterable[str]) -> None:
+    def __init__(self, kind: str, given: str, allowed: Iterable[str], listed: str = "") -> None:
+        """listed: what tells all names, such as a command."""
         self.kind, self.given, self.allowed = kind, given, tuple(allowed)
         close = get_close_matches(str(given), self.allowed, n=1)
         hint = f" Did you mean {close[0]!r}?" if close else ""
-        names = ", ".join(self.allowed) or "none"
-        super().__init__(f"unknown {kind} {given!r}; known: {names}.{hint}")
+        if len(self.allowed) <= _MANY:
+            names = ", ".join(self.allowed) or "none"
+            super().__init__(f"unknown {kind} {given!r}; known: {names}.{hint}")
+            return
+        near = ", ".join(get_close_matches(str(given), self.allowed, n=_NEAREST, cutoff=0.0))
+        where = f"; {listed} lists them" if listed else ""
+        super().__init__(f"unknown {kind} {given!r}.{hint} The nearest of {len(self.allowed)}: {near}{where}.")
 
 
 class FrameNotFound(NameNotFound):

@@ -51,7 +51,8 @@ def our_controller(scenario: Scenario, guide: Guide | None = None) -> KinematicC
     if not scenario.takes_forces:
         return kinematic
     model = known_dynamics(scenario.robot)
-    return DynamicController(robot=scenario.robot, dynamics=model, kinematic=kinematic, gains=scenario.gains)
+    robot, gains, sensors = scenario.robot, scenario.gains, scenario.specs
+    return DynamicController(robot=robot, dynamics=model, kinematic=kinematic, gains=gains, sensors=sensors)
 
 
 def our_estimator(scenario: Scenario) -> StateEstimator:
@@ -96,7 +97,7 @@ class Scenario:
     any other is watched by the mission, see `WatchedController`.
     """
     gains: VelocityGains = field(default_factory=VelocityGains)
-    """Of the dynamic layer; the kinematic plant has none."""
+    """Of the dynamic layer, which are less where sensors are known to be late; the kinematic plant has none."""
     plant_robot: Robot | None = None
     """What moves in the water, where it differs from what the controller knows."""
     seed: Count = 0

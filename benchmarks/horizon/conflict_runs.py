@@ -12,6 +12,7 @@ from recording.report import Row
 
 from horizon.following import CURRENT, DT, GUSTS, PERIOD, STRICT, deadlines, tool_position
 from horizon.receding_conflicts import CONFLICTS, SETTLING, RecedingConflict
+from uvms_ocp.control.force.computed_torque import TrackingGains
 from uvms_ocp.control.receding.nmpc import Nmpc
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.loading import load_robot
@@ -22,6 +23,8 @@ from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
 
 LEVELS = "levels"
+GAINS = TrackingGains(vehicle_stiffness=4.0, vehicle_damping=4.0, lead=8.0)
+"""A vehicle that is to stay within millimetres in gusts needs thrusters faster than by default, whose lag plans do not know."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -47,7 +50,7 @@ def conflict_rows(runs: ConflictRuns) -> Iterator[Row]:
         problems = {LEVELS: conflict.problem} | {f"weights, {w:g}": conflict.as_sum(w) for w in runs.weights}
         for seed in runs.seeds:
             for name, problem in problems.items():
-                nmpc = Nmpc(problem, dt=DT, period=PERIOD, clock=process_time, options=STRICT)
+                nmpc = Nmpc(problem, dt=DT, period=PERIOD, clock=process_time, options=STRICT, gains=GAINS)
                 found = conflict_run(conflict, nmpc, seed, min(runs.seconds, conflict.seconds))
                 yield {"conflict": conflict.name, "priorities": name, "seed": seed, **found, **deadlines(nmpc)}
 

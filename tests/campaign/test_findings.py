@@ -51,7 +51,7 @@ def test_causes_that_differ_in_numbers_are_one() -> None:
     )
     found = cause_table(runs)
     assert [(row["cause"], row["number"], row["run"]) for row in found] == [
-        ("stall at # s", 2, 0),
+        ("stall at 3.2 s", 2, 0),
         ("joint2 jammed", 1, 2),
     ]
     assert sum(row["number"] for row in outcome_table(runs)) == 4

@@ -93,11 +93,11 @@ def _killed(
 def test_an_interrupt_of_the_whole_terminal_ends_the_command_cleanly_and_says_how_to_go_on(tmp_path: Path) -> None:
     (tmp_path / "mission.py").write_text(MISSION)
     (tmp_path / "variations.py").write_text(VARIATIONS)
-    process = client(tmp_path, "--workers", "1", start_new_session=True)
+    process = client(tmp_path, "--workers", "1", "--runs", "3000", start_new_session=True)  # far from its end
     while process.poll() is None and not finished(tmp_path / "killed"):
         time.sleep(0.2)
     os.killpg(process.pid, signal.SIGINT)
-    told, _ = process.communicate(timeout=60)
+    told, _ = process.communicate(timeout=300)
     assert process.returncode == 130, told
     assert "the same command goes on" in told.replace("\n", " ")
     assert "Traceback" not in told

@@ -49,9 +49,13 @@ def test_the_ends_of_a_sample_are_finite(ours: Normal | LogNormal) -> None:
     assert np.isfinite([ours.quantile(0.0), ours.quantile(1.0)]).all()
 
 
-def test_an_unknown_parameter_is_refused_with_the_nearest_and_the_list(scenario: Scenario) -> None:
-    with pytest.raises(NameNotFound, match=r"unknown parameter 'water.darg'; known: .*Did you mean 'water.drag'\?"):
+def test_of_many_parameters_an_unknown_one_is_refused_with_the_nearest_first_and_where_all_are_listed(
+    scenario: Scenario,
+) -> None:
+    with pytest.raises(NameNotFound, match=r"unknown parameter 'water.darg'\. Did you mean 'water.drag'\?") as refused:
         require_known([Variation("water.darg", Uniform(0.5, 1.5))], scenario)
+    assert "--parameters` lists them" in str(refused.value)
+    assert len(str(refused.value)) < 300 < len(", ".join(known_parameters(scenario)))
 
 
 def test_a_parameter_has_one_distribution(scenario: Scenario) -> None:
@@ -122,12 +126,29 @@ def test_speed_and_heading_make_a_current_whatever_their_order(scenario: Scenari
 
 
 def test_sensors_change_in_truth_and_not_for_the_estimator(scenario: Scenario) -> None:
-    values = {"sensors.noise": 3.0, "sensors.delay": 0.05, "sensors.depth.sigma": 0.2}
+    values = {"sensors.noise": 3.0, "sensors.untold_delay": 0.05, "sensors.depth.sigma": 0.2}
     run = varied(scenario, [Variation(name, Uniform(0, 9)) for name in values], values, 0)
     assert run.sensors == scenario.sensors
     assert run.real_sensors.position.sigma == 3.0 * scenario.sensors.position.sigma
     assert run.real_sensors.position.delay == scenario.sensors.position.delay + 0.05
     assert run.real_sensors.depth.sigma == 0.2
+
+
+def test_a_delay_is_told_to_the_estimator_and_what_nobody_knows_of_it_comes_on_top(scenario: Scenario) -> None:
+    values = {"sensors.delay": 0.05, "sensors.depth.delay": 0.2, "sensors.depth.untold_delay": 0.03}
+    run = varied(scenario, [Variation(name, Uniform(0, 9)) for name in values], values, 0)
+    assert run.specs.position.delay == run.real_sensors.position.delay == scenario.specs.position.delay + 0.05
+    assert run.specs.depth.delay == 0.2
+    assert run.real_sensors.depth.delay == pytest.approx(0.23)
+    told = {"sensors.delay": 0.05}
+    assert varied(scenario, [Variation("sensors.delay", Uniform(0, 1))], told, 0).real_sensors is None
+
+
+@pytest.mark.parametrize("delay", [0.05, 0.15])
+def test_a_mission_bears_a_delay_of_all_sensors_that_is_told(scenario: Scenario, delay: float) -> None:
+    record = varied(scenario, [Variation("sensors.delay", Uniform(0, 1))], {"sensors.delay": delay}, 0).run()
+    assert record.meta.completed
+    assert not [alarm.text for alarm in record.meta.alarms if "suspect" in alarm.text]
 
 
 def test_an_offset_of_zero_and_a_factor_of_one_change_nothing_that_is_measured(scenario: Scenario) -> None:

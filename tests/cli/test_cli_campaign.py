@@ -100,6 +100,16 @@ def test_the_page_needs_no_network(place: Path) -> None:
     assert "uvms-ocp campaign" in page
 
 
+def test_a_report_says_why_it_is_silent_worst_by_what_and_whose_numbers_a_cause_has(place: Path) -> None:
+    told = " ".join(ours("campaign", str(place / "c"), "--report").split())
+    page = (place / "c" / "report.html").read_text(encoding="utf-8")
+    for text in (told, page):
+        assert "fewer than 30 runs" in text
+        assert "failures before successes" in text
+    assert "the numbers are those of the run that is named" in page
+    assert "Nothing to tell" not in page
+
+
 def test_a_report_counts_success_by_bounds_of_ones_own(place: Path) -> None:
     told = json.loads(_json("campaign", str(place / "c"), "--report", "--success", "duration_s<100", "--json"))
     assert told["criterion"] == ["duration_s < 100"]

@@ -14,6 +14,7 @@ from uvms_ocp.control.velocity.climb import ClimbMemory, aim, climb_goal, climb_
 from uvms_ocp.control.velocity.distress import Distress, Strain
 from uvms_ocp.functions.kernels.layout import doubles, structure_of
 from uvms_ocp.mission.abort import Abort
+from uvms_ocp.model.health import ChannelHealth, Trust
 from uvms_ocp.model.state import Command, Measurement, Readings
 from uvms_ocp.record import Record
 from uvms_ocp.report.cause import cause_of_end
@@ -35,10 +36,18 @@ def with_abort(scenario: Scenario, **changes: float) -> Scenario:
     return replace(scenario, mission=mission)
 
 
-def reasons(scenario: Scenario, strain: Strain, seconds: float, *, error: float = 1.0, rate: float = 0.0) -> list[str]:
+def reasons(
+    scenario: Scenario,
+    strain: Strain,
+    seconds: float,
+    *,
+    error: float = 1.0,
+    rate: float = 0.0,
+    health: tuple[ChannelHealth, ...] = (),
+) -> list[str]:
     """At every tick of phase A, where every quantity is `error`, which falls with `rate` [1/s]."""
     control, distress = scenario.kinematic_controller(), Distress(scenario.mission)
-    measured = Measurement(q=scenario.start, v=np.zeros(scenario.robot.n_v), altimeter_range=3.0)
+    measured = Measurement(q=scenario.start, v=np.zeros(scenario.robot.n_v), altimeter_range=3.0, health=health)
     found = []
     for k in range(round(seconds / DT)):
         now = dict.fromkeys(control.problem.quantity_names, error * np.exp(-rate * k * DT))
@@ -62,6 +71,14 @@ def test_each_reason_needs_its_time_and_says_what_it_was(still: Scenario) -> Non
     stalled = reasons(given, Strain(), 2.2)
     assert first(stalled) == pytest.approx(2.0, abs=3 * DT)
     assert stalled[-1] == "stall: PC.position_error = 1 not < 0.1, no nearer for 2 s"
+
+
+def test_a_stall_says_once_for_all_sensors_why_they_hold_it_back(still: Scenario) -> None:
+    given, why = with_abort(still, stall_after=1.0), "0.05 s later than its delay is said to be, allowed 0.025 s"
+    late = [ChannelHealth(channel=name, trust=Trust.SUSPECT, why=why) for name in ("position", "depth")]
+    stalled = reasons(given, Strain(), 1.2, health=tuple(late))[-1]
+    assert stalled.startswith("stall: PC.position_error = 1 not < 0.1, no nearer for 1 s; ")
+    assert f"end no phase: {why} (depth, position); see to them" in stalled
 
 
 @pytest.mark.parametrize(("error", "rate"), [(1.0, 0.05), (0.05, 0.0)])

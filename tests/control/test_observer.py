@@ -27,6 +27,16 @@ class Mass:
         return tau / self.masses
 
 
+class Scaled(Mass):
+    """The same with masses that are q (1,) times as large."""
+
+    def mass_matrix(self, q: ca.SX) -> ca.SX:
+        return q * super().mass_matrix(q)
+
+    def forward_dynamics(self, q: ca.SX, v: ca.SX, tau: ca.SX, u: ca.SX, Du_Dt: ca.SX) -> ca.SX:
+        return super().forward_dynamics(q, v, tau / q, u, Du_Dt)
+
+
 def observer_of(masses: np.ndarray, w: np.ndarray, limit: float = 1e3) -> DisturbanceObserver:
     return DisturbanceObserver(ObserverLaw(bandwidth=w, limit=np.full(2, limit), dt=DT), Mass(masses), 0)
 
@@ -42,6 +52,19 @@ def test_a_step_of_the_disturbance_is_found_as_fast_as_the_bandwidth_says(bandwi
             elapsed = w * k * DT
             np.testing.assert_allclose(estimate / push, 1 - (1 + elapsed) * np.exp(-elapsed), atol=2e-3)
         v = v + DT * push / masses
+
+
+def test_what_a_disturbance_does_to_an_axis_is_kept_where_that_loses_its_inertia() -> None:
+    masses, push, v = np.array([2.0, 180.0]), np.array([7.0, -40.0]), np.zeros(2)
+    observer = DisturbanceObserver(
+        ObserverLaw(bandwidth=np.full(2, 10.0), limit=np.full(2, 1e3), dt=DT), Scaled(masses), 1
+    )
+    for _ in range(20_000):
+        found = observer.update(np.ones(1), v, np.zeros(2))
+        v = v + DT * push / masses
+    after = observer.update(np.full(1, 0.01), v, np.zeros(2))
+    np.testing.assert_allclose(found, push, rtol=1e-3)
+    np.testing.assert_allclose(after, 0.01 * push, rtol=1e-3)
 
 
 def test_a_disturbance_is_never_more_than_its_limit() -> None:

@@ -29,6 +29,28 @@ def test_an_age_that_is_no_number_counts_as_lost() -> None:
     assert Watchdog().judge(math.nan, 0.0) is Freshness.LOST
 
 
+def test_first_readings_that_are_under_way_are_no_alarm_unless_they_never_come() -> None:
+    watchdog = Watchdog(hold_after=0.5, stop_after=2.0)
+    assert [watchdog.judge(math.inf, t) for t in (5.0, 5.1)] == [Freshness.LOST, Freshness.LOST]
+    assert watchdog.judge(0.1, 5.2) is Freshness.FRESH
+    assert watchdog.alarms == []
+    watchdog.judge(math.inf, 5.3, "position")
+    assert watchdog.alarms == [(5.3, "no position: stopped")]
+    silent = Watchdog(hold_after=0.5, stop_after=2.0)
+    for t in (0.0, 1.9, 2.1, 2.2):
+        silent.judge(math.inf, t, "position")
+    assert silent.alarms == [(2.1, "no position: stopped")]
+
+
+def test_a_noisy_run_whose_first_fix_is_late_begins_without_an_alarm() -> None:
+    scenario = case1(duration=0.5, noise=True)
+    late = dataclasses.replace(scenario.specs.position, delay=0.1)
+    record = dataclasses.replace(scenario, sensors=dataclasses.replace(scenario.specs, position=late)).run()
+    assert record["freshness"][0] == Freshness.LOST
+    assert record["freshness"][-1] == Freshness.FRESH
+    assert record.meta.alarms == ()
+
+
 def test_impossible_times_are_refused() -> None:
     with pytest.raises(InvalidInput, match="give 0 < hold_after < stop_after"):
         Watchdog(hold_after=2.0, stop_after=1.0)

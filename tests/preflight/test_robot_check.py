@@ -48,8 +48,21 @@ def test_meshes_of_other_packages_are_resolved() -> None:
     report = check_robot_files(urdf, base="fixed", mimic="free")
     assert report.usable
     assert finding(report, "shapes").text == "11 visual shapes, 11 of them meshes, all found"
-    assert finding(report, "limits").text == "unlimited: 9 of 9 acceleration"
+    assert finding(report, "limits").text.startswith("unlimited: 9 of 9 acceleration; give vehicle_limits")
     assert "without base_link, altimeter, tool" in finding(report, "frames").text
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "begins"),
+    [
+        ((Verdict.GOOD,), "usable; next: `uvms-ocp new-mission"),
+        ((Verdict.GOOD, Verdict.WARNING), "usable, with 1 to look at"),
+        ((Verdict.WARNING, Verdict.ERROR), r"not usable: mend what is called error (1)"),
+    ],
+)
+def test_a_report_says_what_to_do_next(verdicts: tuple[Verdict, ...], begins: str) -> None:
+    found = tuple(Finding(subject="a", verdict=verdict, text="b") for verdict in verdicts)
+    assert RobotReport(name="mine", findings=found).advice.startswith(begins)
 
 
 def test_a_file_that_cannot_be_loaded_is_the_one_error(tmp_path: Path) -> None:
@@ -92,7 +105,7 @@ def test_a_massless_tip_makes_the_mass_matrix_singular(tmp_path: Path) -> None:
     )
     report = check_robot_files(write(tmp_path, f"<link name='base_link'>{MASS.format(1)}</link>{joint}"))
     assert not report.usable
-    assert finding(report, "inertias").text == "no mass behind joint j"
+    assert finding(report, "inertias").text == "no mass behind joint j; give links there an <inertial>"
     assert finding(report, "mass matrix").verdict is Verdict.ERROR
 
 

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from uvms_ocp.solvers.nlp.acceptance import Merit, acceptance
-from uvms_ocp.solvers.nlp.level_turns import TimeBudget
+from uvms_ocp.solvers.nlp.level_turns import LevelTurns, Point, TimeBudget
 from uvms_ocp.solvers.nlp.program import LevelRows
 from uvms_ocp.solvers.nlp.proximal import ProximalWeights
+from uvms_ocp.solvers.nlp.row_bounds import RowBounds
+from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
 
 
 def level(relax: float | None = None) -> LevelRows:
@@ -17,6 +19,41 @@ def level(relax: float | None = None) -> LevelRows:
 
 def merit(violation: float, *residuals: float) -> Merit:
     return Merit(violation=violation, residuals=np.array(residuals))
+
+
+class Stuck:
+    """A model whose steps lead nowhere, and which remembers whose they were."""
+
+    slack = 0.0
+
+    def __init__(self, point: Point) -> None:
+        self.point, self.stepped = point, list[int]()
+
+    def begin(self, x: np.ndarray, p: np.ndarray, bounds: RowBounds) -> Point:
+        return self.point
+
+    def step(self, level: int, point: Point, bounds: RowBounds, damping: float) -> None:
+        self.stepped.append(level)
+
+    def moved(self, share: float) -> Point:
+        return self.point
+
+    def variables(self, point: Point) -> np.ndarray:
+        return point.x
+
+
+@pytest.mark.parametrize(("lacking", "turns"), [((1.0, 0.1, 2.0), [0, 2]), ((0.0, 0.11, 0.0), [0, 1])])
+def test_below_the_first_only_levels_that_lack_more_than_they_may_lose_have_their_turn(
+    lacking: tuple[float, ...], turns: list[int]
+) -> None:
+    model = Stuck(Point(x=np.zeros(1), rows=(np.zeros(1),) * 3, merit=merit(0.0, *lacking)))
+    bounds = RowBounds(lower=np.zeros(3), upper=np.zeros(3), x_lower=np.zeros(1), x_upper=np.zeros(1))
+    point, failure = LevelTurns(model, SqpOptions(tolerance=0.1), 3).step(
+        model.point, (level(),) * 3, bounds, TimeBudget(np.inf, lambda: 0.0)
+    )
+    assert failure is None
+    assert model.stepped == turns
+    assert point.reached == lacking
 
 
 @pytest.mark.parametrize(

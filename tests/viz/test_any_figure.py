@@ -10,7 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 from synthetic_record import QUANTITIES, synthetic_record
 
-from uvms_ocp.exceptions import NameNotFound
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.obstacle_data import ObstacleData
 from uvms_ocp.record import Record
@@ -30,6 +30,17 @@ def test_any_quantity_series_or_column_has_a_panel_with_its_unit(record: Record)
     np.testing.assert_array_equal(lines[0][0].get_ydata(), record["T.position_error"])
     np.testing.assert_array_equal(lines[2][0].get_ydata(), record["q"][:, 2])
     assert len(figure.axes[1].get_legend().get_texts()) == record["thrust"].shape[1]
+
+
+def test_several_names_at_once_are_as_good_as_one_after_the_other(record: Record) -> None:
+    assert _labels(plot(record, ("q", "v"))) == _labels(plot(record, "q", "v"))
+    assert _labels(plot(record, ["q.z"], "thrust")) == ["q.z [m]", "thrust [N]"]
+
+
+@pytest.mark.parametrize("wrong", [3, ("q", 2), (), np.zeros(2)])
+def test_what_is_no_name_is_refused_in_one_line(record: Record, wrong: object) -> None:
+    with pytest.raises(InvalidInput, match="give names such as 'q'"):
+        plot(record, wrong)
 
 
 def test_an_unknown_name_is_answered_with_the_nearest(record: Record) -> None:

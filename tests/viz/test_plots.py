@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from synthetic_record import QUANTITIES, synthetic_record, without
 
 from uvms_ocp.exceptions import InvalidInput, OutputError
-from uvms_ocp.meta_values import FaultMeta
+from uvms_ocp.meta_values import FaultMeta, ThresholdMeta
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.record import Record
@@ -192,6 +192,26 @@ def test_a_joint_of_several_axes_has_its_torques_by_number(record: Record) -> No
     figure = figure_efforts(replace(record, meta=record.meta.model_copy(update={"joints": joints})))
     assert figure is not None
     assert [text.get_text() for text in figure.axes[1].get_legend().get_texts()] == list("1234567")
+
+
+def test_every_thruster_has_a_line_of_its_own_in_the_legend(record: Record) -> None:
+    figure = figure_efforts(record)
+    assert figure is not None
+    lines, n = figure.axes[0].get_lines(), record["thrust"].shape[1]
+    named = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    assert named == [f"thruster{i + 1}" for i in range(n)]
+    assert len({(line.get_color(), line.get_linestyle()) for line in lines[:n]}) == n
+
+
+def test_a_line_at_a_threshold_says_which_phase_waits_for_it_and_which_is_the_abort(record: Record) -> None:
+    limits = {"A": 0.1, "climb": 0.3}
+    waits = tuple(ThresholdMeta(quantity="PC.position_error", limit=x, sign="<", phase=p) for p, x in limits.items())
+    phases = (*record.meta.phases, record.meta.phases[0].model_copy(update={"name": "climb"}))
+    changed = {"thresholds": waits, "abort_phase": "climb", "phases": phases}
+    figure = figure_errors(replace(record, meta=record.meta.model_copy(update=changed)))
+    assert figure is not None
+    told = [text.get_text() for text in figure.axes[0].texts]
+    assert {"threshold 0.1, phase A", "threshold 0.3, abort"} <= set(told)
 
 
 def test_a_folder_that_is_a_file_is_an_output_error(record: Record, tmp_path: Path) -> None:

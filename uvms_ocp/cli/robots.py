@@ -61,4 +61,6 @@ def _print_robot(report: RobotReport) -> None:
     table = Table("", "what", "finding", box=None, title=plain_line(report.name), title_justify="left")
     for finding in report.findings:
         table.add_row(finding.verdict.value, cell(finding.subject), cell(finding.text))
-    console_of().print(table)
+    console = console_of()
+    console.print(table)
+    console.print(plain_line(report.advice), highlight=False)

@@ -63,13 +63,19 @@ def show_scene(
     if frames is not None:
         _film(console, page, frames, fps)
         return
+    _serve(console, page, port, what, browser)
+
+
+def _serve(console: Console, page: ScenePage, port: int, what: str, browser: bool) -> None:
+    """Until Ctrl-C."""
     from uvms_ocp.viz.scene.page.loopback import served
 
-    with served(page, port) as address:
+    with suppress(KeyboardInterrupt), served(page, port) as address:
         console.print(f"{address} shows {what}; Ctrl-C stops", highlight=False)
         if browser:
             webbrowser.open(address)
-        _wait()
+        while True:
+            time.sleep(3600)
 
 
 def _film(console: Console, page: ScenePage, folder: Path, fps: float) -> None:
@@ -127,10 +133,3 @@ def _kept(folder: Path, names: tuple[str, ...]) -> Path:
 def _name_of(path: Path) -> str:
     """What tells a run from others: the name of its folder."""
     return (path if path.is_dir() else path.parent if path.stem in ("record", "plan") else path).resolve().name
-
-
-def _wait() -> None:
-    """Until Ctrl-C."""
-    with suppress(KeyboardInterrupt):
-        while True:
-            time.sleep(3600)

@@ -142,9 +142,11 @@ def measured(quantity: str, quantities: Mapping[str, float]) -> float:
 
 
 def _described(condition: Condition, quantities: Mapping[str, float]) -> str:
-    sign = condition.sign if condition.holds(quantities) else f"not {condition.sign}"
     value = quantities[condition.quantity]
-    return f"{condition.quantity} = {'-' if math.isnan(value) else f'{value:.4g}'} {sign} {condition.limit:g}"
+    if math.isnan(value):
+        return f"{condition.quantity} is not known, asked {condition.sign} {condition.limit:g}"
+    sign = condition.sign if condition.holds(quantities) else f"not {condition.sign}"
+    return f"{condition.quantity} = {value:.4g} {sign} {condition.limit:g}"
 
 
 def _check_threshold(quantity: str, limit: float) -> None:

@@ -59,7 +59,8 @@ class SensorsMaker(Protocol):
     """Of ``Scenario(sensors=...)``, where it is no `SensorSpecs`.
 
     It may have `suffers`, a tuple of channels: the faults that its sensors have of themselves when `scenario.known_faults` lists
-    them; others are refused. Campaigns vary `scenario.real_sensors`, what they are truly like where that is not as `specs` say.
+    them; others are refused. Campaigns vary `scenario.real_sensors`, what they are truly like where that is not as `specs` say;
+    delays that are told are those of the toolkit's sensors alone.
     """
 
     @property

@@ -22,6 +22,7 @@ FORCE_TOLERANCE = 0.5  # [N] residual of a trimmed robot with its arm stowed
 MOMENT_TOLERANCE = 0.5  # [N m]
 _RANK_TOLERANCE = 1e-6  # relative to the largest singular value
 _TRIANGLE_TOLERANCE = 1e-3  # relative; published inertias are rounded
+_LIMITING = "give vehicle_limits and joints in hydrodynamics.yaml, velocity and effort of joints in <limit> of the URDF"
 _FRAMES = ("base_link", "altimeter", "tool")
 _AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 
@@ -57,6 +58,20 @@ class RobotReport:
     def usable(self) -> bool:
         """Whether nothing found would make results wrong."""
         return all(finding.verdict is not Verdict.ERROR for finding in self.findings)
+
+    @property
+    def advice(self) -> str:
+        """What to do next."""
+        number = {verdict: sum(finding.verdict is verdict for finding in self.findings) for verdict in Verdict}
+        if errors := number[Verdict.ERROR]:
+            return f"not usable: mend what is called error ({errors}), and check again"
+        begin = "next: `uvms-ocp new-mission FILE.py --robot DIR` writes a mission of it, `uvms-ocp show` draws it"
+        warnings = number[Verdict.WARNING]
+        return (
+            f"usable, with {warnings} to look at: what is called warning says how to mend it; {begin}"
+            if warnings
+            else f"usable; {begin}"
+        )
 
 
 def check_robot_files(
@@ -120,10 +135,11 @@ def _inertias(robot: Robot) -> Iterator[Finding]:
     massless = [names[i] for i in moving if inertias[i].mass == 0.0]
     impossible = [names[i] for i in moving if not _is_physical(inertias[i])]
     if massless:
-        yield _warning("inertias", f"no mass behind joint {', '.join(massless)}")
+        yield _warning("inertias", f"no mass behind joint {', '.join(massless)}; give links there an <inertial>")
     if impossible:
         yield _error(
-            "inertias", f"behind joint {', '.join(impossible)}: a principal moment exceeds the sum of the others"
+            "inertias",
+            f"behind joint {', '.join(impossible)}: a principal moment exceeds the sum of the others; mend <inertia>",
         )
     if not massless and not impossible:
         yield _good("inertias", f"{robot.model.njoints - 1} moving bodies, {sum(i.mass for i in inertias):.6g} kg")
@@ -153,7 +169,7 @@ def _limits(robot: Robot) -> Iterator[Finding]:
         f"{np.isinf(values).sum()} of {len(values)} {name}" for name, values in named.items() if np.isinf(values).any()
     ]
     if unlimited:
-        yield _warning("limits", f"unlimited: {', '.join(unlimited)}")
+        yield _warning("limits", f"unlimited: {', '.join(unlimited)}; {_LIMITING}")
     else:
         yield _good("limits", "velocity, acceleration and effort are limited")
 
@@ -170,7 +186,7 @@ def _shapes(robot: Robot) -> Iterator[Finding]:
     for kind, shapes in (("visual", robot.visual_model), ("collision", robot.collision_model)):
         meshes = sum(bool(shape.meshPath and Path(shape.meshPath).is_file()) for shape in shapes.geometryObjects)
         text = f"{shapes.ngeoms} {kind} shapes, {meshes} of them meshes, all found"
-        yield _good("shapes", text) if shapes.ngeoms else _warning("shapes", f"no {kind} shapes")
+        yield _good("shapes", text) if shapes.ngeoms else _warning("shapes", f"no {kind} shapes; give <{kind}>")
 
 
 def _water(robot: Robot) -> Iterator[Finding]:

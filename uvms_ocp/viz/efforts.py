@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from uvms_ocp.arguments import checked
 from uvms_ocp.record import Record
 from uvms_ocp.viz.series import axis_names, has_vehicle, labelled
-from uvms_ocp.viz.style import AXES_XYZ, BLUE, LINES, VERMILLION, legend_beside, shown, stacked, styled
+from uvms_ocp.viz.style import AXES_XYZ, BLUE, DASHES, LINES, VERMILLION, legend_beside, shown, stacked, styled
 from uvms_ocp.viz.time_marks import mark_time
 
 _EFFORTS = {"thrust": "thrust", "torque": "torque", "energy": "joint_energy"}
@@ -24,7 +24,8 @@ def figure_efforts(record: Record) -> Figure | None:
     t = record["t"]
     figure, axes = stacked(3, 1.5, "Thrust, torque and energy")
     for i, thrust in enumerate(record["thrust"].T):
-        axes[0].plot(t, thrust, color=LINES[i % len(LINES)], lw=0.8)
+        style = DASHES[i // len(LINES) % len(DASHES)]
+        axes[0].plot(t, thrust, color=LINES[i % len(LINES)], ls=style, lw=0.8, label=f"thruster{i + 1}")
     names = axis_names(record, record["torque"].shape[1])
     for i, (name, torque) in enumerate(zip(names, record["torque"].T, strict=True)):
         axes[1].plot(t, torque, color=LINES[i % len(LINES)], lw=0.8, label=shown(name, 10))
@@ -34,7 +35,7 @@ def figure_efforts(record: Record) -> Figure | None:
     axes[2].plot(t, record["joint_energy"], color=VERMILLION, label="joints")
     for axis, (label, name) in zip(axes, _EFFORTS.items(), strict=True):
         axis.set_ylabel(labelled(label, name))
-    for axis in axes[1:]:
+    for axis in axes:
         legend_beside(axis)
     mark_time(axes, record, share=0.92)
     return figure

@@ -13,7 +13,7 @@ from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import NameNotFound
 from uvms_ocp.record import Record
 from uvms_ocp.tables.series_table import column_names, column_units, unit_of
-from uvms_ocp.viz.series import as_known, labelled, quantity, require_rows, task_gate, thresholds
+from uvms_ocp.viz.series import as_known, labelled, quantity, require_rows, task_gate, threshold_text, thresholds
 from uvms_ocp.viz.style import (
     BLACK,
     BLUE,
@@ -94,7 +94,7 @@ def _panel(axis: Axes, record: Record, name: str, color: str) -> np.ndarray:
     axis.plot(record["t"], values, color=color, alpha=0.35, lw=0.9)
     axis.plot(record["t"], np.where(on, values, np.nan), color=color)
     for limit in thresholds(record, name):
-        threshold(axis, limit, f"threshold {limit:g}")
+        threshold(axis, limit, threshold_text(record, name, limit))
     return values[on]
 
 
@@ -190,7 +190,7 @@ def figure_of(record: Record, name: str, *names: str) -> Figure:
             style = DASHES[k // len(LINES) % len(DASHES)]
             axis.plot(record["t"], values, color=LINES[k % len(LINES)], ls=style, lw=1.1, label=shown(label, 20))
         for limit in thresholds(record, one):
-            threshold(axis, limit, f"threshold {limit:g}")
+            threshold(axis, limit, threshold_text(record, one, limit))
         axis.set_ylabel(f"{shown(one, 24)}\n[{unit}]")
         if len(lines) > 1:
             legend_beside(axis)

@@ -5,14 +5,15 @@ Each ``figure_*`` returns a Matplotlib figure, or `None` where the record lacks 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal, overload
+from typing import Any, Literal, overload
 
 from matplotlib.figure import Figure
 
 from uvms_ocp.arguments import checked
+from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record import Record
 from uvms_ocp.viz.activation_figures import figure_activations
@@ -75,19 +76,28 @@ def write_figure(record: Record, name: str, folder: Path | str, format: Format =
 
 
 @overload
-def plot(what: Plan | Record, name: str, /, *names: str) -> Figure: ...
+def plot(what: Plan | Record, name: str | Sequence[str], /, *names: str | Sequence[str]) -> Figure: ...
 @overload
 def plot(what: Plan | Record) -> Figures: ...
 @checked
-def plot(what: Plan | Record, *names: str) -> Figure | Figures:
+def plot(what: Plan | Record, *names: str | Sequence[str]) -> Figure | Figures:
     """Every figure that a run or a plan can fill, or one with a panel for each of the names.
 
-    names: quantities such as ``T.position_error``, series such as ``thrust``, columns such as ``q.z``; see `figure_of`, which
-    tells what it raises.
+    names: quantities such as ``T.position_error``, series such as ``thrust``, columns such as ``q.z``, or lists of them; see
+    `figure_of`, which tells what it raises. Raises `InvalidInput` for what is no name.
     """
     record = what if isinstance(what, Record) else what.to_record()
     if names:
-        return figure_of(record, *names)
+        return figure_of(record, *_each(names))
     if record.meta.kind == "plan":
         return Figures(plan_figures(record).values())
     return Figures(figure for draw in FIGURES.values() if (figure := draw(record)) is not None)
+
+
+def _each(names: Sequence[str | Sequence[str]]) -> list[str]:
+    """One by one. Raises `InvalidInput` for what is no name."""
+    found: list[Any] = [one for name in names for one in (name if isinstance(name, tuple | list) else [name])]
+    wrong = [repr(one) for one in found if not isinstance(one, str)]
+    if wrong or not found:
+        raise InvalidInput(f"plot of {', '.join(wrong) or 'no names'}; give names such as 'q' and 'T.position_error'")
+    return found

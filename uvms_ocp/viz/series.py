@@ -12,6 +12,7 @@ from uvms_ocp.record import Record
 from uvms_ocp.record import quantity as quantity
 from uvms_ocp.tables.series_table import unit_of
 
+_LONGEST = 60  # letters of what is written on a line
 _N_VEHICLE = 6  # velocity degrees of freedom of a free-flyer
 
 
@@ -107,6 +108,16 @@ def _span(record: Record, index: int, start: float, end: float) -> PhaseSpan:
 def thresholds(record: Record, name: str) -> tuple[float, ...]:
     """Limits that transitions set on a quantity, each once."""
     return tuple(sorted({item.limit for item in record.meta.thresholds if item.quantity == name}))
+
+
+def threshold_text(record: Record, name: str, limit: float) -> str:
+    """What a limit [unit of the quantity] on a quantity is for: the phases that it ends, and which of them is the abort."""
+    meta = record.meta
+    found = {item.phase for item in meta.thresholds if item.quantity == name and item.limit == limit}
+    phases = [phase.name for phase in meta.phases if phase.name in found]
+    abort = meta.abort_phase if meta.kind == "run" else None
+    told = ["abort" if phase == abort else f"phase {phase}" for phase in phases]
+    return plain_line(f"threshold {limit:g}, {', '.join(told)}", _LONGEST) if told else f"threshold {limit:g}"
 
 
 def task_gate(record: Record, task: str) -> np.ndarray | None:

@@ -12,7 +12,7 @@ import numpy as np
 from uvms_ocp.arguments import checked
 from uvms_ocp.campaign.findings.causes import cause_table, outcome_table
 from uvms_ocp.campaign.findings.rates import Rate
-from uvms_ocp.campaign.findings.sensitivity import sensitivity_table
+from uvms_ocp.campaign.findings.sensitivity import SILENT, sensitivity_table
 from uvms_ocp.campaign.findings.spread import merit_values, spread_table
 from uvms_ocp.campaign.findings.verdict import Bound, judged
 from uvms_ocp.campaign.store.identity import read_identity
@@ -20,6 +20,9 @@ from uvms_ocp.campaign.store.table import read_table
 from uvms_ocp.exceptions import InvalidInput
 
 _WORST = 10
+WORST_FIRST = (
+    "failures before successes; among them runs without a tool position error first, then the largest, then the longest"
+)
 _FINISHED_WORSE = ("tool_position_error_m", "duration_s")  # by which runs are compared that end alike
 
 
@@ -50,7 +53,9 @@ def campaign_report(folder: Path, success: Sequence[Bound] = ()) -> dict[str, An
         "sensitivity": sensitivity_table(
             table, [*identity.parameters], indices=identity.sampler == "indices" and len(table) == identity.runs
         ),
+        "sensitivity_silent": SILENT,
         "worst": worst_runs(table, folder),
+        "worst_first": WORST_FIRST,
         "wall_s": float(table["wall_s"].fillna(0.0).sum()),
     }
 
@@ -68,7 +73,7 @@ def judged_table(folder: Path, success: Sequence[Bound] = ()) -> Any:
 
 
 def worst_runs(table: Any, folder: Path) -> list[dict[str, Any]]:
-    """Ten rows: failures before successes, those without a record first; each with the command that repeats it."""
+    """Ten rows in the order of `WORST_FIRST`, each with the command that repeats it."""
     keys = [np.nan_to_num(merit_values(table, name), nan=np.inf) for name in reversed(_FINISHED_WORSE)]
     order = np.lexsort([-key for key in keys] + [table["success"].to_numpy(dtype=bool)])[:_WORST]
     rows = table.iloc[order]

@@ -14,6 +14,7 @@ from uvms_ocp.campaign.variations.samplers import problem_of
 from uvms_ocp.exceptions import NotInstalled
 
 _FEWEST = 30  # runs with a value, below which nothing is said
+SILENT = f"nothing is told of fewer than {_FEWEST} runs with a figure, of figures that are all alike, or where nothing is varied"
 _SLICES = 10
 _DUMMY = "(of no effect)"
 

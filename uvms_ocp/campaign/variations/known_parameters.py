@@ -24,6 +24,7 @@ _FAMILIES = (
 def known_parameters(scenario: Scenario) -> dict[str, Parameter]:
     """Of water and current, of what moves, of the sensors, of start, floor and obstacles, of goals and tasks, of own parts.
 
-    What concerns the robot and its sensors is the truth that the plant has: the controller goes on with what it knows.
+    What concerns the robot and its sensors is the truth that the plant has: the controller goes on with what it knows. Of delays
+    of sensors it is told, but for those that are called untold.
     """
     return {parameter.name: parameter for parameter in chain.from_iterable(family(scenario) for family in _FAMILIES)}

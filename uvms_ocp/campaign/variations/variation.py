@@ -47,7 +47,7 @@ def require_known(variations: Sequence[Variation], scenario: Scenario) -> None:
         if names.count(variation.name) > 1:
             raise InvalidInput(f"{variation.name} is varied twice; give each parameter one distribution")
         if variation.apply is None and variation.name not in known:
-            raise NameNotFound("parameter", variation.name, known)
+            raise NameNotFound("parameter", variation.name, known, "`uvms-ocp campaign MISSION --parameters`")
 
 
 @checked

@@ -73,20 +73,25 @@ def _print_report(report: dict[str, Any], console: Console) -> None:
     console.print(plain_line(f"counted as success: {'; '.join(report['criterion'])}"), highlight=False)
     if report["finished"] < report["runs"]:
         console.print(f"so far: {report['finished']} of {report['runs']} runs are finished", highlight=False)
-    _print_table(console, "causes of failure", report["causes"], ("number", "outcome", "cause", "run"))
+    causes = "causes of failure, with the numbers of the run that is named"
+    _print_table(console, causes, report["causes"], ("number", "outcome", "cause", "run"))
     spread = ("figure", "least", "5 %", "median", "95 %", "largest")
     _print_table(console, "distributions", report["distributions"], spread, len(MERITS))
     ranked = sorted(report["sensitivity"], key=lambda row: row["pawn_floor"] - row["pawn"])
     own = [row for row in ranked if row["figure"] in ("success", "tool_position_error_m")]
     _print_table(console, "sensitivity", own, _SENSITIVITY)
-    _print_table(console, "worst runs", report["worst"], ("run", "outcome", "cause", "repeat"))
+    if not own:
+        console.print(f"sensitivity: {report['sensitivity_silent']}", highlight=False)
+    worst = f"worst runs: {report['worst_first']}"
+    _print_table(console, worst, report["worst"], ("run", "outcome", "cause", "repeat"), len(report["worst"]))
 
 
 def _print_table(
     console: Console, title: str, rows: Sequence[dict[str, Any]], columns: tuple[str, ...], most: int = _SHOWN
 ) -> None:
     if rows:
-        console.print(table_of(title, rows[:most], columns))
+        part = f" (the first {most} of {len(rows)}; report.html has all)" if len(rows) > most else ""
+        console.print(table_of(title + part, rows[:most], columns))
 
 
 def print_comparison(found: dict[str, Any], console: Console) -> None:
@@ -97,9 +102,11 @@ def print_comparison(found: dict[str, Any], console: Console) -> None:
         console.print("not paired: other parameters, seeds, sampler or numbers of runs", highlight=False)
         return
     text = f"of {found['pairs']} pairs the first alone succeeds in {found['first_only']}, the second alone in"
-    console.print(f"{text} {found['second_only']}; p = {found['p_value']:.3g} (McNemar, exact)", highlight=False)
+    text = f"{text} {found['second_only']}; p = {found['p_value']:.3g} (McNemar, exact): how likely so uneven a share would be"
+    console.print(f"{text} of two campaigns that succeed equally often", highlight=False)
     columns = ("figure", "pairs", "mean_change", "lower", "upper", "median_change")
-    _print_table(console, "second less first", found["figures"], columns, len(MERITS))
+    title = "second less first: mean over the pairs with its 95 % interval (lower, upper) by the bootstrap, and median"
+    _print_table(console, title, found["figures"], columns, len(MERITS))
 
 
 @contextmanager

@@ -15,12 +15,13 @@ from uvms_ocp.control.force.force_tick import ForceTick
 from uvms_ocp.control.force.observer import DisturbanceObserver, ObserverLaw
 from uvms_ocp.control.force.thruster_lag import thruster_lag
 from uvms_ocp.control.force.tick_functions import TickLaws
-from uvms_ocp.control.force.velocity_law import VelocityLaw
+from uvms_ocp.control.force.velocity_law import DeadTimes, VelocityLaw, borne_by, dead_times
 from uvms_ocp.control.velocity.distress import Strain
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.dynamics import Dynamics
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.sensing import SensorSpecs
 from uvms_ocp.model.state import Command, Measurement
 from uvms_ocp.model.thrusters import thruster_matrix
 
@@ -79,9 +80,11 @@ class DynamicController:
         kinematic: KinematicController,
         gains: VelocityGains | None = None,
         health: ActuatorHealthTuning | None = SEARCH,
+        sensors: SensorSpecs | None = None,
     ) -> None:
         """health: thresholds of the search for faulty thrusters and joints; `None` turns it off.
 
+        sensors: what is known of their delays, by which the loops are slower than `gains`; not late unless given.
         Raises `InvalidInput` for a vehicle without thrusters.
         """
         if robot.n_vehicle and not robot.description.thrusters:
@@ -92,7 +95,8 @@ class DynamicController:
         gains = gains or VelocityGains()
         self._robot = robot
         laws = _laws(robot, dynamics, gains, health, kinematic.dt)
-        self._tick = ForceTick(laws)
+        late = DeadTimes() if sensors is None else dead_times(sensors)
+        self._tick = ForceTick(laws, borne_by(late, vehicle=gains.vehicle, joints=gains.joints))
         self.memory = memory = self._tick.memory
         """All that the layer of forces knows, a `ForceMemory`."""
         # Parts of it are made anew whenever they are asked for.

@@ -23,6 +23,12 @@ class ForceMemory(Layout):
     follow: Smooth
     watched: bool
     """Faulty thrusters and joints are searched for."""
+    bears: float
+    """[-] share of their bandwidth that the loops of the vehicle never exceed: what is known late bears less."""
+    joints_bear: float
+    """[-] the same of the joints."""
+    joints_late: float
+    """[s] by which encoders are known to be late."""
     # given; of `given` all but whether joints are to be trusted
     t: float
     """[s] time of the tick."""
@@ -54,7 +60,7 @@ class ForceMemory(Layout):
 def begin_force(m: ForceMemory) -> None:
     """Before the first tick: all thrusters are sound."""
     for i in range(len(m.known.share)):
-        m.known.share[i] = 1.0
+        m.known.share[i] = m.bears if i < m.look.n_vehicle else m.joints_bear
     for i in range(m.sharing.count):
         m.look.effect.share[i] = 1.0
     adapt(m)
@@ -66,7 +72,9 @@ def force_step(m: ForceMemory) -> bool:
     On an axis that is not to be trusted feed-forward goes on alone: feedback from a frozen velocity would accelerate the robot
     without end.
     """
-    m.given.joints[0] = 0.0 if m.brakes or m.joint_age > _ENCODER_SILENCE else 1.0
+    m.given.feedback[0] = min(m.given.feedback[0], m.bears)
+    m.given.joint_feedback[0] = min(m.given.joint_feedback[0], m.joints_bear)
+    m.given.joints[0] = 0.0 if m.brakes or m.joint_age > _ENCODER_SILENCE + m.joints_late else 1.0
     m.locks = m.given.joints[0] == 0.0 if m.look.joints.count > 0 else m.given.hold[0] != 0.0
     m.observe(m.given, m.effect, m.known, m.now)
     m.look.changed = False

@@ -14,6 +14,7 @@ from uvms_ocp.control.force.force_step import ForceMemory, adapt, begin_force, f
 from uvms_ocp.control.force.thrust_sharing import MOST
 from uvms_ocp.control.force.tick_columns import Given, Known, Told, places_of, views_of
 from uvms_ocp.control.force.tick_functions import TickLaws, follow_function, observe_function, want_function
+from uvms_ocp.control.force.velocity_law import Borne
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.kernels.binding import memory_of
 from uvms_ocp.functions.kernels.layout import structure_of
@@ -27,8 +28,8 @@ class ForceTick:
     Holds what is known: build one per run. Not for use from two threads at once.
     """
 
-    def __init__(self, laws: TickLaws, *, compiled: bool = True) -> None:
-        """compiled: in C where there is a compiler."""
+    def __init__(self, laws: TickLaws, borne: Borne | None = None, *, compiled: bool = True) -> None:
+        """borne: of what the sensors are like. compiled: in C where there is a compiler."""
         structure = structure_of(ForceMemory, **_sizes(laws))
         self.memory: Any
         """A `ForceMemory`"""
@@ -43,7 +44,7 @@ class ForceTick:
         """What was known in the last one."""
         self._told = column_view(self.memory.told)
         self._places = tuple(places_of(Told, laws.sizes).values())
-        self._write(laws)
+        self._write(laws, borne or Borne())
         begin(self.memory)
 
     def give(self, q: np.ndarray, v: np.ndarray, command: Command, feedback: tuple[float, float]) -> None:
@@ -78,8 +79,9 @@ class ForceTick:
         """To the effect in the memory of the look, as a tick does that has found one."""
         self._adapt(self.memory)
 
-    def _write(self, laws: TickLaws) -> None:
+    def _write(self, laws: TickLaws, borne: Borne) -> None:
         memory, robot = self.memory, laws.robot
+        memory.bears, memory.joints_bear, memory.joints_late = borne.vehicle, borne.joints, borne.joints_late
         allocation_of(robot).write(memory.sharing)
         memory.look.n_vehicle, memory.look.joints.count = robot.n_vehicle, robot.n_joints
         if laws.search is not None and laws.intake is not None and laws.observer is not None:

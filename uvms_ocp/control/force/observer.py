@@ -98,24 +98,29 @@ def limited(y: ca.SX, limit: np.ndarray) -> ca.SX:
 
 
 class DisturbanceObserver:
-    """An observer that is called at every tick. Holds what it knows: build one per run."""
+    """An observer that is called at every tick. Holds what it knows: build one per run.
+
+    What it keeps from tick to tick is the acceleration that the disturbance makes, not the force: where joint axes come into
+    line a motion is left with hardly any inertia, and what was a good force in the last configuration would throw it about.
+    """
 
     def __init__(self, law: ObserverLaw, body: Body, n_q: int, current: np.ndarray | None = None) -> None:
         """n_q: entries of q. current (3,) [m/s] in W: as far as it is known, and no disturbance."""
         n = len(law.bandwidth)
-        q, (v, tau, d, v_hat) = ca.SX.sym("q", n_q), (ca.SX.sym(name, n) for name in ("v", "tau", "d", "v_hat"))
-        follows = ca.SX.sym("follows")
-        before = Observed(estimate=d, lead=ca.SX(n, 1), v_hat=v_hat, follows=follows)
+        q, (v, tau, kept, v_hat) = ca.SX.sym("q", n_q), (ca.SX.sym(name, n) for name in ("v", "tau", "kept", "v_hat"))
+        follows, M = ca.SX.sym("follows"), body.mass_matrix(q)
+        before = Observed(estimate=M @ kept, lead=ca.SX(n, 1), v_hat=v_hat, follows=follows)
         after = law.after(before, body, q, v, tau, ca.SX.ones(n), None if current is None else ca.DM(current))
-        inputs, outputs = [q, v, tau, d, v_hat, follows], [after.estimate, after.v_hat]
-        self._function = BufferedFunction(ca.Function("observer", inputs, ca.cse(outputs)))
-        self.estimate, self._v_hat, self._follows = np.zeros(n), np.zeros(n), np.zeros(1)
+        D, L_transposed, order = ca.ldl(M, False)
+        outputs = [after.estimate, ca.ldl_solve(after.estimate, D, L_transposed, order), after.v_hat]
+        self._function = BufferedFunction(ca.Function("observer", [q, v, tau, kept, v_hat, follows], ca.cse(outputs)))
+        self.estimate, self._kept, self._v_hat, self._follows = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(1)
 
     def update(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """d (n_v,) [N, N m] after a tick, as `ObserverLaw.after` has it.
 
         q (n_q,) [m, rad], v (n_v,) [m/s, rad/s], tau (n_v,) [N, N m].
         """
-        self.estimate, self._v_hat = self._function(q, v, tau, self.estimate, self._v_hat, self._follows)
+        self.estimate, self._kept, self._v_hat = self._function(q, v, tau, self._kept, self._v_hat, self._follows)
         self._follows[0] = 1.0
         return self.estimate

@@ -1,4 +1,7 @@
-"""From a velocity to the generalized force that makes it: model-based feed-forward and PI with anti-windup."""
+"""From a velocity to the generalized force that makes it: model-based feed-forward and PI with anti-windup.
+
+How much of its bandwidth it bears follows from how late velocities are known.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,11 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.model.sensing import SensorSpec, SensorSpecs
 from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
+
+_MOST_DEAD = 0.2
+"""[-] bandwidth times dead time: with observer and estimator in the loop, that of Case 1 holds at 0.2 and breaks at 0.3."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -45,3 +52,47 @@ class VelocityLaw:
         short = wanted - reached
         winding = ca.logic_and(ca.fabs(short) > 1e-6 * (1 + ca.fabs(wanted)), short * error > 0)
         return integral + ca.if_else(winding, 0.0, error * self.dt)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DeadTimes:
+    """After which motion is seen at the soonest."""
+
+    vehicle: float = 0.0
+    """[s]"""
+    joints: float = 0.0
+    """[s]"""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Borne:
+    """What sensors leave of the bandwidth of the loops."""
+
+    vehicle: float = 1.0
+    """[-]"""
+    joints: float = 1.0
+    """[-]"""
+    joints_late: float = 0.0
+    """[s] dead time of the joints."""
+
+
+def dead_times(specs: SensorSpecs) -> DeadTimes:
+    """Of what tells velocities soonest; fixes tell the linear one where there is no DVL."""
+    linear = specs.linear_velocity or specs.position
+    return DeadTimes(
+        vehicle=max(_soonest(linear), _soonest(specs.angular_velocity, specs.attitude)),
+        joints=_soonest(specs.joint_velocities, specs.joint_positions),
+    )
+
+
+def borne_by(late: DeadTimes, *, vehicle: float, joints: float) -> Borne:
+    """Of loops with the bandwidths vehicle [1/s] and joints [1/s]."""
+    return Borne(vehicle=_share(vehicle, late.vehicle), joints=_share(joints, late.joints), joints_late=late.joints)
+
+
+def _soonest(*specs: SensorSpec | None) -> float:
+    return min((spec.delay for spec in specs if spec is not None), default=0.0)
+
+
+def _share(bandwidth: float, late: float) -> float:
+    return min(1.0, _MOST_DEAD / (bandwidth * late)) if bandwidth * late > 0.0 else 1.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import pickle
 import signal
 from abc import ABC, abstractmethod
@@ -233,6 +234,9 @@ def _serve(connection: Connection, words: bytes) -> None:
     except Exception as error:
         connection.send(f"{type(error).__name__}: {error}")
         return
+    # All that was built stays: whoever looked through it for garbage would keep a plan waiting for longer than it takes.
+    gc.collect()
+    gc.freeze()
     connection.send(None)
     while True:
         try:

@@ -14,6 +14,7 @@ from uvms_ocp.functions.kernels.layout import Layout, Sized, Vector, structure_o
 from uvms_ocp.mission.abort import Abort
 from uvms_ocp.mission.mission import Mission, write_mission
 from uvms_ocp.mission.progress import MissionMemory, quantities_read, sizes_of, write_state
+from uvms_ocp.model.health import ChannelHealth
 from uvms_ocp.tasks.altitude import MinimumAltitude
 
 _PROGRESS = 0.02  # share of what is missing to a limit that counts as progress
@@ -205,11 +206,8 @@ class Distress:
         return (tick.restriction.abort or told(tick.restriction.lost)) if tick.stopped else ""
 
     def _stalled(self, abort: Abort, tick: TickState, quantities: Mapping[str, float]) -> str:
-        doubt = ", ".join(sorted(tick.restriction.doubted))
-        without = f" without {doubt}" if doubt else ""
-        return (
-            f"stall: {self._mission.pending(tick.mission, quantities)}, no nearer for {abort.stall_after:g} s{without}"
-        )
+        pending = self._mission.pending(tick.mission, quantities)
+        return f"stall: {pending}, no nearer for {abort.stall_after:g} s{_held_back(tick.restriction.bad)}"
 
     def _write(self, memory: Any) -> None:
         abort = self._mission.abort
@@ -221,3 +219,14 @@ class Distress:
             memory.time_limit, memory.stall_after = abort.time_limit, abort.stall_after
             memory.thrust_after = abort.thrust_after
             memory.contact, memory.contact_after = abort.contact, abort.contact_after
+
+
+def _held_back(bad: Sequence[ChannelHealth]) -> str:
+    """What channels that are not good have to do with it, the reasons first: many have one in common."""
+    whys: dict[str, list[str]] = {}
+    for item in sorted(bad, key=lambda item: item.channel):
+        whys.setdefault(item.why or item.trust.name.lower(), []).append(item.channel)
+    if not whys:
+        return ""
+    told = ", ".join(f"{why} ({', '.join(channels)})" for why, channels in whys.items())
+    return f"; sensors that are not good end no phase: {told}; see to them, or to what the robot's file says of them"

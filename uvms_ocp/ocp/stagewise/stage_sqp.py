@@ -17,7 +17,7 @@ from uvms_ocp.solvers.nlp.level_solver import Deadline
 from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
 from uvms_ocp.solvers.nlp.nlp_status import NlpStatus
 from uvms_ocp.solvers.stagewise import StageQpStatus
-from uvms_ocp.solvers.stagewise.solution import Found
+from uvms_ocp.solvers.stagewise.solution import Found, Near
 
 _SMALLEST_SHARE = 1e-7
 _MORE, _LESS = 10.0, 4.0  # by how much damping grows, and by how much it falls
@@ -39,7 +39,8 @@ _MODELS = (
 _PATIENCE, _DIGITS = 15, 1e-5  # iterations of the last level before a gain of this share of its cost is none
 _MENDS, _STIFF = 3, 1e6  # ways back to the rows, and what makes them short [1/unit of z^2]
 _LOUDEST = 1e4  # times the first violation
-_ROUGHLY, _ROUGHEST = 1e-3, 1e-6  # tolerance of a QP, of the violation that it starts from, and at most
+_ROUGHLY, _ROUGHEST = 1e-3, 1e-5  # tolerance of a QP, of how far its point is from the optimum, and at most
+_NEARER = 0.5  # times the violation at which curvature was not convex, from where it may be
 _NO_HELP = 1e-6  # share of the violation that a step must take away to count as a help
 
 
@@ -65,8 +66,8 @@ class StageSqp:
         self._memory = level.memory
         self._solution: Found | None = None
         self._filter = Filter(first=0.0, most=np.inf)
-        self._scale, self._worst, self._count = 1.0, np.inf, 0
-        self._model, self._damping = 0, 0.0
+        self._steepest, self._worst, self._count = 0.0, np.inf, 0
+        self._model, self._damping, self._refused = 0, 0.0, np.inf
         # What levels above leave open, those below decide: no step goes far there.
         self._least = _DAMPED if level.level + 1 < level.memory.n_levels else 0.0
 
@@ -74,7 +75,7 @@ class StageSqp:
         """Iterate to the optimum."""
         self._level.linearize()
         here = self._merit()
-        self._scale = max(1.0, self._level.steepest() / _STEEP)
+        self._steepest = self._level.steepest()
         self._filter, self._solution = Filter(first=here.violation, most=self._most(here)), warm
         if warm is not None and self._is_optimal(warm):
             return self._end(NlpStatus.SOLVED, 0)
@@ -87,6 +88,11 @@ class StageSqp:
             if status is not None:
                 return self._end(status, iteration + 1)
         return self._end(NlpStatus.ITERATION_LIMIT, self._options.max_iterations)
+
+    @property
+    def _scale(self) -> float:
+        """Of errors."""
+        return max(1.0, self._steepest / _STEEP)
 
     def _most(self, here: Merit) -> float:
         """Below levels that are held where they were left no violation comes in: there may be no way back."""
@@ -135,19 +141,39 @@ class StageSqp:
         Where curvature makes none, that of Gauss and Newton takes the place; where that leaves directions open, steps are damped.
         """
         last = self._solution
-        near = last.near() if last is not None and last.status is StageQpStatus.SOLVED else None
-        solution = None
+        near, solution, rough = self._near(), None, self._roughness(last)
         for damping, curved, give in _MODELS[self._model :]:
+            if curved and give == np.inf and self._is_far:
+                continue
             self._level.bend(last if curved else None)
             damping += self._least + self._damping
-            rough = min(_ROUGHLY * self._worst, _ROUGHEST)
             solution = self._level.solve(self._ranges, damping, give, near, rough=rough)
             if solution.status in (StageQpStatus.SOLVED, StageQpStatus.INFEASIBLE):
                 break
             # Curvature may come back to be convex; what is singular once stays so.
+            if curved:
+                self._refused = self._worst
             self._model = min(self._model + (not curved), len(_MODELS) - 1)
         assert solution is not None
         return solution
+
+    @property
+    def _is_far(self) -> bool:
+        """Where curvature is hardly more convex than it was when it was last found not to be."""
+        return self._worst > max(_NEARER * self._refused, self._options.feasibility)
+
+    def _near(self) -> Near | None:
+        """Where QPs start: from the last one, if it has an optimum."""
+        last = self._solution
+        return last.near() if last is not None and last.status is StageQpStatus.SOLVED else None
+
+    def _roughness(self, last: Found | None) -> float:
+        """What a QP may miss: as little of rows as the point breaks, and of the gradient as the last step has changed.
+
+        Where little is broken but much missed of the gradient, steps along weak curvature would break rows again.
+        """
+        changed = 1.0 if last is None else last.products.change / max(self._steepest, 1e-300)
+        return min(_ROUGHLY * min(self._worst, changed), _ROUGHEST)
 
     def _search(self, here: Merit, slope: float) -> tuple[NlpStatus | None, Merit]:
         share, before = 1.0, self._worst
@@ -183,9 +209,10 @@ class StageSqp:
 
     def _brought_back(self, here: Merit, most: float) -> Merit:
         """By short steps, until no more than `most` is broken in sum, or they do not help."""
+        near = self._near()
         for _ in range(_MENDS):
             self._memory.z_from[:] = self._memory.z
-            if not (here.violation > most and self._level.solve(self._ranges, _STIFF, np.inf, None).status.usable):
+            if not (here.violation > most and self._level.solve(self._ranges, _STIFF, np.inf, near).status.usable):
                 break
             trial = self._tried(1.0)
             if not trial.violation < here.violation:

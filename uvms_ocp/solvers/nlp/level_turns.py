@@ -99,8 +99,11 @@ class LevelTurns:
             if budget.over:
                 break
             bounds = bounds.with_rows(*self._frozen(levels[i - 1], point))
-            point = self._turn(point, levels, bounds).after_turn()
-            budget.count()
+            # While it lacks no more than it may lose, a level has no need of a turn.
+            if point.merit.residuals[i] > self._options.tolerance:
+                point = self._turn(point, levels, bounds)
+                budget.count()
+            point = point.after_turn()
         return point, None
 
     def _first_searched(self, guess: Point, levels: tuple[LevelRows, ...]) -> Point:

@@ -91,8 +91,8 @@ class _Problem(ctypes.Structure):
         *_pointers(*_TABLE, *_BOUNDS, *_HELD, *_WORK, *_DIRECTION, "bounded"),
         ("now", _Residuals),
         ("other", _Residuals),
-        *_numbers("curvature", "tolerance", "warm_mu", "slow"),
-        *_integers("n_bounded", "max_iterations", "iterations", "corrections", "status", "start"),
+        *_numbers("curvature", "tolerance", "warm_mu", "slow", "share"),
+        *_integers("n_bounded", "max_iterations", "iterations", "corrections", "status", "start", "is_elastic"),
     )
 
 

@@ -19,9 +19,9 @@ typedef struct {
   double *weight, *soft, *left, *gap, *pull, *rhs, *t_side, *t_elastic; /* of direction() */
   int *bounded; /* rows with a bound, n_bounded of them */
   Residuals now, other;
-  double curvature, tolerance, warm_mu, slow;
+  double curvature, tolerance, warm_mu, slow, share; /* the last: of the step that was taken last */
   int n_bounded;
-  int max_iterations, iterations, corrections, status, start;
+  int max_iterations, iterations, corrections, status, start, is_elastic;
 } Problem;
 
 #define Z(p) (p)
@@ -47,6 +47,30 @@ static void find_bounded(Problem *q) {
   q->n_bounded = 0;
   for (int i = 0; i < q->M; ++i)
     if (q->side[i] != 0.0 || q->side[q->M + i] != 0.0 || q->equal[i] != 0.0) q->bounded[q->n_bounded++] = i;
+}
+
+/* Everything of a row as row_table.py has it; 0 where an entry of the QP is none. */
+static int make_table(Problem *q) {
+  int valid = 1;
+  for (int i = 0; i < q->M; ++i) {
+    const int v = i - q->m;
+    const double bound[2] = {v < 0 ? q->lower[i] : q->z_lower[v], v < 0 ? q->upper[i] : q->z_upper[v]};
+    const double l1 = v < 0 ? q->c_l1[i] : q->z_l1[v], l2 = v < 0 ? q->c_l2[i] : q->z_l2[v];
+    const int fixed = v >= 0 && q->loose[v] != 0.0 && bound[0] == bound[1] && l1 == INFINITY;
+    const int hard = l1 == INFINITY, counts = !fixed && (hard || l1 > 0.0 || l2 > 0.0);
+    const int elastic = counts && !hard && l1 > 0.0, equal = counts && bound[0] == bound[1] && !elastic;
+    valid &= bound[0] < INFINITY && bound[1] > -INFINITY && l1 >= 0.0 && l2 >= 0.0 && l2 < INFINITY;
+    if (v >= 0) q->stages.fixed[v] = fixed;
+    q->equal[i] = equal, q->target[i] = equal ? bound[0] : 0.0, q->norm[i] = 1.0;
+    q->l1[i] = elastic ? l1 : 0.0, q->l2[i] = elastic ? l2 : 0.0;
+    q->compliance[i] = counts && !hard && !elastic ? 1.0 / l2 : 0.0;
+    for (int u = 0, j = i; u < 2; ++u, j += q->M) {
+      const int side = counts && !equal && bound[u] < INFINITY && bound[u] > -INFINITY;
+      q->side[j] = side, q->elastic[j] = side && elastic, q->bound[j] = side ? bound[u] : 0.0;
+    }
+  }
+  find_norms(&q->stages, q->norm);
+  return valid;
 }
 
 /* What rows with bounds leave, at p, where the value of rows is known. */

@@ -1,9 +1,9 @@
 /* From a start to the optimum, or to where it cannot go on, as iteration.py has it; keep both in step. */
 
-/* The optimum without inequalities, from the z that is given: one factor, and corrections. */
+/* The optimum without inequalities, from the z, costates and y that are given: one factor, and corrections. */
 static int solve_equalities(Problem *q) {
-  double *p = q->point;
-  memset(p + q->n, 0, sizeof(double) * (size_t)(SIZE - q->n));
+  double *p = q->point, before = INFINITY;
+  memset(S(p), 0, sizeof(double) * (size_t)(8 * q->M));
   const int wrong = find_factor(q, p, 0);
   if (wrong) return wrong;
   for (int k = 0;; ++k) {
@@ -12,7 +12,9 @@ static int solve_equalities(Problem *q) {
     double equal = largest_of(q->n_x, r->defect);
     for (int j = 0; j < q->n_bounded; ++j) equal = larger_of(equal, fabs(r->equal[q->bounded[j]]) / q->norm[q->bounded[j]]);
     const double left = larger_of(largest_of(q->n, r->grad) / r->gradient, equal / r->variable);
-    if (k == MOST_CORRECTIONS || !(left > 0.1 * q->tolerance)) break;
+    const int enough = left <= 0.1 * q->tolerance && !(left <= 0.5 * before);
+    if (k == MOST_CORRECTIONS || enough || !(left > EXACT * q->tolerance)) break;
+    before = left;
     memset(q->now.row, 0, sizeof(double) * (size_t)(2 * q->M));
     memset(q->now.dual, 0, sizeof(double) * (size_t)(2 * q->M));
     find_direction(q, p, &q->now, 0, 0, q->step);
@@ -66,12 +68,28 @@ static void start_cold(Problem *q) {
     }
 }
 
-/* A start near a point whose z, costate and y are given; y of all rows. */
+/* By how much conditions fail at z, costate and y that are given, sides aside that are kept. */
+static double how_far(Problem *q) {
+  const Residuals *r = &q->now;
+  const double missed = larger_of(side_missed(q, r->value), largest_of(q->n_x, r->defect));
+  return larger_of(r->stationarity / r->gradient, missed / r->variable);
+}
+
+/* A start near a point whose z, costate and y are given, y of all rows; a cold one where bounds are hard and the point is far. */
 static void start_warm(Problem *q) {
-  double *p = q->point;
-  const double room = sqrt(q->warm_mu), mu = q->warm_mu * q->curvature;
-  constraint_values(&q->stages, Z(p), q->now.value);
-  memcpy(q->now.value + q->m, Z(p), sizeof(double) * (size_t)q->n);
+  double *p = q->point, warm_mu = q->warm_mu;
+  memset(S(p), 0, sizeof(double) * (size_t)(8 * q->M));
+  find_residuals(q, p, &q->now);
+  if (!q->is_elastic) {
+    const double far = how_far(q);
+    if (far > FAR) {
+      rest(q);
+      start_cold(q);
+      return;
+    }
+    warm_mu = far * far < NEARER * warm_mu ? larger_of(far * far, warm_mu / NEARER) : NEARER * warm_mu;
+  }
+  const double room = sqrt(warm_mu), mu = warm_mu * q->curvature;
   for (int i = 0; i < q->M; ++i) {
     const double y = Y(p)[i];
     if (q->equal[i] == 0.0) Y(p)[i] = 0.0;
@@ -94,6 +112,7 @@ static void start_warm(Problem *q) {
 static int descend(Problem *q) {
   double share = 1.0, least = INFINITY, lowest = INFINITY, first;
   int stuck = 0, vain = 0, high = 0, status;
+  q->share = 0.0;
   find_residuals(q, q->point, &q->now);
   first = q->now.gradient;
   for (;;) {
@@ -112,7 +131,7 @@ static int descend(Problem *q) {
     if (high > MOST_HIGH && lowest > q->tolerance * q->now.variable) break;
     if (vain > MOST_VAIN && least <= INEXACT_TOLERANCES * q->tolerance) break;
     if (stuck > 2 || q->now.gradient > HOPELESS * first || !(left < INFINITY) || q->iterations >= q->max_iterations) break;
-    share = advance(q);
+    share = q->share = advance(q);
     if (share == -1.0) status = NOT_CONVEX;
     if (share < 0.0) break;
     find_residuals(q, q->point, &q->now);
@@ -129,6 +148,7 @@ static int descend(Problem *q) {
 static int start_from_equalities(Problem *q) {
   const Residuals *r = &q->now;
   memcpy(q->best, q->point, sizeof(double) * (size_t)q->n);
+  memset(q->point + q->n, 0, sizeof(double) * (size_t)(SIZE - q->n));
   const int wrong = solve_equalities(q);
   q->status = wrong == 2 ? NOT_A_NUMBER : wrong == 1 ? NOT_CONVEX : SOLVED;
   if (!wrong && r->stationarity <= q->tolerance * r->gradient && r->primal <= q->tolerance * r->variable &&
@@ -148,11 +168,14 @@ static void begin(Problem *q, int costless, int damped) {
   find_bounded(q);
 }
 
-static void run(Problem *q) {
+/* Whether it went through an interior. */
+static int run(Problem *q) {
+  q->is_elastic = largest_of(2 * q->M, q->elastic) > 0.0;
   if (q->start == START_WARM) start_warm(q);
   if (q->start == START_COLD) start_cold(q);
-  if (q->start == START_EQUALITIES && start_from_equalities(q)) return;
+  if (q->start == START_EQUALITIES && start_from_equalities(q)) return 0;
   q->status = descend(q);
+  return 1;
 }
 
 /* Status, iterations, `point` and the residuals `now`, from what `point` holds: z, where fixed variables have their values, and for a warm start costates and multipliers too; without its cost if it is costless, with steps that are damped. */
@@ -161,40 +184,28 @@ void solve_qp(Problem *q, int costless, int damped) {
   run(q);
 }
 
-/* Everything of a row as row_table.py has it; 0 where an entry of the QP is none. */
-static int make_table(Problem *q) {
-  int valid = 1;
-  for (int i = 0; i < q->M; ++i) {
-    const int v = i - q->m;
-    const double bound[2] = {v < 0 ? q->lower[i] : q->z_lower[v], v < 0 ? q->upper[i] : q->z_upper[v]};
-    const double l1 = v < 0 ? q->c_l1[i] : q->z_l1[v], l2 = v < 0 ? q->c_l2[i] : q->z_l2[v];
-    const int fixed = v >= 0 && q->loose[v] != 0.0 && bound[0] == bound[1] && l1 == INFINITY;
-    const int hard = l1 == INFINITY, counts = !fixed && (hard || l1 > 0.0 || l2 > 0.0);
-    const int elastic = counts && !hard && l1 > 0.0, equal = counts && bound[0] == bound[1] && !elastic;
-    valid &= bound[0] < INFINITY && bound[1] > -INFINITY && l1 >= 0.0 && l2 >= 0.0 && l2 < INFINITY;
-    if (v >= 0) q->stages.fixed[v] = fixed;
-    q->equal[i] = equal, q->target[i] = equal ? bound[0] : 0.0, q->norm[i] = 1.0;
-    q->l1[i] = elastic ? l1 : 0.0, q->l2[i] = elastic ? l2 : 0.0;
-    q->compliance[i] = counts && !hard && !elastic ? 1.0 / l2 : 0.0;
-    for (int u = 0, j = i; u < 2; ++u, j += q->M) {
-      const int side = counts && !equal && bound[u] < INFINITY && bound[u] > -INFINITY;
-      q->side[j] = side, q->elastic[j] = side && elastic, q->bound[j] = side ? bound[u] : 0.0;
-    }
-  }
-  find_norms(&q->stages, q->norm);
-  return valid;
-}
-
-/* Sides that hold the solution of a QP nearby where it is. */
+/* Sides that hold the solution of a QP nearby where it is; where none is without a multiplier, as an interior point leaves them,
+those with a large one. */
 static void find_reached(Problem *q, const double *near) {
-  const double most = larger_of(largest_of(q->M, Y(near)), largest_of(q->n_x, COSTATE(near)));
+  int none = 0;
+  for (int j = 0; j < 2 * q->M; ++j) none |= q->side[j] != 0.0 && Y(near)[j % q->M] == 0.0;
+  const double most = none ? 0.0 : COUNTS * larger_of(largest_of(q->M, Y(near)), largest_of(q->n_x, COSTATE(near)));
   for (int j = 0; j < 2 * q->M; ++j) {
     const int i = j % q->M;
-    q->active[j] = q->side[j] != 0.0 && (j < q->M ? -1.0 : 1.0) * Y(near)[i] * q->norm[i] > COUNTS * most;
+    q->active[j] = q->side[j] != 0.0 && (j < q->M ? -1.0 : 1.0) * Y(near)[i] * q->norm[i] > most;
   }
 }
 
-/* The optimum with active sides as equalities and without all others; 0 where there is none. */
+/* Sides that the last step of an interior point approached: what is left of them fell more than their multipliers did. */
+static void find_approached(Problem *q) {
+  const double *p = q->point, *d = q->step;
+  for (int j = 0; j < 2 * q->M; ++j) {
+    const double s = S(p)[j], y = MULTIPLIER(p)[j];
+    q->active[j] = q->side[j] != 0.0 && s * (y - q->share * MULTIPLIER(d)[j]) < y * (s - q->share * S(d)[j]);
+  }
+}
+
+/* The optimum with active sides as equalities and without all others, from the point that is given; 0 where there is none. */
 static int solve_held(Problem *q) {
   double *side = q->side, *equal = q->equal, *target = q->target;
   for (int i = 0; i < q->M; ++i) {
@@ -202,18 +213,19 @@ static int solve_held(Problem *q) {
     const int any = lower != 0.0 || upper != 0.0;
     q->held_equal[i] = any ? 1.0 : equal[i];
     q->held_target[i] = any ? lower * q->bound[i] + upper * q->bound[q->M + i] : target[i];
+    if (q->held_equal[i] == 0.0) Y(q->point)[i] = 0.0;
   }
   q->side = q->no_side, q->equal = q->held_equal, q->target = q->held_target;
   find_bounded(q);
-  rest(q);
-  const int found = start_from_equalities(q) && q->status == SOLVED;
+  const int wrong = solve_equalities(q);
   q->side = side, q->equal = equal, q->target = target;
-  return found;
+  q->status = SOLVED;
+  return !wrong && q->now.stationarity <= q->tolerance * q->now.gradient && q->now.primal <= q->tolerance * q->now.variable;
 }
 
 /* Sides that pull are let go, those that are missed are held; how many change. */
 static int mend(Problem *q) {
-  const double room = q->tolerance * (1.0 + largest_of(q->n, Z(q->point)));
+  const double room = SHARP * q->tolerance * (1.0 + largest_of(q->n, Z(q->point)));
   int changes = 0;
   for (int j = 0; j < 2 * q->M; ++j) {
     const int i = j % q->M, held = q->active[j] != 0.0;
@@ -225,18 +237,45 @@ static int mend(Problem *q) {
   return changes;
 }
 
-/* The optimum where the bounds that it reaches are found soon, starting with those of a QP nearby. */
-static int solve_near(Problem *q) {
+/* The optimum where the bounds that it reaches are found soon, starting with active ones; 0 leaves the point as it was. */
+static int solve_active(Problem *q) {
   int fewest = 2 * q->M, vain = 0;
-  find_reached(q, q->point);
-  for (;;) {
-    if (!solve_held(q)) return 0;
+  memcpy(q->trial, q->point, sizeof(double) * (size_t)SIZE);
+  while (solve_held(q)) {
     const int changes = mend(q);
     if (changes == 0) return 1;
     vain = changes < fewest ? 0 : vain + 1;
-    if (vain > (changes > MANY_CHANGES ? 0 : VAIN_CHANGES)) return 0;
+    if (vain > (changes > MANY_CHANGES ? 0 : VAIN_CHANGES)) break;
     if (!vain) fewest = changes;
   }
+  memcpy(q->point, q->trial, sizeof(double) * (size_t)SIZE);
+  find_bounded(q);
+  return 0;
+}
+
+/* The optimum near that of another QP, whose costates and multipliers are in `point`. */
+static int solve_near(Problem *q) {
+  double *p = q->point;
+  memcpy(q->best, p, sizeof(double) * (size_t)q->n);
+  memset(S(p), 0, sizeof(double) * (size_t)(8 * q->M));
+  find_reached(q, p);
+  rest(q);
+  const int found = solve_active(q);
+  if (!found) memcpy(p, q->best, sizeof(double) * (size_t)q->n);
+  return found;
+}
+
+/* What an interior point comes close to, to all digits: with the sides that it approaches as equalities, where those are right. */
+static void finish(Problem *q) {
+  const int iterations = q->iterations;
+  double *p = q->point;
+  memcpy(q->best, p, sizeof(double) * (size_t)SIZE);
+  find_approached(q);
+  for (int i = 0; i < q->M; ++i) Y(p)[i] += MULTIPLIER(p)[q->M + i] - MULTIPLIER(p)[i];
+  if (solve_active(q)) return;
+  memcpy(p, q->best, sizeof(double) * (size_t)SIZE);
+  find_residuals(q, p, &q->now);
+  q->status = SOLVED, q->iterations = iterations;
 }
 
 /* The same as solve_qp from nothing but the QP, or from z, costates and multipliers in `point` that are those of a QP nearby. */
@@ -245,13 +284,12 @@ void solve_whole(Problem *q, int near) {
   if (!make_table(q)) return;
   begin(q, 0, 0);
   if (!has_numbers(&q->stages)) return;
-  q->start = near && largest_of(2 * q->M, q->elastic) > 0.0 ? START_WARM : START_EQUALITIES;
-  if (near && q->start == START_EQUALITIES && solve_near(q)) return;
+  const int hard = !(largest_of(2 * q->M, q->elastic) > 0.0);
+  q->start = near ? START_WARM : START_EQUALITIES;
+  if (!near) memset(q->point, 0, sizeof(double) * (size_t)SIZE);
+  if (near && hard && solve_near(q)) return;
   q->iterations = q->corrections = 0;
-  find_bounded(q);
-  /* Where the guess of bounds is wrong it is no start either. */
-  if (q->start == START_EQUALITIES) memset(q->point, 0, sizeof(double) * (size_t)SIZE), rest(q);
   for (int v = 0; v < q->n; ++v)
     if (q->stages.fixed[v] != 0.0) Z(q->point)[v] = q->z_lower[v];
-  run(q);
+  if (run(q) && hard && q->tolerance <= FINISHED && q->status == SOLVED && q->share > 0.0) finish(q);
 }

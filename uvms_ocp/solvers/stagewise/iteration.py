@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from uvms_ocp.arrays import Array
+from uvms_ocp.arrays import Array, Mask
 from uvms_ocp.solvers.stagewise.interior_point import InteriorPoint, Residuals
 from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
 from uvms_ocp.solvers.stagewise.point import End, Point, Start, nothing, resting
@@ -53,19 +53,31 @@ class NumpyCore:
         rest = resting(z, sum(qp.shape.n_x), len(table.norm))
         if not is_valid(qp):
             return nothing(rest)
-        if near is not None and table.elastic.any():
-            z = np.where(table.fixed, qp.flat["z_lower"], near.z)
-            warm = replace(rest, z=z, costate=near.costate, y=near.y)
-            return self._run(qp, table, warm, options, Start.WARM)
-        found = None if near is None else self._near(qp, table, rest, near, options)
-        # Where the guess of bounds is wrong it is no start either.
-        return found or self._run(qp, table, rest, options, Start.EQUALITIES)
+        if near is None:
+            return self._finished(qp, table, self._run(qp, table, rest, options, Start.EQUALITIES), options)
+        warm = replace(rest, costate=near.costate, y=near.y)
+        if not table.elastic.any():
+            found = self._active(qp, table, warm, reached(table, near.y, near.costate), options)
+            if found is not None:
+                return found
+        warm = replace(warm, z=np.where(table.fixed, qp.flat["z_lower"], near.z))
+        return self._finished(qp, table, self._run(qp, table, warm, options, Start.WARM), options)
 
-    def _near(self, qp: StageQp, table: RowTable, rest: Point, near: Near, options: StageQpOptions) -> End | None:
-        """The optimum where the bounds that it reaches are found soon, starting with those of a QP nearby."""
-        active, fewest, spent, vain = reached(table, near.y, near.costate), table.side.size, 0, 0
+    def _finished(self, qp: StageQp, table: RowTable, end: End, options: StageQpOptions) -> End:
+        """What an interior point comes close to, to all digits: with the sides that it approaches as equalities."""
+        rough = options.tolerance > STAGE_TOLERANCES.finished or end.approached is None
+        if rough or table.elastic.any() or end.status is not StageQpStatus.SOLVED:
+            return end
+        assert end.approached is not None
+        start = replace(end.point, y=end.point.row_multipliers())
+        found = self._active(qp, table, start, end.approached, options)
+        return end if found is None else replace(found, iterations=end.iterations + found.iterations)
+
+    def _active(self, qp: StageQp, table: RowTable, point: Point, active: Mask, options: StageQpOptions) -> End | None:
+        """The optimum where the bounds that it reaches are found soon, starting with active ones, from a point."""
+        fewest, spent, vain = table.side.size, 0, 0
         while True:
-            end = self._run(qp, held(table, active), rest, options, Start.ACTIVE)
+            end = self._run(qp, held(table, active), point, options, Start.ACTIVE)
             spent += end.iterations
             if end.status is not StageQpStatus.SOLVED:
                 break
@@ -76,7 +88,7 @@ class NumpyCore:
             vain = 0 if changes < fewest else vain + 1
             if vain > _patience(changes):
                 break
-            active, fewest = better, min(fewest, changes)
+            active, fewest, point = better, min(fewest, changes), end.point
         return None
 
     def _run(self, qp: StageQp, table: RowTable, point: Point, options: StageQpOptions, start: Start) -> End:
@@ -110,7 +122,7 @@ def _patience(changes: int) -> int:
 
 
 def _from_equalities(method: InteriorPoint, point: Point, *, alone: bool) -> End:
-    p, wrong = _equalities_alone(method, point)
+    p, wrong = _equalities_alone(method, point if alone else method.rest(point.z))
     r = method.residuals(p)
     if wrong:
         return _end(method, _WRONG[wrong], p, r)
@@ -124,8 +136,12 @@ def _from_equalities(method: InteriorPoint, point: Point, *, alone: bool) -> End
 
 
 def _equalities_alone(method: InteriorPoint, point: Point) -> tuple[Point, int]:
-    """The optimum without inequalities: one factor, and corrections; what is wrong with the factor."""
-    p, t = method.rest(point.z), method.table
+    """The optimum without inequalities: one factor, and corrections; what is wrong with the factor.
+
+    From z, costates and the multipliers of equalities.
+    """
+    t, before = method.table, np.inf
+    p = replace(method.rest(point.z), costate=point.costate, y=np.where(t.equal, point.y, 0.0))
     wrong = method.factor(None)
     if wrong:
         return p, wrong
@@ -133,11 +149,17 @@ def _equalities_alone(method: InteriorPoint, point: Point) -> tuple[Point, int]:
         r = method.residuals(p)
         equal = np.max(np.abs(np.concatenate([r.equal / t.norm, r.defect])))
         left = np.max([np.abs(r.grad).max() / r.gradient, equal / r.variable])
-        if k == STAGE_TOLERANCES.most_corrections or not left > 0.1 * method.options.tolerance:
+        if k == STAGE_TOLERANCES.most_corrections or _is_enough(left, before, method.options.tolerance):
             break
+        before = left
         r = replace(r, row=np.zeros_like(r.row), dual=np.zeros_like(r.dual))
         p = p.moved(method.direction(p, r), 1.0)
     return replace(p, s=np.maximum(method.beyond(r.value), 0.0), f=np.where(t.elastic, t.l1, 0.0)), 0
+
+
+def _is_enough(left: float, before: float, tolerance: float) -> bool:
+    """Of corrections, which go on below the tolerance while each takes half of what is left."""
+    return not left > STAGE_TOLERANCES.exact * tolerance or bool(left <= 0.1 * tolerance and not left <= 0.5 * before)
 
 
 def _missed(method: InteriorPoint, r: Residuals) -> float:
@@ -160,10 +182,15 @@ def _cold(method: InteriorPoint, point: Point) -> Point:
 
 
 def _warm(method: InteriorPoint, p: Point) -> Point:
-    """A start near the optimum."""
-    t, y, mu = method.table, p.y, method.options.warm_mu * method.curvature
-    beyond = method.beyond(method.residuals(p).value)
-    s = np.where(t.side, np.maximum(beyond, np.sqrt(method.options.warm_mu) * t.norm), 0.0)
+    """A start near the optimum; a cold one where bounds are hard and the point is far from it."""
+    t, y, r, warm_mu = method.table, p.y, method.residuals(p), method.options.warm_mu
+    if not t.elastic.any():
+        far, nearer = _far(method, r), STAGE_TOLERANCES.nearer
+        if far > STAGE_TOLERANCES.far:
+            return _cold(method, replace(p, z=np.where(t.fixed, p.z, 0.0)))
+        warm_mu = float(np.clip(far**2, warm_mu / nearer, warm_mu * nearer))
+    mu, beyond = warm_mu * method.curvature, method.beyond(r.value)
+    s = np.where(t.side, np.maximum(beyond, np.sqrt(warm_mu) * t.norm), 0.0)
     multiplier = np.maximum(-SIGNS * y, np.divide(mu, s, out=np.zeros_like(s), where=t.side))
     multiplier = np.where(t.side, multiplier, 0.0)
     multiplier = np.where(t.elastic, np.minimum(multiplier, 0.999 * t.l1), multiplier)
@@ -172,17 +199,25 @@ def _warm(method: InteriorPoint, p: Point) -> Point:
     return replace(p, y=np.where(t.equal, y, 0.0), s=s, multiplier=multiplier, e=e, f=f)
 
 
+def _far(method: InteriorPoint, r: Residuals) -> float:
+    """By how much conditions fail, relative to their terms, sides aside that are kept."""
+    missed = max(_missed(method, r), float(np.abs(r.defect).max(initial=0.0)))
+    return max(r.kkt.stationarity / r.gradient, missed / r.variable)
+
+
 def _descended(method: InteriorPoint, p: Point) -> End:
     """From a start inside to the optimum, or to where it cannot go on, which leaves the best point."""
-    r, share = method.residuals(p), 1.0
+    r, share, approached = method.residuals(p), 1.0, None
     progress = _Progress(p, r)
     while True:
         status = progress.look(method, p, r, share)
         if status is not None:
-            return _end(method, status, *progress.best)
+            return replace(_end(method, status, *progress.best), approached=approached)
+        last = p
         p, share = method.advance(p, r)
         if share < 0.0:
             return _end(method, _WRONG_LATER[share], *progress.best)
+        approached = method.table.side & (p.s * last.multiplier < p.multiplier * last.s)
         before, r = r, method.residuals(p)
         method.corrections = min(3, method.corrections + _is_inexact(method, before, r, share))
 

@@ -68,12 +68,22 @@ class StageTolerances:
     """[unit of z] variables below which a gradient is compared with the curvature."""
     counts: float = 1e-6
     """[-] multiplier, beside the largest, of a bound that is reached."""
-    many_changes: int = 15
+    many_changes: int = 8
     """[-] of bounds that are held, more than which must fall from round to round."""
-    vain_changes: int = 4
+    vain_changes: int = 2
     """[-] rounds in which fewer do not."""
     most_corrections: int = 10
     """[-] of a solution without inequalities."""
+    exact: float = 1e-5
+    """[-] of the tolerance, down to which those corrections go on while they help."""
+    finished: float = 1e-5
+    """[-] tolerance above which what an interior point comes close to is not looked for: it keeps off the bounds."""
+    sharp: float = 1e-2
+    """[-] of the tolerance, by which a side must be missed to be held."""
+    far: float = 0.5
+    """[-] failure of all conditions from which the solution of a QP nearby is no start."""
+    nearer: float = 1e2
+    """[-] by which complementarity at a warm start is more where that is far, and less where it is not."""
     least_missed: float = 0.1
     """[unit of z] violation of bounds that a cold start reckons with."""
     cold_mu: float = 0.1

@@ -7,7 +7,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from uvms_ocp.arrays import Array
+from uvms_ocp.arrays import Array, Mask
 from uvms_ocp.solvers.stagewise.solution import KktResidual, StageQpStatus, kkt_residual
 
 
@@ -92,6 +92,8 @@ class End:
     """[-] the same, relative to the terms of each condition."""
     iterations: int
     """[-] factors."""
+    approached: Mask | None = None
+    """(2, M) sides of which less was left after the last step, by more than their multipliers fell; None without a step."""
 
 
 def nothing(point: Point) -> End:

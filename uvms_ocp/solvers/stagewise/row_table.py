@@ -101,10 +101,12 @@ def may_be_fixed(shape: StageShape) -> Mask:
 def reached(table: RowTable, y: Array, costate: Array) -> Mask:
     """(2, M) sides that hold the solution of a QP nearby where it is.
 
-    y (M,) [1/unit of the row] and costate (n_x,) [1/unit of x]: its multipliers.
+    y (M,) [1/unit of the row] and costate (n_x,) [1/unit of x]: its multipliers. Where no side is without one, as an interior
+    point leaves them, those with a large one.
     """
     most = max(np.abs(y).max(initial=0.0), np.abs(costate).max(initial=0.0))
-    return np.asarray(table.side & (-SIGNS * y * table.norm > STAGE_TOLERANCES.counts * most))
+    least = 0.0 if (table.side & (y == 0.0)).any() else STAGE_TOLERANCES.counts * most
+    return np.asarray(table.side & (-SIGNS * y * table.norm > least))
 
 
 def held(table: RowTable, active: Mask) -> RowTable:
@@ -119,6 +121,6 @@ def mended(table: RowTable, active: Mask, y: Array, value: Array, tolerance: flo
 
     y (M,) [1/unit of the row] multipliers; value (M,) [unit of the row]; tolerance [-] relative to the largest variable.
     """
-    room = tolerance * (1.0 + np.abs(value[-len(table.fixed) :]).max()) * table.norm
+    room = STAGE_TOLERANCES.sharp * tolerance * (1.0 + np.abs(value[-len(table.fixed) :]).max()) * table.norm
     missed = table.side & (SIGNS * (table.bound - value) > room)
     return np.asarray((active & (SIGNS * y <= 0.0)) | (missed & ~active))

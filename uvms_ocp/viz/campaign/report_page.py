@@ -16,6 +16,7 @@ td, th { padding: .25em .7em; border-bottom: 1px solid #ddd; text-align: left; v
 td.n { text-align: right; font-variant-numeric: tabular-nums } img { max-width: 100%; margin: .5em 0 }
 .rate { font-size: 1.35em } code { background: #f3f3f3; padding: .1em .3em }
 """
+_SAME = "Nothing but the seed of each run."
 
 
 def report_page(report: Mapping[str, Any], figures: Mapping[str, bytes]) -> str:
@@ -29,14 +30,16 @@ def report_page(report: Mapping[str, Any], figures: Mapping[str, bytes]) -> str:
         f"<p>Counted as success: {escape('; '.join(report['criterion']))}. {escape(state)}; {escape(drawn)}.</p>",
         *(_figure(name, png) for name, png in figures.items()),
         "<h2>Outcomes</h2>" + _table(report["outcomes"]),
-        "<h2>Causes of failure</h2>" + (_table(report["causes"]) if report["causes"] else "<p>No run failed.</p>"),
-        "<h2>Distributions</h2>" + _table(report["distributions"]),
+        "<h2>Causes of failure</h2><p>Causes that differ in their numbers alone are one; the numbers are those of the run that "
+        "is named.</p>" + _table(report["causes"], "No run failed."),
+        "<h2>Distributions</h2>" + _table(report["distributions"], "No run has a figure of merit."),
         "<h2>Sensitivity</h2><p>Spearman's rank correlation is a first look; a PAWN index that is not clearly above its "
         "floor says nothing; s1 and st are Sobol' indices, of their own design only.</p>"
-        + _table(report["sensitivity"]),
-        "<h2>The ten worst runs</h2>" + _table(report["worst"], code=("repeat",)),
+        + _table(report["sensitivity"], report["sensitivity_silent"]),
+        f"<h2>The {len(report['worst'])} worst runs</h2><p>Worst first: {escape(report['worst_first'])}.</p>"
+        + _table(report["worst"], code=("repeat",)),
         "<h2>What was varied</h2>"
-        + _table([{"parameter": name, "distribution": text} for name, text in report["parameters"].items()]),
+        + _table([{"parameter": name, "distribution": text} for name, text in report["parameters"].items()], _SAME),
     ]
     head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{_STYLE}</style>'
     return f"<!doctype html><html><head>{head}</head><body>{''.join(parts)}</body></html>\n"
@@ -47,9 +50,10 @@ def _figure(name: str, png: bytes) -> str:
     return f'<figure><img alt="{escape(name)}" src="data:image/png;base64,{data}"></figure>'
 
 
-def _table(rows: Sequence[Mapping[str, Any]], code: Sequence[str] = ()) -> str:
+def _table(rows: Sequence[Mapping[str, Any]], empty: str = "", code: Sequence[str] = ()) -> str:
+    """empty: why there is no row."""
     if not rows:
-        return "<p>Nothing to tell.</p>"
+        return f"<p>{escape(empty)}</p>"
     columns = list(dict.fromkeys(name for row in rows for name in row))
     head = "".join(f"<th>{escape(name.replace('_', ' '))}</th>" for name in columns)
     body = "".join(f"<tr>{''.join(_cell(row.get(name), name in code) for name in columns)}</tr>" for row in rows)

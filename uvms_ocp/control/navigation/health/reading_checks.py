@@ -40,7 +40,7 @@ def look_at(m: HealthMemory, c: ChannelMemory, slot: int) -> None:
         _compare_with_estimate(m, c, m.history.kept[slot], b)
     late = m.t - c.stamp - c.delay
     if b.why.code == Reason.NONE and late > m.rules.late + m.dt:
-        give(b.why, Reason.LATE, late, 0.0)
+        give(b.why, Reason.LATE, late, m.rules.late + m.dt)
 
 
 def is_empty(c: ChannelMemory) -> bool:

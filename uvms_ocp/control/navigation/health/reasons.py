@@ -72,7 +72,7 @@ _TEXTS: dict[int, Callable[[float, float], str]] = {
     Reason.BEFORE: lambda a, b: f"a time stamp {a:.3g} s before that of the reading before",
     Reason.TOO_LATE: lambda a, b: f"late by {a:.3g} s, more than can be made use of",
     Reason.REPEATED: lambda a, b: f"the same value {a:.0f} times" + (f", component {b:.0f}" if b else ""),
-    Reason.LATE: lambda a, b: f"late by {a:.3g} s",
+    Reason.LATE: lambda a, b: f"{a:.3g} s later than its delay is said to be, allowed {b:.3g} s",
     Reason.NEARER: lambda a, b: f"the floor {a:.3g} m nearer at once; believed, to be safe",
     Reason.AS_BEFORE: lambda a, b: f"the floor {a:.3g} m farther at once, where it was before",
     Reason.FARTHER: lambda a, b: f"the floor {a:.3g} m farther at once; not believed before it proves true",
