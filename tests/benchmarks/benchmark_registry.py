@@ -61,6 +61,7 @@ ALONE = tuple(
         "hierarchy",
         "identification_simulated",
         "nmpc_levels",
+        "notebooks",
         "ocp_missions",
         "ocp_peers",
         "ocp_random_reach",
