@@ -9,9 +9,13 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from typer.core import TyperGroup
+from typer.main import get_command
 
+from uvms_ocp.cli import app
 from uvms_ocp.reference import build
 
 ROOT = Path(__file__).parents[1]
@@ -20,6 +24,7 @@ GUIDE = Path(build.__file__).with_name("guide")
 PAGES = (README, *sorted(GUIDE.glob("*.md")))
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\]\(([^):]+)\)")
+COMMAND = re.compile(r"`uvms-ocp ([a-z][^`]*)`")
 PLACE = re.compile(r"`((?:notebooks|benchmarks|robots)/[\w/.]+\.\w+)`")
 
 
@@ -50,6 +55,26 @@ def test_what_it_leads_to_is_there(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert [link for link in LINK.findall(text) if not (page.parent / link).exists()] == []
     assert [place for place in PLACE.findall(text) if not is_there(ROOT / place)] == []
+
+
+def unknown_words(command: Any, words: list[str]) -> list[str]:
+    """Commands and options that there are not, of one command line."""
+    while words and isinstance(command, TyperGroup):
+        name, *words = words
+        if name == "COMMAND":
+            return []
+        if name not in command.commands:
+            return [name]
+        command = command.commands[name]
+    known = {"--help", *(option for item in command.params for option in item.opts)}
+    return [word for word in words if word.startswith("--") and word not in known]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_commands_that_are_told_of_and_their_options_are_there(page: Path) -> None:
+    group = get_command(app)
+    lines = COMMAND.findall(page.read_text(encoding="utf-8"))
+    assert [line for line in lines if unknown_words(group, shlex.split(line))] == []
 
 
 def is_there(path: Path) -> bool:
