@@ -142,7 +142,7 @@ def measured(quantity: str, quantities: Mapping[str, float]) -> float:
 
 
 def _described(condition: Condition, quantities: Mapping[str, float]) -> str:
-    value = quantities[condition.quantity]
+    value = measured(condition.quantity, quantities)
     if math.isnan(value):
         return f"{condition.quantity} is not known, asked {condition.sign} {condition.limit:g}"
     sign = condition.sign if condition.holds(quantities) else f"not {condition.sign}"
