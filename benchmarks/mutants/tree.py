@@ -16,7 +16,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-_COPIED = ("uvms_ocp", "robots", "tests", "benchmarks", "notebooks", "pyproject.toml", "README.md", "CHANGELOG.md")
+_COPIED = (
+    "uvms_ocp",
+    "robots",
+    "tests",
+    "benchmarks",
+    "notebooks",
+    "pyproject.toml",
+    "README.md",
+    "CHANGELOG.md",
+    "CONTRIBUTING.md",
+)
 _COMPILER = """#!/bin/sh
 # Code that is in the cache is used; where it may not be compiled, what a mutant changes runs in the slower way.
 [ "$1" = --version ] || [ -z "$MUTANTS_DO_NOT_COMPILE" ] || exit 1

@@ -9,7 +9,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 SCRIPTS = ROOT / "benchmarks"
-TOOLS = ("peer_environments", "same_numbers")
+TOOLS = ("__main__", "peer_environments", "same_numbers")
 """Scripts beside the benchmarks, which record nothing."""
 
 
@@ -61,6 +61,7 @@ ALONE = tuple(
         "hierarchy",
         "identification_simulated",
         "nmpc_levels",
+        "notebooks",
         "ocp_missions",
         "ocp_peers",
         "ocp_random_reach",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -17,7 +16,6 @@ from uvms_ocp.campaign.store.table import read_table
 from uvms_ocp.cli import app
 from uvms_ocp.exceptions import InvalidInput, NameNotFound, UvmsError
 
-README = Path(__file__).parents[2] / "README.md"
 QUICK = ("--plant", "kinematic", "--duration", "0.3", "--force")
 KINEMATIC = """
 from uvms_ocp.campaign import Normal, Variation
@@ -180,16 +178,3 @@ def test_mistakes_are_told_in_one_line(words: tuple[str, ...], error: type[UvmsE
     with pytest.raises(error, match=message) as told:
         CliRunner().invoke(app, words, catch_exceptions=False)
     assert "\n" not in str(told.value)
-
-
-def test_the_path_that_readme_shows_works_as_printed(tmp_path: Path) -> None:
-    (block,) = [block for block in re.findall(r"```\n(.*?)```", README.read_text(), re.S) if "new-robot" in block]
-    lines = [line for line in block.strip().splitlines() if line]
-    assert len(lines) <= 15
-    for line in lines:
-        command = shlex.split(line, comments=True)
-        assert command[0] == "uvms-ocp"
-        words = [sys.executable, "-m", "uvms_ocp", *command[1:]]
-        told = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
-        assert told.returncode == 0, f"{line}\n{told.stdout}{told.stderr}"
-    assert len(read_table(tmp_path / "first")) == len(read_table(tmp_path / "second")) == 20

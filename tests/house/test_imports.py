@@ -1,4 +1,4 @@
-"""Importing the package takes no library along that only a few calls need."""
+"""Importing the package, its commands too, takes no library along that only a few calls need."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 EXTRAS = ("dask", "distributed", "pandas", "pyarrow", "SALib", "mcap", "foxglove_schemas_protobuf")
 RARE = ("scipy.stats", "scipy.optimize", "scipy.spatial", "matplotlib", "meshcat", *EXTRAS)
-_CODE = "import sys, uvms_ocp; [getattr(uvms_ocp, name) for name in dir(uvms_ocp)]; print(*sys.modules)"
+_CODE = "import sys, uvms_ocp, uvms_ocp.cli; [getattr(uvms_ocp, name) for name in dir(uvms_ocp)]; print(*sys.modules)"
 _WITHOUT = """
 import sys
 for name in {extras}:

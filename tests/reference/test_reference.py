@@ -9,7 +9,7 @@ import pytest
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound, OutputError
 from uvms_ocp.reference import build
-from uvms_ocp.reference.build import build_reference, theory_pages
+from uvms_ocp.reference.build import build_reference, guide_pages, theory_pages
 from uvms_ocp.reference.links import broken_links, outside_links
 from uvms_ocp.reference.pages import body_of
 from uvms_ocp.reference.rooms import CITED, documented_modules, place_of
@@ -41,7 +41,8 @@ def test_formulas_are_drawn_by_the_browser_itself(reference: Path) -> None:
 
 
 def test_every_public_name_is_documented() -> None:
-    assert list(undocumented_names(documented_modules("\n".join(theory_pages().values())))) == []
+    pages = (*guide_pages().values(), *theory_pages().values())
+    assert list(undocumented_names(documented_modules("\n".join(pages)))) == []
 
 
 @pytest.mark.parametrize("name", build.ORDER)
@@ -55,9 +56,10 @@ def test_every_equation_says_which_code_states_it(name: str) -> None:
         place_of(cited)
 
 
-def test_pages_of_theory_are_all_in_their_order() -> None:
-    folder = Path(build.__file__).with_name("theory")
-    assert {path.stem for path in folder.iterdir()} == {*build.ORDER, "first_page"}
+def test_pages_that_are_written_by_hand_are_all_in_their_order() -> None:
+    place = Path(build.__file__)
+    assert {path.stem for path in place.with_name("theory").iterdir()} == {*build.ORDER, "first_page"}
+    assert {path.stem for path in place.with_name("guide").iterdir()} == set(build.GUIDE)
 
 
 def test_tables_hold_every_series_every_field_and_every_command() -> None:
@@ -87,6 +89,7 @@ def test_a_broken_link_fails_the_build(tmp_path: Path, monkeypatch: pytest.Monke
     pytest.importorskip("pdoc")
     monkeypatch.setattr(build, "documented_modules", lambda pages: ("uvms_ocp.version",))
     monkeypatch.setattr(build, "generated_pages", dict)
+    monkeypatch.setattr(build, "guide_pages", dict)
     monkeypatch.setattr(build, "theory_pages", lambda: {"page": "# A page\n\n[away](nowhere.html)\n"})
     monkeypatch.setattr(build, "_first_page", lambda: "# First\n")
     with pytest.raises(InvalidInput, match=r"1 faults: page.html: nowhere.html"):

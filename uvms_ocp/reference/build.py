@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib.resources import files
 from pathlib import Path
 
@@ -21,14 +21,25 @@ ORDER = (
     *("estimation", "trajectories", "collision", "optimal_control"),
 )
 """Of the pages of theory, which build on those before."""
+GUIDE = ("commands_by_example", "python", "campaigns", "mission_plans", "faults", "limitations")
+"""Pages on how to use it, in their order."""
 _PRIVATE = re.compile(r'<a href="[^"]*#_[^"]*">(.*?)</a>', re.DOTALL)
 _MOST_FAULTS = 20  # that are told
 
 
 def theory_pages() -> dict[str, str]:
     """Markdown of all pages of theory by name, in their order."""
-    folder = files("uvms_ocp.reference") / "theory"
-    return {name: (folder / f"{name}.md").read_text(encoding="utf-8") for name in ORDER}
+    return _pages_of("theory", ORDER)
+
+
+def guide_pages() -> dict[str, str]:
+    """Markdown of all pages on how to use it by name, in their order."""
+    return _pages_of("guide", GUIDE)
+
+
+def _pages_of(folder: str, names: Sequence[str]) -> dict[str, str]:
+    place = files("uvms_ocp.reference") / folder
+    return {name: (place / f"{name}.md").read_text(encoding="utf-8") for name in names}
 
 
 @checked
@@ -44,15 +55,15 @@ def build_reference(folder: Path | str) -> Path:
     except ImportError as error:
         raise InvalidInput(f'{error.name} is not installed; run: pip install "uvms-ocp[reference]"') from error
     folder = Path(folder)
-    theory, tables = theory_pages(), generated_pages()
-    modules = documented_modules("\n".join((*theory.values(), *tables.values())))
+    written = {"Guide": guide_pages(), "Theory": theory_pages(), "Files and commands": generated_pages()}
+    modules = documented_modules("\n".join(text for pages in written.values() for text in pages.values()))
     pdoc.render.configure(docformat="markdown", show_source=True, search=True)
     try:
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
             pdoc.pdoc(*_asked_for(modules), output_directory=folder)
         _without_private_links(folder)
-        _write_pages(folder, theory, tables, modules)
+        _write_pages(folder, written, modules)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written ({error}); choose another folder") from error
     wrong = [*(str(item.message).splitlines()[0] for item in told), *broken_links(folder)]
@@ -76,13 +87,13 @@ def _without_private_links(folder: Path) -> None:
         path.write_text(_PRIVATE.sub(r"\1", text), encoding="utf-8")
 
 
-def _write_pages(folder: Path, theory: dict[str, str], tables: dict[str, str], modules: tuple[str, ...]) -> None:
+def _write_pages(folder: Path, written: dict[str, dict[str, str]], modules: tuple[str, ...]) -> None:
     contents: Contents = {
-        "Theory": [(f"{name}.html", title_of(text)) for name, text in theory.items()],
-        "Files and commands": [(f"{name}.html", title_of(text)) for name, text in tables.items()],
-        "Python": [(f"{name.replace('.', '/')}.html", name.removeprefix("uvms_ocp.")) for name in modules],
+        heading: [(f"{name}.html", title_of(text)) for name, text in pages.items()]
+        for heading, pages in written.items()
     }
-    for name, text in (theory | tables).items():
+    contents["Python"] = [(f"{name.replace('.', '/')}.html", name.removeprefix("uvms_ocp.")) for name in modules]
+    for name, text in (item for pages in written.values() for item in pages.items()):
         page = page_of(title_of(text), body_of(text, modules), contents)
         (folder / f"{name}.html").write_text(page, encoding="utf-8")
     (folder / "index.html").write_text(page_of("uvms_ocp", body_of(_first_page(), modules), contents), encoding="utf-8")

@@ -7,9 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from matplotlib.figure import Figure
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -20,6 +19,9 @@ from uvms_ocp.campaign.runs.merits import MERITS
 from uvms_ocp.cli.printing import print_paths, table_of
 from uvms_ocp.exceptions import OutputError, plain_line
 from uvms_ocp.output.durable import write_durably
+
+if TYPE_CHECKING:  # a command that draws nothing does not wait for it
+    from matplotlib.figure import Figure
 
 _DPI = 110
 _SHOWN = 8  # rows of a table on a terminal

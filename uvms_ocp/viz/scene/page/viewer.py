@@ -55,7 +55,7 @@ class CommandLog:
 class ScenePage:
     """A finished page: write it to a file, or show it as the last value of a notebook cell."""
 
-    html: str
+    html: str = field(repr=False)
     height: AtLeastOne = 520
     """[px] in a notebook."""
 

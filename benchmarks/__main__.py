@@ -1,0 +1,155 @@
+"""What README claims, by the files that hold it, and the commands that measure it anew.
+
+    python -m benchmarks                            the table, from what is recorded
+    python -m benchmarks NAME ... --peers FOLDER    run these benchmarks, for minutes each; all: every one of the table
+    python -m benchmarks --into README.md           write the table there
+
+The peers' environments: python benchmarks/peer_environments.py FOLDER
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import re
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent
+_TABLE = re.compile(r"\| what, measured \|.*?(?=\n\n)", re.DOTALL)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cell:
+    """One number in a file of results."""
+
+    where: dict[str, str]
+    """Values of columns that only its row has."""
+    column: str
+
+    def read(self, script: str) -> float:
+        """Raises `LookupError` unless one row alone is meant."""
+        with (ROOT / "results" / f"{script}.csv").open(encoding="utf-8", newline="") as file:
+            lines = (line for line in file if not line.startswith("#"))
+            rows = [row for row in csv.DictReader(lines) if self.where.items() <= row.items()]
+        if len(rows) != 1:
+            raise LookupError(f"{script}.csv: {len(rows)} rows with {self.where}; one is wanted")
+        return float(rows[0][self.column])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Claim:
+    """Our number beside a peer's."""
+
+    what: str
+    unit: str
+    script: str
+    """Which measures both, one after the other, on one machine."""
+    ours: Cell
+    peer: str
+    """Its name, and how its problem differs."""
+    theirs: Cell
+
+    def line(self) -> str:
+        """A row of the table."""
+        ours, theirs = (f"{cell.read(self.script):.3g} {self.unit}" for cell in (self.ours, self.theirs))
+        return f"| {self.what} | {ours} | {theirs}: {self.peer} | `{self.script}.md` |"
+
+
+CLAIMS = (
+    Claim(
+        what="one tick of Case 1, kinematics and solver, from Python",
+        unit="us",
+        script="hierarchy",
+        ours=Cell(where={"problem": "whole tick", "solver": "lexls in C"}, column="p50_us"),
+        peer="pink with quadprog; weights in place of strict levels",
+        theirs=Cell(where={"problem": "whole tick", "solver": "pink (quadprog), weights"}, column="p50_us"),
+    ),
+    Claim(
+        what="minimum snap through 100 pieces",
+        unit="ms",
+        script="trajectories",
+        ours=Cell(where={"problem": "min snap 100 x 3", "solver": "banded", "quantity": "time [ms]"}, column="value"),
+        peer="minsnap_trajectories",
+        theirs=Cell(where={"problem": "min snap 100 x 3", "solver": "minsnap_trajectories"}, column="value"),
+    ),
+    Claim(
+        what="optimal control, 13 degrees of freedom, 20 steps, no limits",
+        unit="ms",
+        script="ocp_peers",
+        ours=Cell(
+            where={
+                "problem": "shooting, N = 20",
+                "solver": "uvms_ocp fatrop",
+                "setting": "Gauss-Newton, 1e-06, compiled",
+            },
+            column="cpu_ms",
+        ),
+        peer="crocoddyl, to the same cost; it has no hard limits",
+        theirs=Cell(where={"problem": "shooting, N = 20", "solver": "crocoddyl FDDP"}, column="cpu_ms"),
+    ),
+    Claim(
+        what="quickest motion of an arm, within 0.2 % of the known answer",
+        unit="ms",
+        script="ocp_peers",
+        ours=Cell(
+            where={"problem": "quickest", "solver": "uvms_ocp fatrop", "setting": "N = 20, exact, 1e-06, compiled"},
+            column="cpu_ms",
+        ),
+        peer="Drake with SNOPT; it has no forces there",
+        theirs=Cell(
+            where={"problem": "quickest", "solver": "Drake KTO", "setting": "SNOPT, 24 control points"},
+            column="cpu_ms",
+        ),
+    ),
+)
+SCRIPTS = tuple(dict.fromkeys(claim.script for claim in CLAIMS))
+
+
+def table() -> str:
+    """All claims in Markdown."""
+    head = "| what, measured | uvms_ocp | peer | in `benchmarks/results/` |\n|---|---|---|---|"
+    return "\n".join((head, *(claim.line() for claim in CLAIMS)))
+
+
+def written_into(text: str) -> str:
+    """A text whose table is the one of today."""
+    return _TABLE.sub(lambda found: table(), text)
+
+
+def run(names: list[str], options: list[str]) -> int:
+    """The exit code of the first benchmark that fails, or 0."""
+    for name in SCRIPTS if names == ["all"] else names:
+        words = [sys.executable, str(ROOT / f"{name}.py"), *options]
+        sys.stderr.write(f"{' '.join(words[1:])}\n")
+        if code := subprocess.run(words, check=False).returncode:
+            return code
+    return 0
+
+
+def main() -> int:
+    """Print, run or write."""
+    parser = argparse.ArgumentParser(
+        "python -m benchmarks", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"all, or of {', '.join(SCRIPTS)}")
+    parser.add_argument("--peers", type=Path, metavar="FOLDER", help="of the peers' environments")
+    parser.add_argument("--into", type=Path, metavar="FILE", help="whose table is to be replaced")
+    parser.add_argument("--out", type=Path, metavar="PATH", help="folder of the files, instead of benchmarks/results")
+    parser.add_argument("--quick", action="store_true", help="little work, to see that it runs; needs --out")
+    given = parser.parse_args()
+    if unknown := set(given.names) - {"all", *SCRIPTS}:
+        parser.error(f"unknown: {', '.join(sorted(unknown))}; give all, or of {', '.join(SCRIPTS)}")
+    options = [word for name in ("peers", "out") if (path := getattr(given, name)) for word in (f"--{name}", str(path))]
+    if given.names and (code := run(given.names, [*options, *(["--quick"] if given.quick else [])])):
+        return code
+    if given.into:
+        given.into.write_text(written_into(given.into.read_text(encoding="utf-8")), encoding="utf-8")
+    sys.stdout.write(f"{table()}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
