@@ -20,16 +20,18 @@ VELOCITY, RATE, VERTICAL = 0.01, 0.01, 0.005
 _HULL = np.array([[-0.25, -0.2, -0.15], [0.25, 0.2, 0.15]])
 _WITHOUT_PRIOR = 0.3  # [-] deviation of what is drawn where the declaration has none
 LEARNT: dict[str, Status] = {
-    "mass": Prior(sigma=0.05),
+    "mass": Prior(sigma=0.01),
     "added_mass": Free(),
     "linear_drag": Free(),
     "quadratic_drag": Free(),
-    "volume": Prior(sigma=0.02),
+    "volume": Prior(sigma=0.01),
     "centre_of_buoyancy": Prior(sigma=0.2),
-    "gain": Prior(sigma=0.1),
+    "gain": Prior(sigma=0.03),
     "lag": Prior(sigma=0.3),
+    "delay": Prior(sigma=0.02),
+    "velocity_delay": Prior(sigma=0.02),
 }
-"""What is drawn, and learnt again: the vehicle has been weighed, its thrusters are those of a data sheet."""
+"""What is drawn, and learnt again: the vehicle was weighed, in air and in water, and its thrusters were tried on a scale."""
 
 
 def vehicle(name: str = "bluerov2_alpha5") -> Vehicle:
