@@ -10,6 +10,7 @@ from uvms_ocp.identification.parameters.status import Free, Prior, Status
 from uvms_ocp.identification.parameters.unknowns import Unknowns
 from uvms_ocp.identification.parameters.vehicle_quantities import Actuators, Start, vehicle_declaration
 from uvms_ocp.identification.recordings.recording import Channel, Recording
+from uvms_ocp.identification.recordings.sampling import Held
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.thrusters import thruster_matrix
 
@@ -54,8 +55,8 @@ def recorded(one: Vehicle, stage: Stage, p: np.ndarray, rng: np.random.Generator
     """Of a vehicle with unknowns p (n,) [as `Unknowns.start`], over t_end [s]."""
     t = FINE * np.arange(round(t_end / FINE))
     thrust = _wanted(t, rng) @ np.linalg.pinv(one.actuators.wrench).T
-    late = round(float(np.asarray(stage.delays(p)[0])[0, 0]) / FINE)
-    told = np.vstack([np.repeat(thrust[:1], late, axis=0), thrust])[: len(t)]
+    late = float(np.asarray(stage.delays(p)[0])[0, 0])
+    told = Held(Channel(t=t, values=thrust)).mean(FINE * np.arange(len(t) + 1) - late)
     begun = np.asarray(stage.begun(np.repeat(thrust[:1].T, PAST, axis=1), p)[0]).ravel()
     x = np.concatenate([[0, 0, -2, 0, 0, 0, 1.0], np.zeros(6), begun])
     after = stage.step.mapaccum(len(t))(
