@@ -16,13 +16,15 @@ from recording.report import Report, Row, Table, begin, parser_of
 from uvms_ocp.identification.answers.numbers import KNOWN, Number, numbers, values_of
 from uvms_ocp.identification.methods.output_error import Noise
 from uvms_ocp.identification.methods.rollout import Rollout
-from uvms_ocp.identification.methods.search import searched
+from uvms_ocp.identification.methods.search import Search, searched
 from uvms_ocp.identification.methods.stretch import Prepared
 from uvms_ocp.identification.models.stage import Vehicle, stage_of
 
 ROBOTS, DURATION = 20, 300.0
 """[-], [s]."""
 NOISE = Noise(velocity=VELOCITY, rate=RATE, vertical=VERTICAL, process=0.02, start=0.05)
+SEARCH = Search(step=0.01)
+"""Steps of 0.02 s move lags by 1 ms, which is more than five minutes leave open."""
 PROSE = """
 {robots} vehicles like a BlueROV2 without its arm, with drawn numbers, {duration:g} s of steps and chirps each. Sensors have a
 noise of {velocity:g} m/s, {rate:g} rad/s and {vertical:g} in the vertical, at ten samples a second; thrusters have a lag, and
@@ -38,7 +40,7 @@ def identified(one: Vehicle, rollout: Rollout, seed: int, duration: float) -> li
     rng = np.random.default_rng(seed)
     truth = drawn(one, rng)
     prepared, begun = Prepared.of(recorded(one, rollout.stage, truth, rng, duration), one), process_time()
-    estimate = searched(one, [prepared], NOISE, rollout)
+    estimate = searched(one, [prepared], NOISE, rollout, SEARCH)
     taken, pairs = process_time() - begun, zip(numbers(one, estimate), values_of(one, truth), strict=True)
     return [{"robot": seed, **_row(told, float(wanted)), "status": estimate.status.value, "time [s]": taken}
             for told, wanted in pairs]  # fmt: skip
