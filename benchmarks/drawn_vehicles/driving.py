@@ -10,26 +10,29 @@ from uvms_ocp.identification.parameters.status import Free, Prior, Status
 from uvms_ocp.identification.parameters.unknowns import Unknowns
 from uvms_ocp.identification.parameters.vehicle_quantities import Actuators, Start, vehicle_declaration
 from uvms_ocp.identification.recordings.recording import Channel, Recording
+from uvms_ocp.identification.recordings.sampling import Held
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.thrusters import thruster_matrix
 
-FINE, EVERY = 0.01, 10
+FINE, EVERY = 0.005, 20
 """[s] of the simulation; [-] steps between samples."""
 VELOCITY, RATE, VERTICAL = 0.01, 0.01, 0.005
 """[m/s], [rad/s], [-] of the noise of sensors."""
 _HULL = np.array([[-0.25, -0.2, -0.15], [0.25, 0.2, 0.15]])
 _WITHOUT_PRIOR = 0.3  # [-] deviation of what is drawn where the declaration has none
 LEARNT: dict[str, Status] = {
-    "mass": Prior(sigma=0.05),
+    "mass": Prior(sigma=0.01),
     "added_mass": Free(),
     "linear_drag": Free(),
     "quadratic_drag": Free(),
-    "volume": Prior(sigma=0.02),
+    "volume": Prior(sigma=0.01),
     "centre_of_buoyancy": Prior(sigma=0.2),
-    "gain": Prior(sigma=0.1),
+    "gain": Prior(sigma=0.03),
     "lag": Prior(sigma=0.3),
+    "delay": Prior(sigma=0.02),
+    "velocity_delay": Prior(sigma=0.02),
 }
-"""What is drawn, and learnt again: the vehicle has been weighed, its thrusters are those of a data sheet."""
+"""What is drawn, and learnt again: the vehicle was weighed, in air and in water, and its thrusters were tried on a scale."""
 
 
 def vehicle(name: str = "bluerov2_alpha5") -> Vehicle:
@@ -52,8 +55,8 @@ def recorded(one: Vehicle, stage: Stage, p: np.ndarray, rng: np.random.Generator
     """Of a vehicle with unknowns p (n,) [as `Unknowns.start`], over t_end [s]."""
     t = FINE * np.arange(round(t_end / FINE))
     thrust = _wanted(t, rng) @ np.linalg.pinv(one.actuators.wrench).T
-    late = round(float(np.asarray(stage.delays(p)[0])[0, 0]) / FINE)
-    told = np.vstack([np.repeat(thrust[:1], late, axis=0), thrust])[: len(t)]
+    late = float(np.asarray(stage.delays(p)[0])[0, 0])
+    told = Held(Channel(t=t, values=thrust)).mean(FINE * np.arange(len(t) + 1) - late)
     begun = np.asarray(stage.begun(np.repeat(thrust[:1].T, PAST, axis=1), p)[0]).ravel()
     x = np.concatenate([[0, 0, -2, 0, 0, 0, 1.0], np.zeros(6), begun])
     after = stage.step.mapaccum(len(t))(

@@ -46,12 +46,21 @@ class Open:
 
 def certainties(vehicle: Vehicle, estimate: Estimate, together: float = 1.0) -> tuple[Certainty, ...]:
     """Of every shared unknown. together: [-] samples that miss alike, as `correlated` finds."""
-    data = _data(vehicle, estimate, together)
-    prior = 1.0 / vehicle.shared.sigma**2
-    sigma = np.sqrt(np.diag(np.linalg.inv(data + np.diag(prior + _NOTHING))))
+    sigma = np.sqrt(np.diag(covariance(vehicle, estimate, together)))
     learnt = (sigma < DETERMINED) & (sigma < _NARROWED * vehicle.shared.sigma)
     rows = zip(vehicle.shared.names, estimate.shared, sigma, learnt, strict=True)
     return tuple(Certainty(name=n, value=float(v), sigma=float(s), determined=bool(d)) for n, v, s, d in rows)
+
+
+def covariance(vehicle: Vehicle, estimate: Estimate, together: float = 1.0) -> np.ndarray:
+    """(n, n) [unknowns^2] of the shared unknowns, by recordings and priors; together: [-] as in `certainties`."""
+    prior = np.diag(1.0 / vehicle.shared.sigma**2 + _NOTHING)
+    return np.asarray(np.linalg.inv(_data(vehicle, estimate, together) + prior))
+
+
+def prior_covariance(vehicle: Vehicle) -> np.ndarray:
+    """(n, n) [unknowns^2] of what is believed without recordings."""
+    return np.diag(1.0 / (1.0 / vehicle.shared.sigma**2 + _NOTHING))
 
 
 def left_open(vehicle: Vehicle, estimate: Estimate, together: float = 1.0) -> tuple[Open, ...]:

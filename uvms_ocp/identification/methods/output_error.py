@@ -7,17 +7,21 @@ simulation. The loss is quadratic near zero and linear beyond `Noise.outliers` s
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
+from scipy.sparse import csc_matrix
+from scipy.sparse.linalg import splu
 
 from uvms_ocp.identification.methods.rollout import N_START, Rollout, Seen, Start, turn_slope
 from uvms_ocp.identification.methods.stretch import Stretch
 from uvms_ocp.identification.models.stage import N_Q, N_V, Vehicle
 from uvms_ocp.model.spatial import quaternion_conjugate, quaternion_log, quaternion_multiply
 from uvms_ocp.status import AdvisedStatus
+
+_Inverse = Callable[[np.ndarray], np.ndarray]
 
 
 class FitStatus(AdvisedStatus):
@@ -140,7 +144,7 @@ class OutputError:
         change = shared - point.shared
         own, starts = [], []
         for k, (block, inverse) in enumerate(zip(blocks, eliminated, strict=True)):
-            local = -inverse @ (block.g_local + block.cross.T @ change)
+            local = -inverse(block.g_local + block.cross.T @ change)
             own.append(point.own[k] + local[: self._m])
             turns = local[self._m :].reshape(-1, N_START)
             starts.append(
@@ -150,16 +154,16 @@ class OutputError:
 
     def _reduced(
         self, point: _Point, blocks: list[_Block], damping: float
-    ) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
-        """Normal equations of the shared unknowns, and inverses for the others."""
+    ) -> tuple[np.ndarray, np.ndarray, list[_Inverse]]:
+        """Normal equations of the shared unknowns, and what solves those of the others: a stretch knows its neighbours only."""
         weight = 1.0 / self._vehicle.shared.sigma**2
         H, g = np.diag(weight), weight * (point.shared - self._vehicle.shared.start)
         inverses = []
         for block in blocks:
             local = block.H_local + damping * np.diag(np.diag(block.H_local))
-            inverse = np.linalg.inv(local)
-            H = H + block.H - block.cross @ inverse @ block.cross.T
-            g = g + block.g - block.cross @ inverse @ block.g_local
+            inverse = splu(csc_matrix(local)).solve
+            H = H + block.H - block.cross @ inverse(np.ascontiguousarray(block.cross.T))
+            g = g + block.g - block.cross @ inverse(block.g_local)
             inverses.append(inverse)
         return H, g, inverses
 
@@ -245,11 +249,10 @@ class OutputError:
             H[begin, begin] += 1.0 / self._noise.start**2
             g[begin] += far[i] / self._noise.start
         for i, (gap, slope) in enumerate(self._gaps(k, point, seen)):
-            J = np.zeros((N_START, size))
-            J[:, _places(n + m, i)] = slope @ seen[i].end_slope
-            J[:, _places(n + m, i + 1)[-N_START:]] = -np.eye(N_START) / self._noise.process
-            H += J.T @ J
-            g += J.T @ gap
+            places = np.concatenate([_places(n + m, i), _places(n + m, i + 1)[-N_START:]])
+            J = np.hstack([slope @ seen[i].end_slope, -np.eye(N_START) / self._noise.process])
+            H[np.ix_(places, places)] += J.T @ J
+            g[places] += J.T @ gap
         return _Block(self._cost(k, point, seen), H[:n, :n], g[:n], H[n:, n:], g[n:], H[:n, n:])
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -19,6 +19,13 @@ class Held:
     """A command that stays from one sample to the next; before the first it is as the first."""
 
     channel: Channel
+    _whole: np.ndarray = field(init=False)
+    """(n, k) [unit of the channel times s] integral up to each sample."""
+
+    def __post_init__(self) -> None:
+        t, values = self.channel.known_t, self.channel.values
+        whole = np.vstack([np.zeros(values.shape[1]), np.cumsum(values[:-1] * np.diff(t)[:, None], axis=0)])
+        object.__setattr__(self, "_whole", whole)
 
     def at(self, t: np.ndarray) -> np.ndarray:
         """Values (m, k) [unit of the channel] at t (m,) [s]."""
@@ -27,9 +34,8 @@ class Held:
     def mean(self, edges: np.ndarray) -> np.ndarray:
         """Means (m - 1, k) [unit of the channel] between edges (m,) [s]: smooth in these, whatever the samples do."""
         known, values = self.channel.known_t, self.channel.values
-        whole = np.vstack([np.zeros(values.shape[1]), np.cumsum(values[:-1] * np.diff(known)[:, None], axis=0)])
         index = self._index(edges)
-        total = whole[index] + values[index] * (edges - known[index])[:, None]
+        total = self._whole[index] + values[index] * (edges - known[index])[:, None]
         return np.asarray(np.diff(total, axis=0) / np.diff(edges)[:, None])
 
     def mean_slope(self, edges: np.ndarray) -> np.ndarray:

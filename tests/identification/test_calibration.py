@@ -1,0 +1,140 @@
+"""A robot is calibrated from recordings: its file gets what was learnt, and says from where."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from driven import drive
+from typer.testing import CliRunner
+
+from uvms_ocp import load_robot, without_arm
+from uvms_ocp.cli import app
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.identification.calibration.fitting import Calibration, calibrated
+from uvms_ocp.identification.calibration.report import report_text
+from uvms_ocp.identification.calibration.settings import Settings, read_settings
+from uvms_ocp.identification.calibration.subject import subject_of
+from uvms_ocp.identification.calibration.variant import variant_text, whole_text
+from uvms_ocp.identification.models.stage import stage_of
+from uvms_ocp.identification.parameters.vehicle_quantities import Start
+from uvms_ocp.identification.recordings.recording import Recording
+from uvms_ocp.identification.recordings.storage import write_recording
+from uvms_ocp.model.dynamics import robot_dynamics
+from uvms_ocp.model.files.library import robot_folder
+
+SETTINGS = """
+robot: bluerov2_alpha5
+arm: taken off
+hull: [[-0.25, -0.2, -0.15], [0.25, 0.2, 0.15]]
+commands: wrench
+lag: 0.15
+delay: 0.2
+dead_zone: 0.3
+learn:
+  added_mass: {free: [surge, sway]}
+  quadratic_drag: {free: [surge]}
+  volume: {prior: 0.02}
+noise: {velocity: 0.02, rate: 0.02, vertical: 0.01}
+step: 0.05
+"""
+HEAVIER, ROUGHER, NOISE = 0.1, 0.25, 0.01
+"""[-] logarithms of the root of added mass and of drag in surge; [m/s, rad/s] of sensors."""
+
+
+@cache
+def case() -> tuple[Settings, Recording, Calibration]:
+    settings = Settings.model_validate(_yaml())
+    subject = subject_of(settings, Path())
+    one = subject.vehicle
+    truth = one.shared.start.copy()
+    truth[one.shared.names.index("added_mass surge")] += HEAVIER
+    truth[one.shared.names.index("quadratic_drag surge")] += ROUGHER
+    recording = drive(stage_of(one), truth, seed=2, noise=NOISE)
+    return settings, recording, calibrated(subject, settings, [recording])
+
+
+def _yaml() -> object:
+    return yaml.safe_load(SETTINGS)
+
+
+def test_numbers_of_the_robot_are_found() -> None:
+    start, told = case()[2].subject.start, {one.name: one for one in case()[2].numbers}
+    wanted = start.added_mass[0, 0] * np.exp(2 * HEAVIER), start.quadratic_drag[0, 0] * np.exp(ROUGHER)
+    for name, value in zip(("added_mass surge", "quadratic_drag surge"), wanted, strict=True):
+        assert told[name].determined
+        assert abs(told[name].value - value) < 3.0 * told[name].sigma
+
+
+def test_the_file_makes_the_robot_that_was_found(tmp_path: Path) -> None:
+    file = tmp_path / "calibrated.yaml"
+    file.write_text(variant_text(case()[2], ["drive2"]))
+    whole = tmp_path / "hydrodynamics.yaml"
+    whole.write_text(whole_text(case()[2], file))
+    robot = load_robot(urdf=robot_folder("bluerov2_alpha5") / "robot.urdf", hydrodynamics=whole)
+    assert robot.n_joints
+    robot = without_arm(robot)
+    made = Start.of(robot_dynamics(robot).symbolic)
+    told = {one.name: one.value for one in case()[2].numbers}
+    assert made.added_mass[0, 0] == pytest.approx(told["added_mass surge"], rel=1e-5)
+    assert made.added_mass[1, 1] == pytest.approx(told["added_mass sway"], rel=1e-5)
+    assert made.quadratic_drag[0, 0] == pytest.approx(told["quadratic_drag surge"], rel=1e-5)
+    assert made.volume == pytest.approx(told["volume"], rel=1e-5)
+    np.testing.assert_allclose(made.centre_of_buoyancy, case()[2].subject.start.centre_of_buoyancy, atol=1e-6)
+
+
+def test_every_number_of_the_file_has_its_source() -> None:
+    lines = variant_text(case()[2], ["drive2"]).splitlines()
+    assert "drive2" in lines[0]
+    for number, line in enumerate(lines):
+        if line.startswith("      ") and not line.strip().startswith("#"):
+            assert lines[number - 1].strip().startswith("# ")
+
+
+def test_the_report_has_every_number_and_every_recording() -> None:
+    text = report_text(case()[2])
+    assert all(f"| {one.name} |" in text for one in case()[2].numbers)
+    assert "| drive2 |" in text
+
+
+def test_a_calibrated_robot_misses_by_the_noise_alone_and_more_before() -> None:
+    (one,) = case()[2].comparisons
+    errors = [np.linalg.norm((each.rows[0] - each.seen[0])[:, 0]) for each in (one.calibrated, one.before)]
+    floor = NOISE * np.sqrt(len(one.before.t[0]))
+    assert errors[0] < 1.1 * floor < 0.8 * errors[1]
+
+
+def test_the_command_writes_all_of_it(tmp_path: Path) -> None:
+    settings, recording = tmp_path / "my.yaml", tmp_path / "drive.csv"
+    settings.write_text(SETTINGS)
+    write_recording(case()[1], recording)
+    result = CliRunner().invoke(app, ["identify", str(settings), str(recording), "--out", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "out/calibrated.yaml").read_text() == variant_text(case()[2], ["drive"])
+    for name in (
+        "hydrodynamics.yaml",
+        "report.md",
+        "figures/intervals.png",
+        "figures/predicted_0.png",
+        "figures/residuals_0.png",
+    ):
+        assert (tmp_path / "out" / name).stat().st_size > 0
+
+
+def test_mistakes_in_settings_are_told_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "my.yaml"
+    path.write_text(SETTINGS + "lern: {}\n")
+    with pytest.raises(InvalidInput, match="lern"):
+        read_settings(path)
+    path.write_text(SETTINGS.replace("{prior: 0.02}", "{prior: 0.02, bounds: [0.01, 0.02]}"))
+    with pytest.raises(InvalidInput, match="one of them"):
+        subject_of(read_settings(path), tmp_path)
+
+
+def test_equal_names_of_recordings_are_refused() -> None:
+    settings, recording, found = case()
+    with pytest.raises(InvalidInput, match="name of its own"):
+        calibrated(found.subject, settings, [recording, recording])

@@ -1,0 +1,41 @@
+"""A search finds its way from far, and steps longer than a lag do not change what it finds."""
+
+from __future__ import annotations
+
+import numpy as np
+from driven import drive, known, vehicle_of
+
+from uvms_ocp.identification.methods.output_error import FitStatus, Noise
+from uvms_ocp.identification.methods.rollout import Rollout
+from uvms_ocp.identification.methods.search import Search, searched
+from uvms_ocp.identification.methods.stretch import Prepared
+from uvms_ocp.identification.models.stage import Vehicle, stage_of
+from uvms_ocp.identification.parameters.status import Free
+
+NOISE = Noise(velocity=0.005, rate=0.005, vertical=0.005, process=0.02, start=0.05)
+
+
+def vehicle() -> Vehicle:
+    return vehicle_of(known().learning(added_mass=Free(), quadratic_drag=Free(only=("surge", "yaw")), lag=Free()))
+
+
+def test_what_is_twice_as_large_is_found() -> None:
+    one = vehicle()
+    rollout = Rollout(stage_of(one))
+    truth = one.shared.start + np.where([name.startswith("added_mass") for name in one.shared.names], 0.35, 0.7)
+    prepared = Prepared.of(drive(rollout.stage, truth, seed=4, noise=0.005), one)
+    found = searched(one, [prepared], NOISE, rollout, Search(step=0.025, stretch=15.0))
+    assert found.status is FitStatus.CONVERGED
+    np.testing.assert_allclose(found.shared, truth, atol=0.08)
+
+
+def test_a_lag_shorter_than_a_step_leaves_its_whole_impulse() -> None:
+    one = vehicle()
+    stage, p = stage_of(one), one.shared.start.copy()
+    p[one.shared.names.index("lag")] = np.log(0.02)
+    x = np.concatenate([[0, 0, 0, 0, 0, 0, 1.0], np.zeros(6), np.zeros(6)])
+    u, fine = np.array([10.0, 0, 0, 0, 0, 0]), x
+    for _ in range(100):
+        fine = np.asarray(stage.step(fine, u, np.zeros(0), p, 0.0005)).ravel()
+    rough = np.asarray(stage.step(x, u, np.zeros(0), p, 0.05)).ravel()
+    np.testing.assert_allclose(rough[7], fine[7], rtol=0.01)

@@ -1,0 +1,75 @@
+"""``identify``: a robot's own numbers, from its own recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from uvms_ocp.cli.compiling import told_of_compiling
+from uvms_ocp.cli.options import NOT_COMPLETED, folder
+from uvms_ocp.cli.printing import console_of, print_paths
+from uvms_ocp.exceptions import plain_line
+from uvms_ocp.identification.calibration.fitting import Calibration, calibrated
+from uvms_ocp.identification.calibration.report import report_text
+from uvms_ocp.identification.calibration.settings import read_settings
+from uvms_ocp.identification.calibration.subject import subject_of
+from uvms_ocp.identification.calibration.variant import variant_text, whole_text
+from uvms_ocp.identification.methods.output_error import FitStatus
+from uvms_ocp.identification.recordings.mapping import mapped_recording, read_mapping
+from uvms_ocp.identification.recordings.recording import Recording
+from uvms_ocp.identification.recordings.storage import stored_recording
+from uvms_ocp.output import claimed
+
+VARIANT, WHOLE, REPORT, FIGURES = "calibrated.yaml", "hydrodynamics.yaml", "report.md", "figures"
+
+
+def identify(
+    settings: Annotated[Path, typer.Argument(metavar="YAML", help="What of which robot is to be learnt.")],
+    recordings: Annotated[list[Path], typer.Argument(metavar="RECORDINGS...", help="CSV or Parquet, one or more.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")],
+    mapping: Annotated[
+        Path | None, typer.Option(metavar="YAML", help="Where the channels are in files of others.")
+    ] = None,
+) -> None:
+    """Identify a robot from recordings: calibrated file, report and figures.
+
+    calibrated.yaml has what was learnt, each number with its source; hydrodynamics.yaml is the robot's file with these in
+    their places, for --hydrodynamics of other commands.
+    """
+    given = read_settings(settings)
+    subject = subject_of(given, settings.parent)
+    found = [_recording(path, mapping) for path in recordings]
+    console = console_of()
+    with claimed(out, _names(len(found))) as claim:
+        with console.status("identifying") as status, told_of_compiling(status.update, console):
+            result = calibrated(subject, given, found)
+        with claim.staged() as staging:
+            _write(result, [one.name for one in found], staging)
+        written = claim.written()
+    for doubt in result.doubts:
+        console.print(plain_line(f"doubtful: {doubt}"))
+    known = sum(one.determined for one in result.numbers)
+    console.print(f"{result.estimate.status.value}; {known} of {len(result.numbers)} numbers determined")
+    print_paths(console, written)
+    if result.estimate.status is not FitStatus.CONVERGED:
+        raise typer.Exit(NOT_COMPLETED)
+
+
+def _recording(path: Path, mapping: Path | None) -> Recording:
+    return stored_recording(path) if mapping is None else mapped_recording(path, read_mapping(mapping))
+
+
+def _names(n: int) -> list[str]:
+    pictures = ["intervals", *(f"{kind}_{k}" for k in range(n) for kind in ("predicted", "residuals"))]
+    return [VARIANT, WHOLE, REPORT, *(f"{FIGURES}/{name}.png" for name in pictures)]
+
+
+def _write(result: Calibration, names: list[str], staging: Path) -> None:
+    from uvms_ocp.viz.calibration.figures import write_identification_figures
+
+    (staging / VARIANT).write_text(variant_text(result, names))
+    (staging / WHOLE).write_text(whole_text(result, staging / VARIANT))
+    (staging / REPORT).write_text(report_text(result))
+    write_identification_figures(result, staging / FIGURES)

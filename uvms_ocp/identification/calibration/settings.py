@@ -1,0 +1,86 @@
+"""What of a robot is to be learnt, as a YAML file.
+
+robot: bluerov2_alpha5
+arm: taken off
+hull: [[-0.25, -0.2, -0.15], [0.25, 0.2, 0.15]]
+commands: thrust
+lag: 0.1
+delay: 0.05
+learn:
+  mass: {prior: 0.01}
+  added_mass: {free: [surge, sway, heave, yaw]}
+  quadratic_drag: {}
+  centre_of_buoyancy: {prior: 0.2}
+noise: {velocity: 0.01, rate: 0.01, vertical: 0.005}
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.identification.parameters.status import Bounded, Free, Prior, Status
+from uvms_ocp.untrusted.yaml_file import read_yaml
+from uvms_ocp.validation import one_line, one_line_errors
+
+_Positive = Annotated[float, Field(gt=0.0)]
+_Corner = tuple[float, float, float]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Learnt(_Section):
+    """What is known of a quantity; with nothing in it all of it is free."""
+
+    free: tuple[str, ...] | None = Field(default=None, description="only these of its coordinates may be learnt")
+    prior: _Positive | None = Field(default=None, description="deviation: relative for what is positive, or [unit]")
+    bounds: tuple[float, float] | None = Field(default=None, description="lowest and highest value [unit]")
+
+    def status(self) -> Status:
+        """As declarations take it. Raises InvalidInput for a prior with bounds."""
+        if self.prior is not None and self.bounds is not None:
+            raise InvalidInput("prior and bounds given; allowed: one of them")
+        if self.bounds is not None:
+            return Bounded(lower=self.bounds[0], upper=self.bounds[1], only=self.free)
+        return Free(only=self.free) if self.prior is None else Prior(sigma=self.prior, only=self.free)
+
+
+class NoiseSettings(_Section):
+    """Standard deviations of sensors."""
+
+    velocity: _Positive = Field(default=0.02, description="[m/s]")
+    rate: _Positive = Field(default=0.05, description="[rad/s]")
+    vertical: _Positive = Field(default=0.03, description="[-] of W's vertical in B")
+    process: _Positive = Field(default=0.05, description="[m/s, rad/s, rad] between stretches")
+
+
+@one_line_errors
+class Settings(_Section):
+    """All of it."""
+
+    robot: str = Field(description="name, see `uvms-ocp list`, or a URDF beside this file")
+    hydrodynamics: str | None = Field(default=None, description="YAML beside this file; default: the robot's own")
+    arm: Literal["as it is", "taken off"] = "as it is"
+    hull: tuple[_Corner, _Corner] = Field(description="box that holds the hull, lowest and highest corner [m]")
+    commands: Literal["thrust", "wrench"] = "thrust"
+    lag: _Positive = Field(default=0.1, description="of actuators, where the search begins [s]")
+    delay: _Positive = Field(default=0.05, description="of commands, where the search begins [s]")
+    dead_zone: _Positive = Field(default=0.001, description="of actuators [N, N m]")
+    learn: dict[str, Learnt] = Field(min_length=1, description="by the names of quantities")
+    noise: NoiseSettings = NoiseSettings()
+    step: _Positive = Field(default=0.02, description="of the simulation [s]")
+    stretch: _Positive = Field(default=20.0, description="length of stretches [s]")
+
+
+def read_settings(path: Path) -> Settings:
+    """From a YAML file. Raises InvalidInput in one line for what is none."""
+    try:
+        return Settings.model_validate(read_yaml(path))
+    except (OSError, ValueError) as error:
+        told = one_line(error, Settings) if isinstance(error, ValidationError) else str(error)
+        raise InvalidInput(f"{path}: {told}") from None

@@ -1,0 +1,93 @@
+"""What has been learnt as a robot file: a variant, whose keys replace those of the robot's own, with the source of each number.
+
+A file holds coefficients of water. Mass and inertia are the URDF's, gains and delays the driver's: the report tells them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import yaml
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.identification.answers.numbers import Number
+from uvms_ocp.identification.calibration.fitting import Calibration
+from uvms_ocp.model.files.description import LinkCoefficients
+from uvms_ocp.model.files.description_file import read_description
+
+IN_FILE = ("added_mass", "linear_drag", "quadratic_drag", "volume", "centre_of_buoyancy")
+"""Quantities that a robot file holds."""
+
+
+def variant_text(one: Calibration, recordings: Sequence[str]) -> str:
+    """The file. Raises InvalidInput for a robot whose link has no coefficients of its own, or a frame of theirs."""
+    lines = [f"# Identified from: {', '.join(recordings)}.", "links:", f"  {one.subject.frame}:", "    coefficients:"]
+    return "\n".join([*lines, *(f"      {line}" for line in _lines(one))]) + "\n"
+
+
+def whole_text(one: Calibration, variant: Path) -> str:
+    """The robot's file with what a variant says in its place. Raises InvalidInput for a robot without a file."""
+    if one.subject.file is None:
+        raise InvalidInput(f"robot {one.subject.robot.name!r} has no hydrodynamics file; give it one")
+    described = read_description(one.subject.file, variant).model_dump(mode="json", exclude_unset=True)
+    head = f"# Of {one.subject.file.name}, with identified coefficients of {one.subject.frame}: see {variant.name}.\n"
+    return head + yaml.safe_dump(described, sort_keys=False, width=130)
+
+
+def _lines(one: Calibration) -> Iterator[str]:
+    values = _of_file(one)
+    learnt = {number.quantity for number in one.numbers}
+    if learnt & {"volume", "centre_of_buoyancy"}:
+        learnt |= {"volume", "centre_of_buoyancy"}  # with floats beside the hull one follows from the other
+    for name in IN_FILE:
+        if name in learnt:
+            yield f"# {_source(name, one.numbers)}"
+            yield f"{name}: {_written(values[name])}"
+
+
+def _of_file(one: Calibration) -> dict[str, np.ndarray]:
+    """As the file has them: floats and ballast are in the vehicle's numbers, and not in those of its link."""
+    before = _coefficients(one)
+    found = one.subject.vehicle.shared.values(ca.SX(ca.DM(one.estimate.shared)))
+    now = {name: np.asarray(ca.DM(value)) for name, value in found.items() if name in IN_FILE}
+    start = one.subject.start
+    volume = float(now["volume"].item()) + before.volume - start.volume
+    centre = np.zeros(3) if before.centre_of_buoyancy is None else np.array(before.centre_of_buoyancy)
+    floats = start.volume * start.centre_of_buoyancy - before.volume * centre
+    first = float(now["volume"].item()) * now["centre_of_buoyancy"].ravel() - floats
+    return {**now, "volume": np.array(volume), "centre_of_buoyancy": first / volume}
+
+
+def _coefficients(one: Calibration) -> LinkCoefficients:
+    description, frame = one.subject.robot.description, one.subject.frame
+    link = description.links.get(frame)
+    found = None if link is None else link.coefficients
+    if found is None or description.convention != "FLU" or found.pose != type(found.pose)():
+        raise InvalidInput(f"{frame}: give it coefficients in the link frame, convention FLU, to have it calibrated")
+    return found
+
+
+def _source(name: str, told: Sequence[Number]) -> str:
+    parts = [
+        f"{each.entry or name} {'identified' if each.determined else 'not determined'}, +-{each.sigma:.2g}"
+        for each in told
+        if each.quantity == name
+    ]
+    return "; ".join(parts) + "; the others as before" if parts else "follows from the others: floats are apart"
+
+
+def _written(value: np.ndarray) -> str:
+    if value.size == 1:
+        return f"{value.item():.6g}"
+    if value.ndim == 1:
+        return _row(value)
+    if np.count_nonzero(value - np.diag(np.diag(value))):
+        return "[" + ", ".join(_row(row) for row in value) + "]"
+    return _row(np.diag(value))
+
+
+def _row(values: np.ndarray) -> str:
+    return "[" + ", ".join(f"{float(value):.6g}" for value in values) + "]"

@@ -1,0 +1,53 @@
+"""Output error from far away: roughly in short stretches first, then as it is meant.
+
+In stretches of a second everything is nearly linear in the unknowns, as in an equation error, if what their beginnings showed
+is trusted and the end of one need not be the beginning of the next. What is found there is near enough for long ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from uvms_ocp.identification.methods.output_error import Estimate, Noise, OutputError
+from uvms_ocp.identification.methods.rollout import Rollout
+from uvms_ocp.identification.methods.stretch import Prepared
+from uvms_ocp.identification.models.stage import Vehicle
+
+_COARSER = 10.0  # noise of the first search, which is to find the way and not the place
+_ROUGH_STEP, _ROUGH_STRETCH = 0.05, 1.0  # [s]
+_ROUGH_ITERATIONS, _ROUGH_TOLERANCE = 20, 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Search:
+    """Of the second part."""
+
+    step: float = 0.02
+    """[s] of the simulation: lags are biased where it is not well below them."""
+    stretch: float = 20.0
+    """[s]"""
+    iterations: int = 15
+
+
+def searched(
+    vehicle: Vehicle, recordings: Sequence[Prepared], noise: Noise, rollout: Rollout, search: Search | None = None
+) -> Estimate:
+    """The unknowns that explain the recordings best, from where the declaration has them."""
+    chosen = search or Search()
+    rough = _error(vehicle, recordings, _rough(noise), rollout, _ROUGH_STEP, _ROUGH_STRETCH)
+    near = rough.solve(rough.start(), iterations=_ROUGH_ITERATIONS, tolerance=_ROUGH_TOLERANCE)
+    error = _error(vehicle, recordings, noise, rollout, chosen.step, chosen.stretch)
+    return error.solve(error.start(near.shared), iterations=chosen.iterations)
+
+
+def _rough(noise: Noise) -> Noise:
+    seen = {name: _COARSER * getattr(noise, name) for name in ("velocity", "rate", "vertical")}
+    return replace(noise, **seen, process=1.0, start=2.0 * noise.velocity, outliers=1e3)
+
+
+def _error(
+    vehicle: Vehicle, recordings: Sequence[Prepared], noise: Noise, rollout: Rollout, step: float, stretch: float
+) -> OutputError:
+    parts = [part for one in recordings for part in one.stretches(step, stretch)]
+    return OutputError(vehicle, parts, noise, rollout)

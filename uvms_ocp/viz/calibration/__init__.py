@@ -1,0 +1,1 @@
+"""In: a calibration. Out: what was measured beside what it predicts, what is left, and how sure its numbers are."""

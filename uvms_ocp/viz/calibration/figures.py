@@ -1,0 +1,68 @@
+"""A calibration to look at: measured against predicted, what is left, and how sure its numbers are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from uvms_ocp.identification.answers.numbers import INTERVAL
+from uvms_ocp.identification.calibration.fitting import Calibration, Comparison
+from uvms_ocp.identification.parameters.vehicle_quantities import AXES
+from uvms_ocp.viz.style import BLACK, BLUE, FADED, VERMILLION, WIDTH, RecordFigure, save_figure, shown, stacked, styled
+
+_WIDEST = 100.0  # [%] of an interval that is drawn: beyond it nothing is known
+
+
+def write_identification_figures(one: Calibration, folder: Path) -> list[Path]:
+    """As PNG into the folder: two for each recording, one for all numbers."""
+    paths = [save_figure(figure_intervals(one), folder / "intervals.png")]
+    kinds: dict[str, Callable[[Comparison], Figure]] = {"predicted": figure_predicted, "residuals": figure_residuals}
+    for k, each in enumerate(one.comparisons):
+        paths += [save_figure(draw(each), folder / f"{kind}_{k}.png") for kind, draw in kinds.items()]
+    return paths
+
+
+@styled
+def figure_predicted(one: Comparison) -> Figure:
+    """Velocities, measured and predicted from commands alone."""
+    figure, axes = stacked(len(AXES), 1.1, f"{shown(one.name)}: measured and predicted")
+    for i, axis in enumerate(axes):
+        sensor, column = divmod(i, 3)
+        after, before = one.calibrated, one.before
+        axis.plot(after.t[sensor], after.seen[sensor][:, column], color=BLACK, lw=0.7, label="measured")
+        axis.plot(before.t[sensor], before.rows[sensor][:, column], color=FADED, lw=0.9, label="before")
+        axis.plot(after.t[sensor], after.rows[sensor][:, column], color=VERMILLION, lw=0.9, label="calibrated")
+        axis.set_ylabel(AXES[i] + (" [m/s]" if sensor == 0 else " [rad/s]"))
+    axes[0].legend(loc="upper right", ncols=3)
+    return figure
+
+
+@styled
+def figure_residuals(one: Comparison) -> Figure:
+    """Predicted less measured."""
+    figure, axes = stacked(len(AXES), 1.1, f"{shown(one.name)}: predicted less measured")
+    for i, axis in enumerate(axes):
+        sensor, column = divmod(i, 3)
+        predicted = one.calibrated
+        left = predicted.rows[sensor][:, column] - predicted.seen[sensor][:, column]
+        axis.plot(predicted.t[sensor], left, color=BLUE, lw=0.7)
+        axis.set_ylabel(AXES[i] + (" [m/s]" if sensor == 0 else " [rad/s]"))
+    return figure
+
+
+@styled
+def figure_intervals(one: Calibration) -> Figure:
+    """Intervals of 95 %, relative to the sizes of numbers; those that are not determined are faded."""
+    told = one.numbers
+    figure = RecordFigure(figsize=(WIDTH, 0.17 * len(told) + 1.0))
+    figure.suptitle("Half widths of 95 % intervals", fontsize=10, fontweight="bold", x=0.01, ha="left")
+    axis = figure.subplots()
+    widths = [min(100.0 * INTERVAL * each.sigma / max(each.size, 1e-300), _WIDEST) for each in told]
+    axis.barh(np.arange(len(told)), widths, color=[BLUE if each.determined else FADED for each in told])
+    axis.set_yticks(np.arange(len(told)), [shown(each.name) for each in told])
+    axis.set_ylim(len(told) - 0.4, -0.6)
+    axis.set_xlabel(f"[%] of the number's size, cut off at {_WIDEST:.0f}; grey: not determined")
+    return figure
