@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from uvms_ocp.identification.recordings.recording import Channel
 from uvms_ocp.model.spatial import quaternion_to_matrix
@@ -52,6 +51,8 @@ def smoothed(t: np.ndarray, values: np.ndarray, window: float, derivative: int =
 
     t: (n,) [s] and values: (n, k) [any] of the samples, interpolated between them.
     """
+    from scipy.signal import savgol_filter  # half a second, which few need
+
     grid = np.arange(t[0], t[-1], GRID)
     uniform = np.column_stack([np.interp(grid, t, column) for column in values.T])
     length = max(3, round(window / GRID) // 2 * 2 + 1)

@@ -1,4 +1,4 @@
-"""The plant, sensors and estimator that README shows run as printed, and do what they say."""
+"""The plant, sensors and estimator that the guide shows run as printed, and do what they say."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import numpy as np
 
 import uvms_ocp as uo
 
-README = Path(__file__).parents[2] / "README.md"
+GUIDE = Path(uo.__file__).parent / "reference" / "guide" / "python.md"
 
 
-def test_the_parts_that_readme_shows_run_as_printed_and_the_plant_lags_by_what_it_says() -> None:
+def test_the_parts_that_the_guide_shows_run_as_printed_and_the_plant_lags_by_what_it_says() -> None:
     (block,) = [
-        block for block in re.findall(r"```python\n(.*?)```", README.read_text(), re.S) if "class Lagging" in block
+        block for block in re.findall(r"```python\n(.*?)```", GUIDE.read_text(), re.S) if "class Lagging" in block
     ]
     space: dict[str, Any] = {"uo": uo, "np": np, "replace": replace}
     exec(block, space)
