@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from recording.timing import built, timed
+from recording.timing import LONG, built, timed
 
 from horizon.peer_problems import limited_problem, quickest_problem, shooting_problem
 from uvms_ocp.ocp.planner import Planner
@@ -60,9 +60,9 @@ def solve(kind: str, n_steps: int, repeats: int, quick: bool) -> list[dict[str, 
 
 def measured(planner: Planner, repeats: int) -> dict[str, Any]:
     """Times and outcome of cold and warm calls."""
-    cold = timed(lambda: planner.plan(diagnose=False), repeats)
+    cold = timed(lambda: planner.plan(diagnose=False), repeats, LONG)
     plan = cold.value
-    warm = timed(lambda: planner.plan(guess=plan, diagnose=False), repeats)
+    warm = timed(lambda: planner.plan(guess=plan, diagnose=False), repeats, LONG)
     assert plan.result is not None
     return {
         "wall": cold.wall,

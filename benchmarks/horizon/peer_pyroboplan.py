@@ -17,7 +17,7 @@ from pyroboplan.trajectory.trajectory_optimization import (
     CubicTrajectoryOptimization,
     CubicTrajectoryOptimizationOptions,
 )
-from recording.timing import timed
+from recording.timing import LONG, timed
 
 WAYPOINTS = (3, 6)
 """SNOPT takes half a minute for six."""
@@ -36,7 +36,7 @@ def _row(given: dict[str, Any], n_points: int, repeats: int) -> dict[str, Any]:
     model = pin.buildModelFromUrdf(given["urdf"])
     planner = CubicTrajectoryOptimization(model, pin.GeometryModel(), options)
     ends = [np.array(given["start"]), np.array(given["goal"])]
-    found = timed(lambda: planner.plan(ends), repeats)
+    found = timed(lambda: planner.plan(ends), repeats, LONG)
     curve = found.value
     return {
         "setting": f"SNOPT, {n_points} way points",

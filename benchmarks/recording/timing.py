@@ -6,10 +6,13 @@ import os
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import inf
 from time import perf_counter, process_time
 from typing import Generic, TypeVar
 
 T = TypeVar("T")
+LONG = 10.0
+"""[s] after which calls of solvers are not repeated any more."""
 
 
 @dataclass(frozen=True)
@@ -23,10 +26,10 @@ class Timed(Generic[T]):
     """[s] of the processor."""
 
 
-def timed(call: Callable[[], T], repeats: int) -> Timed[T]:
-    """One call to warm up, then the least times of `repeats` calls."""
+def timed(call: Callable[[], T], repeats: int, long: float = inf) -> Timed[T]:
+    """One call to warm up, then the least times of `repeats` calls, or of those that begin within `long` [s]."""
     value, walls, cpus = call(), [], []
-    for _ in range(repeats):
+    while len(walls) < repeats and sum(walls) < long:
         wall, cpu = perf_counter(), process_time()
         value = call()
         walls.append(perf_counter() - wall)
