@@ -28,7 +28,7 @@ class Timed(Generic[T]):
 
 def timed(call: Callable[[], T], repeats: int, long: float = inf) -> Timed[T]:
     """One call to warm up, then the least times of `repeats` calls, or of those that begin within `long` [s]."""
-    value, walls, cpus = call(), [], []
+    value, walls, cpus = call(), list[float](), list[float]()
     while len(walls) < repeats and sum(walls) < long:
         wall, cpu = perf_counter(), process_time()
         value = call()
