@@ -65,14 +65,15 @@ class Grouped:
 def variable_groups(transcription: Transcription) -> Grouped:
     """Of the bounds of the variables (n_x,)."""
     labels, scales, axes = _labels(transcription)
-    layout, numbers = transcription.variables, {group: i for i, group in enumerate(dict.fromkeys(labels)) if group}
-    order = list(numbers)
-    number, scale, names = np.full(layout.n_x, -1), np.ones(layout.n_x), [""] * layout.n_x
-    for node in range(layout.N + 1):
-        for column, label, unit, axis in zip(layout.columns(node).tolist(), labels, scales, axes, strict=True):
-            if column >= 0 and label is not None:
-                number[column], scale[column], names[column] = order.index(label), unit, axis
-    return Grouped(groups=tuple(order), number=number, scale=scale, axes=tuple(names))
+    layout, groups = transcription.variables, tuple(dict.fromkeys(label for label in labels if label))
+    place = {group: i for i, group in enumerate(groups)}
+    numbers = np.array([place[label] if label else -1 for label in labels])
+    nodes, entries = np.nonzero((layout.all_columns >= 0) & (numbers >= 0))
+    columns = layout.all_columns[nodes, entries]
+    number, scale, names = np.full(layout.n_x, -1), np.ones(layout.n_x), np.full(layout.n_x, "", dtype=object)
+    number[columns], scale[columns] = numbers[entries], np.array(scales)[entries]
+    names[columns] = np.array(axes, dtype=object)[entries]
+    return Grouped(groups=groups, number=number, scale=scale, axes=tuple(names.tolist()))
 
 
 def _labels(transcription: Transcription) -> tuple[list[Group | None], list[float], list[str]]:
@@ -103,8 +104,8 @@ def row_groups(transcription: Transcription, problem: OcpProblem) -> Grouped:
     """Of the constraints (n_constraints,) in the numbering of the program."""
     names = transcription.constraint_names
     roots = {term.name: float(np.sqrt(term.weight)) for term in reversed(problem.constraints)}
-    found = [name for name in dict.fromkeys(names) if name not in FIXED]
-    number = np.array([found.index(name) if name in found else -1 for name in names], dtype=int)
+    found = {name: i for i, name in enumerate(name for name in dict.fromkeys(names) if name not in FIXED)}
+    number = np.array([found.get(name, -1) for name in names], dtype=int)
     return Grouped(
         groups=tuple(Group(name=f"constraint {name!r}", measure=Measure.ROW) for name in found),
         number=number,

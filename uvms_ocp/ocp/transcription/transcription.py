@@ -116,7 +116,7 @@ class Transcription:
         rows = self._horizon.rows[self.row_layout.constraints.tolist()]
         return ca.Function("constraints", [self._horizon.x, self._horizon.p], [rows])
 
-    @property
+    @cached_property
     def constraint_names(self) -> tuple[str, ...]:
         """(n_constraints,) of what each constraint of the program stands for."""
         return tuple(self.row_layout.names[row] for row in self.row_layout.constraints.tolist())

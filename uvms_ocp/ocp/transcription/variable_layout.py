@@ -70,8 +70,8 @@ class VariableLayout:
         return columns
 
     @cached_property
-    def _columns(self) -> np.ndarray:
-        """(N + 1, n_z) those of all nodes."""
+    def all_columns(self) -> np.ndarray:
+        """(N + 1, n_z) of all nodes."""
         return np.array([self.columns(k) for k in range(self.N + 1)])
 
     @cached_property
@@ -144,15 +144,15 @@ class VariableLayout:
         inputs = shares if self.model.decides_forces else ()
         steps = np.hstack([np.diff(trajectory.t)[:, None], trajectory.a, *inputs])
         Z = np.hstack([trajectory.q, trajectory.v, np.vstack([steps, steps[-1:]])])
-        x, used = np.zeros(self.n_x), self._columns >= 0
-        x[self._columns[used]] = Z[used]
+        x, used = np.zeros(self.n_x), self.all_columns >= 0
+        x[self.all_columns[used]] = Z[used]
         return x
 
     def unpack(self, x: np.ndarray, problem: OcpProblem) -> Trajectory:
         """The trajectory of variables x (n_x,) [unit of x]; where durations are fixed, with those of the problem."""
         layout, actuators = self.model.layout, self.model.actuators
-        Z, used = np.zeros((self.N + 1, layout.n_z)), self._columns >= 0
-        Z[used] = x[self._columns[used]]
+        Z, used = np.zeros((self.N + 1, layout.n_z)), self.all_columns >= 0
+        Z[used] = x[self.all_columns[used]]
         steps = Z[:-1, layout.h] if self.free else np.diff(problem.nominal_times())
         Z[:-1, layout.h] = steps
         inputs = self._inputs(Z[:-1].T, problem.currents.T)
