@@ -7,13 +7,14 @@ drawn. Writes identification_simulated.csv and identification_simulated.md.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import erf, sqrt
 from time import process_time
 
 import numpy as np
 from drawn_vehicles.driving import RATE, VELOCITY, VERTICAL, drawn, recorded, vehicle
 from recording.report import Report, Row, Table, begin, parser_of
 
-from uvms_ocp.identification.answers.numbers import KNOWN, Number, numbers, values_of
+from uvms_ocp.identification.answers.numbers import INTERVAL, KNOWN, SIZES, Number, numbers, values_of
 from uvms_ocp.identification.methods.output_error import Noise
 from uvms_ocp.identification.methods.rollout import Rollout
 from uvms_ocp.identification.methods.search import Search, searched
@@ -29,8 +30,8 @@ PROSE = """
 {robots} vehicles like a BlueROV2 without its arm, with drawn numbers, {duration:g} s of steps and chirps each. Sensors have a
 noise of {velocity:g} m/s, {rate:g} rad/s and {vertical:g} in the vertical, at ten samples a second; thrusters have a lag, and
 commands and velocities a delay, which are drawn too. A number is called determined where its standard error is below
-{known:.0f} % of its size, lengths and times relative to 5 cm and 50 ms. Of these, {covered:.0f} % lie within their intervals of
-95 %, with a median error of {error:.1f} %; {open} of {n} numbers are called undetermined in half of the vehicles or more. A
+{known:.0f} % of its size, lengths and times relative to {length:g} cm and {time:g} ms. Of these, {covered:.0f} % lie within
+their {share:.0f} % intervals, with a median error of {error:.1f} %; {open} of {n} numbers are called undetermined in half of the vehicles or more. A
 vehicle takes {seconds:.0f} s of a processor in the median.
 """
 
@@ -100,6 +101,9 @@ def main() -> None:
         vertical=VERTICAL,
         covered=_inside(known),
         known=100.0 * KNOWN,
+        length=1e2 * SIZES["m"],
+        time=1e3 * SIZES["s"],
+        share=100.0 * erf(INTERVAL / sqrt(2.0)),
         error=_error(known),
         open=sum(row["determined [%]"] <= 50.0 for row in summary),
         n=len(summary),

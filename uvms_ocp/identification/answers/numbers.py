@@ -23,7 +23,7 @@ INTERVAL = 1.96
 """[-] standard errors to either side, in which 95 % lie."""
 TOTAL = "mass and added mass"
 _NARROWED = 0.7  # of the deviation that priors leave: less has been learnt beyond them
-_SIZES = {"m": 0.05, "s": 0.05, "m/s": 0.05, "N, N m": 1.0}
+SIZES = {"m": 0.05, "s": 0.05, "m/s": 0.05, "N, N m": 1.0}
 """[unit] of numbers that may be zero; others are compared with themselves."""
 _XYZ = ("x", "y", "z")
 
@@ -87,7 +87,7 @@ def numbers(vehicle: Vehicle, estimate: Estimate, together: float = 1.0) -> tupl
             unit=entry.unit,
             value=float(value),
             sigma=float(sigma),
-            size=_SIZES.get(entry.unit, abs(float(value))),
+            size=SIZES.get(entry.unit, abs(float(value))),
             learnt=bool(sigma < _NARROWED * prior),
             positive=entry.positive,
         )
@@ -122,7 +122,7 @@ def _of_quantities(vehicle: Vehicle, quantities: dict[str, ca.SX]) -> Iterator[t
         if value.shape[1] > 1:
             yield from _of_matrix(name, one.unit, value)
             continue
-        positive = one.unit not in _SIZES or name == "lag"
+        positive = one.unit not in SIZES or name == "lag"
         for k, entry in enumerate(one.coordinates.names):
             yield _Entry(name, entry, one.unit, positive), value[k]
 
