@@ -31,8 +31,9 @@ PROSE = """
 noise of {velocity:g} m/s, {rate:g} rad/s and {vertical:g} in the vertical, at ten samples a second; thrusters have a lag, and
 commands and velocities a delay, which are drawn too. A number is called determined where its standard error is below
 {known:.0f} % of its size, lengths and times relative to {length:g} cm and {time:g} ms. Of these, {covered:.0f} % lie within
-their {share:.0f} % intervals, with a median error of {error:.1f} %; {open} of {n} numbers are called undetermined in half of the vehicles or more. A
-vehicle takes {seconds:.0f} s of a processor in the median.
+their {share:.0f} % intervals, with a median error of
+{error:.1f} %; {open} of {n} numbers are called undetermined in half of the vehicles or more. A vehicle takes {seconds:.0f} s of a
+processor in the median.
 """
 
 
