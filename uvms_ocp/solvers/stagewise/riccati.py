@@ -17,9 +17,10 @@ class NumpyStages:
         self._x, self._z, self._c = slices(shape.n_x), slices(shape.n_z), slices(shape.n_c)
         self.fixed, self.q = np.zeros(sum(shape.n_z)), np.zeros(sum(shape.n_z))
         self._Q: list[Array] = []
-        self._L: list[Array] = []
-        """The cost-to-go of the state, and below it the rows of the factor of the rest."""
-        self._inverse: list[Array] = []
+        self._L = [np.zeros((n, n)) for n in shape.n_z]
+        """The cost-to-go of the state, and below it the rows of the factor of the rest; of stages before one that failed, those
+        of the factor before, with which later iterations go on."""
+        self._inverse = [np.zeros(n) for n in shape.n_z]
         self._least = 1.0
         self._qp: StageQp
 
@@ -45,19 +46,17 @@ class NumpyStages:
 
         0, or 1 where the cost is not convex, 2 where it is not a number.
         """
-        self._L, self._inverse = [], []
         for k in range(self.shape.N, -1, -1):
             C = self._qp.C[k]
             M = self._Q[k] + C.T @ (weight[self._c[k], None] * C) + np.diag(weight_z[self._z[k]])
             if k < self.shape.N:
                 after, F = self.shape.n_x[k + 1], self._qp.dynamics[k]
-                M += F.T @ self._L[0][:after, :after] @ F
+                M += F.T @ self._L[k + 1][:after, :after] @ F
             fixed = self.fixed[self._z[k]] > 0.0
             M[fixed], M[:, fixed] = 0.0, 0.0
             M[fixed, fixed] = 1.0
             L, inverse, failed = _eliminated(M, self.shape.n_x[k] if k else 0, self._least)
-            self._L.insert(0, L)
-            self._inverse.insert(0, inverse)
+            self._L[k], self._inverse[k] = L, inverse
             if failed:
                 return failed
         return 0
