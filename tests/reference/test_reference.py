@@ -73,6 +73,7 @@ def test_tables_hold_every_series_every_field_and_every_command() -> None:
 
 
 def test_a_name_that_is_not_there_is_refused() -> None:
+    pytest.importorskip("pdoc")
     with pytest.raises(NameNotFound, match=r"PoseTsk.*PoseTask"):
         body_of("`uvms_ocp.tasks.pose.PoseTsk`", ("uvms_ocp.tasks.pose",))
 
