@@ -39,6 +39,10 @@ class Cell:
         return float(rows[0][self.column])
 
 
+def _digits(value: float) -> str:
+    return f"{value:.3g}" if value < 1000.0 else f"{value:,.0f}"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Claim:
     """Our number beside a peer's."""
@@ -54,7 +58,7 @@ class Claim:
 
     def line(self) -> str:
         """A row of the table."""
-        ours, theirs = (f"{cell.read(self.script):.3g} {self.unit}" for cell in (self.ours, self.theirs))
+        ours, theirs = (f"{_digits(cell.read(self.script))} {self.unit}" for cell in (self.ours, self.theirs))
         return f"| {self.what} | {ours} | {theirs}: {self.peer} | `{self.script}.md` |"
 
 
@@ -76,19 +80,34 @@ CLAIMS = (
         theirs=Cell(where={"problem": "min snap 100 x 3", "solver": "minsnap_trajectories"}, column="value"),
     ),
     Claim(
-        what="optimal control, 13 degrees of freedom, 20 steps, no limits",
+        what="optimal control, 13 degrees of freedom, 40 steps, no limits",
         unit="ms",
         script="ocp_peers",
         ours=Cell(
             where={
-                "problem": "shooting, N = 20",
-                "solver": "uvms_ocp fatrop",
+                "problem": "shooting, N = 40",
+                "solver": "uvms_ocp stagewise",
                 "setting": "Gauss-Newton, 1e-06, compiled",
             },
             column="cpu_ms",
         ),
         peer="crocoddyl, to the same cost; it has no hard limits",
-        theirs=Cell(where={"problem": "shooting, N = 20", "solver": "crocoddyl FDDP"}, column="cpu_ms"),
+        theirs=Cell(where={"problem": "shooting, N = 40", "solver": "crocoddyl FDDP"}, column="cpu_ms"),
+    ),
+    Claim(
+        what="the same within hard limits on velocities, torques and positions",
+        unit="ms",
+        script="ocp_peers",
+        ours=Cell(
+            where={
+                "problem": "limited, N = 40",
+                "solver": "uvms_ocp stagewise",
+                "setting": "Gauss-Newton, 1e-06, compiled",
+            },
+            column="cpu_ms",
+        ),
+        peer="mim-solvers, which has not converged by then",
+        theirs=Cell(where={"problem": "limited, N = 40", "solver": "mim-solvers CSQP"}, column="cpu_ms"),
     ),
     Claim(
         what="quickest motion of an arm, within 0.2 % of the known answer",
