@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,8 +13,8 @@ import numpy as np
 from uvms_ocp.campaign.runs.work import Done, Work, columns_of
 from uvms_ocp.campaign.store.identity import SOURCES, Identity, claim_identity
 from uvms_ocp.campaign.store.parts import Parts, read_rows
+from uvms_ocp.campaign.store.whole_file import whole_file
 from uvms_ocp.exceptions import OutputError
-from uvms_ocp.output.durable import discard, sync_folders
 from uvms_ocp.output.lock import locked
 from uvms_ocp.output.manifest import STORE
 
@@ -112,14 +111,5 @@ def types_of(work: Work) -> dict[str, str]:
 
 def _write_whole(path: Path, content: bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    fresh = path.with_name(path.name + ".tmp")
-    try:
-        with fresh.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(fresh, path)
-    except OSError as error:
-        discard(fresh)
-        raise OutputError(f"{path}: cannot write there ({error.strerror or error}); free some space") from error
-    sync_folders([path.parent])
+    with whole_file(path) as file:
+        file.write(content)

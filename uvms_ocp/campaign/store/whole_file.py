@@ -1,0 +1,21 @@
+"""A file of a campaign, of rows, a record or a copy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from uvms_ocp.exceptions import OutputError
+from uvms_ocp.output.durable import replacing
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[BinaryIO]:
+    """As `replacing` gives it. Raises `OutputError` where the disk refuses."""
+    try:
+        with replacing(path) as file:
+            yield file
+    except OSError as error:
+        raise OutputError(f"{path}: cannot write there ({error.strerror or error}); free some space") from error
