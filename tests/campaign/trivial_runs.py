@@ -12,8 +12,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from uvms_ocp.campaign.runs.work import Done, Row, Work, columns_of
-from uvms_ocp.campaign.store.identity import Identity
+from uvms_ocp.campaign.runs.work import Done, Row, Work
+from uvms_ocp.campaign.store.identity import Identity, types_of
 from uvms_ocp.version import __version__
 
 
@@ -57,7 +57,7 @@ def identity_of(work: Work, runs: int, **changes: object) -> Identity:
         "seed": 0,
         "sampler": "random",
         "parameters": {},
-        "columns": {name: kind.__name__ for name, kind in columns_of(work).items()},
+        "columns": types_of(work),
         "scenario": {"function": "trivial"},
         "variations": {"values": []},
         "records": "none",

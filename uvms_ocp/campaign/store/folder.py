@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.campaign.runs.work import Done, Work, columns_of
+from uvms_ocp.campaign.runs.work import Done
 from uvms_ocp.campaign.store.identity import SOURCES, Identity, claim_identity
 from uvms_ocp.campaign.store.parts import Parts, read_rows
 from uvms_ocp.campaign.store.whole_file import whole_file
@@ -102,11 +102,6 @@ def _locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         lock.__exit__(None, None, None)
-
-
-def types_of(work: Work) -> dict[str, str]:
-    """Of the columns of its table, by name, as `Identity` has them."""
-    return {name: kind.__name__ for name, kind in columns_of(work).items()}
 
 
 def _write_whole(path: Path, content: bytes) -> None:
