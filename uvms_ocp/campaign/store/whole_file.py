@@ -7,15 +7,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from uvms_ocp.exceptions import OutputError
+from uvms_ocp.output.claim import in_one_line
 from uvms_ocp.output.durable import replacing
 
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[BinaryIO]:
     """As `replacing` gives it. Raises `OutputError` where the disk refuses."""
-    try:
-        with replacing(path) as file:
-            yield file
-    except OSError as error:
-        raise OutputError(f"{path}: cannot write there ({error.strerror or error}); free some space") from error
+    with in_one_line(path, "free some space"), replacing(path) as file:
+        yield file
