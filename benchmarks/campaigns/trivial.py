@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from uvms_ocp.campaign.runs.work import Done, Row, Work, columns_of
-from uvms_ocp.campaign.store.identity import Identity
+from uvms_ocp.campaign.runs.work import Done, Row, Work
+from uvms_ocp.campaign.store.identity import Identity, types_of
 from uvms_ocp.version import __version__
 
 
@@ -36,7 +36,7 @@ def identity_of(work: Work, runs: int) -> Identity:
         seed=0,
         sampler="random",
         parameters={},
-        columns={name: kind.__name__ for name, kind in columns_of(work).items()},
+        columns=types_of(work),
         scenario={"function": "trivial"},
         variations={"values": []},
         records="none",

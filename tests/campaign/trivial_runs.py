@@ -7,19 +7,20 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from uvms_ocp.campaign.runs.work import Done, Row, Work, columns_of
+from campaigns import trivial
+
+from uvms_ocp.campaign.runs.work import Done, Work
 from uvms_ocp.campaign.store.identity import Identity
-from uvms_ocp.version import __version__
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrivialRuns(Work):
-    """A row of the run's own number."""
+class TrivialRuns(trivial.Trivial):
+    """Some of which never end well."""
 
     pause: float = 0.0
     deadly: frozenset[int] = frozenset()
@@ -27,13 +28,6 @@ class TrivialRuns(Work):
     endless: frozenset[int] = frozenset()
     asleep: frozenset[int] = frozenset()
     kept: bool = False
-
-    @property
-    def columns(self) -> Mapping[str, type]:
-        return {"share": float, "square": int}
-
-    def head(self, run: int) -> Row:
-        return {"share": run / 7.0}
 
     def make(self, run: int) -> Done:
         time.sleep(self.pause)
@@ -45,24 +39,11 @@ class TrivialRuns(Work):
             time.sleep(3600.0)
         if run in self.broken:
             raise ValueError(f"run {run} was\nnever to be")
-        row = {**self.head(run), "square": run * run, "outcome": "completed", "success": True, "cause": ""}
-        return Done(row=row, attachment=b"whole" if self.kept else b"")
+        return replace(super().make(run), attachment=b"whole" if self.kept else b"")
 
 
 def identity_of(work: Work, runs: int, **changes: object) -> Identity:
-    own = {
-        "name": "trivial",
-        "package": __version__,
-        "runs": runs,
-        "seed": 0,
-        "sampler": "random",
-        "parameters": {},
-        "columns": {name: kind.__name__ for name, kind in columns_of(work).items()},
-        "scenario": {"function": "trivial"},
-        "variations": {"values": []},
-        "records": "none",
-    }
-    return Identity(**(own | changes))
+    return trivial.identity_of(work, runs).model_copy(update=changes)
 
 
 @dataclass
@@ -78,9 +59,7 @@ class Cluster:
 
 
 def _started(words: list[str]) -> subprocess.Popen[bytes]:
-    found = os.pathsep.join(
-        [str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]
-    )  # where workers find this module
+    found = os.pathsep.join(sys.path)  # where workers find this module and that of its runs
     quick_to_blame = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}  # whatever was on a worker that ended
     environment = os.environ | {"PYTHONPATH": found} | quick_to_blame
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}

@@ -13,8 +13,7 @@ from uvms_ocp.arguments import AtLeastOne, Count, Period, checked
 from uvms_ocp.campaign.execution.carry_out import Progress, carry_out
 from uvms_ocp.campaign.runs.code_source import CodeSource
 from uvms_ocp.campaign.runs.mission_runs import MissionRuns, built
-from uvms_ocp.campaign.runs.work import columns_of
-from uvms_ocp.campaign.store.identity import SOURCES, Identity, read_identity
+from uvms_ocp.campaign.store.identity import SOURCES, Identity, read_identity, types_of
 from uvms_ocp.campaign.store.table import read_table
 from uvms_ocp.campaign.variations.samplers import Design
 from uvms_ocp.campaign.variations.variation import Variation, require_known
@@ -106,7 +105,7 @@ class Campaign:
             seed=self.seed,
             sampler=self.sampler,
             parameters={variation.name: str(variation).partition(": ")[2] for variation in values},
-            columns={name: kind.__name__ for name, kind in columns_of(self.work).items()},
+            columns=types_of(self.work),
             scenario=_identity(self.work.scenario),
             variations=_identity(self.work.variations),
             records=self.records,

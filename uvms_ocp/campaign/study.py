@@ -13,8 +13,8 @@ from typing import Any
 
 from uvms_ocp.arguments import AtLeastOne, Period, checked
 from uvms_ocp.campaign.execution.carry_out import Progress, carry_out
-from uvms_ocp.campaign.runs.work import COMPLETED, Done, Row, Work, columns_of
-from uvms_ocp.campaign.store.identity import Identity
+from uvms_ocp.campaign.runs.work import COMPLETED, Done, Row, Work
+from uvms_ocp.campaign.store.identity import Identity, types_of
 from uvms_ocp.campaign.store.table import read_table
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.version import __version__
@@ -90,7 +90,7 @@ class Study:
             seed=0,
             sampler="random",
             parameters={},
-            columns={name: kind.__name__ for name, kind in columns_of(work).items()},
+            columns=types_of(work),
             scenario={"study": self.name, "cases": cases},
             variations={"values": []},
             records="none",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 
 from uvms_ocp.arguments import checked
@@ -76,6 +77,19 @@ class SensorSpecs:
 
 CHANNELS = tuple(field.name for field in fields(SensorSpecs))
 """Names of the channels, the fields of `SensorSpecs` and of `Readings`."""
+
+UNITS: Mapping[str, str] = {
+    "position": "m",
+    "depth": "m",
+    "attitude": "rad",
+    "angular_velocity": "rad/s",
+    "linear_velocity": "m/s",
+    "joint_positions": "rad or m",
+    "joint_velocities": "rad/s or m/s",
+    "altimeter_range": "m",
+    "specific_force": "m/s2",
+}
+"""Of the values of each channel."""
 
 ACCELEROMETER = SensorSpec(rate=100.0, sigma=0.02)
 """A usual one for `SensorSpecs.specific_force`, assumed: 2 mm/s2/sqrt(Hz)."""

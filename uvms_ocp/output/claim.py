@@ -30,7 +30,7 @@ class Claim:
         """
         replacement = self.replacement
         try:
-            with _in_one_line(replacement.target):
+            with in_one_line(replacement.target):
                 replacement.new.mkdir()
                 yield replacement.new
                 replacement.commit()
@@ -53,7 +53,7 @@ def claimed(target: Path, names: Collection[str]) -> Iterator[Claim]:
     """
     replacement = Replacement(target=target)
     with ExitStack() as stack:
-        with _in_one_line(target):
+        with in_one_line(target):
             stack.callback(remove_empty, [folder for folder in (target, *target.parents) if not folder.exists()])
             target.mkdir(parents=True, exist_ok=True)
             stack.enter_context(locked(replacement.store))
@@ -72,7 +72,7 @@ def settle(folder: Path) -> None:
     if not replacement.is_left_over():
         return
     try:
-        with _in_one_line(folder), locked(replacement.store):
+        with in_one_line(folder), locked(replacement.store):
             replacement.recover()
     except OutputError:
         # New files that wait beside complete old ones do not matter to a reader.
@@ -81,11 +81,12 @@ def settle(folder: Path) -> None:
 
 
 @contextmanager
-def _in_one_line(target: Path) -> Iterator[None]:
+def in_one_line(target: Path, advice: str = "choose another folder") -> Iterator[None]:
+    """What the system refuses in the block is an `OutputError` of a file or folder; what is an error of ours stays as it is."""
     try:
         yield
     except UvmsError:
         raise
     except OSError as error:
         reason = error.strerror or " ".join(str(error).split())
-        raise OutputError(f"{target}: cannot write there ({reason}); choose another folder") from error
+        raise OutputError(f"{target}: cannot write there ({reason}); {advice}") from error

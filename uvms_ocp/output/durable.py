@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
 
 
-def write_durably(path: Path, text: str) -> None:
-    """Replace a small file: it is found whole, old or new, at any moment. Raises `OSError`, with the old file in place."""
+@contextmanager
+def replacing(path: Path) -> Iterator[BinaryIO]:
+    """An empty file that takes the place of `path` as the block ends, on the disk: it is found whole, old or new, at any moment.
+
+    Raises `OSError`, with the old file in place.
+    """
     fresh = path.with_name(path.name + ".tmp")
     try:
-        with fresh.open("w", encoding="utf-8") as file:
-            file.write(text)
+        with fresh.open("wb") as file:
+            yield file
             file.flush()
             os.fsync(file.fileno())
         os.replace(fresh, path)
@@ -22,6 +27,12 @@ def write_durably(path: Path, text: str) -> None:
         discard(fresh)
         raise
     sync_folders([path.parent])
+
+
+def write_durably(path: Path, text: str) -> None:
+    """Replace a small file by a text, as `replacing` does. Raises `OSError`, with the old file in place."""
+    with replacing(path) as file:
+        file.write(text.encode())
 
 
 def sync_tree(root: Path) -> None:

@@ -14,7 +14,7 @@ from uuid import uuid4
 
 from uvms_ocp.campaign.execution.cluster import dask
 from uvms_ocp.campaign.execution.on_worker import WorkHere, make_runs
-from uvms_ocp.campaign.runs.work import KILLED, TIME_LIMIT, Done, Work, failed_row, over_time
+from uvms_ocp.campaign.runs.work import ERROR, KILLED, TIME_LIMIT, Done, Work, failed_row, over_time
 from uvms_ocp.campaign.store.folder import CampaignFolder
 from uvms_ocp.exceptions import OutputError
 
@@ -137,7 +137,7 @@ class Dispatch:
             self._tried.add(chunk[0])
             self._suspects.append(chunk[0])
         else:
-            outcome = KILLED if isinstance(error, dask().KilledWorker) else "error"
+            outcome = KILLED if isinstance(error, dask().KilledWorker) else ERROR
             text = f"the process of the run ended: {error}" if outcome == KILLED else f"{type(error).__name__}: {error}"
             self._folder.add(Done(row=failed_row(self._work, chunk[0], outcome, text)))
 

@@ -33,8 +33,12 @@ def campaign_report(folder: Path, success: Sequence[Bound] = ()) -> dict[str, An
     success: bounds that a run has to keep, in place of what the mission itself counts. Raises `InvalidInput` where there is no
     campaign, or none of its runs is finished.
     """
-    identity, table = read_identity(folder), judged_table(folder, success)
-    number = int(table["success"].sum())
+    return report_of(folder, judged_table(folder, success), success)
+
+
+def report_of(folder: Path, table: Any, success: Sequence[Bound]) -> dict[str, Any]:
+    """`campaign_report` of the `judged_table` of that folder."""
+    identity, rate = read_identity(folder), Rate(number=int(table["success"].sum()), runs=len(table))
     return {
         "campaign": identity.name,
         "folder": str(folder),
@@ -45,8 +49,8 @@ def campaign_report(folder: Path, success: Sequence[Bound] = ()) -> dict[str, An
         "seed": identity.seed,
         "parameters": identity.parameters,
         "criterion": [str(bound) for bound in success] or ["the mission completed, and its goals truly reached"],
-        "success": Rate(number=number, runs=len(table)).to_dict(),
-        "success_text": str(Rate(number=number, runs=len(table))),
+        "success": rate.to_dict(),
+        "success_text": str(rate),
         "outcomes": outcome_table(table),
         "causes": cause_table(table),
         "distributions": spread_table(table),

@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.campaign.findings.spread import merit_values
 from uvms_ocp.campaign.runs.merits import MERITS
+from uvms_ocp.campaign.runs.work import COMPLETED
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 
 
@@ -25,7 +27,7 @@ class Bound:
 
     def kept(self, table: Any) -> np.ndarray:
         """(n,) whether each run of a table keeps it; one without the figure does not."""
-        values = table[self.merit].to_numpy(dtype=float)
+        values = merit_values(table, self.merit)
         return np.asarray(values < self.limit if self.sign == "<" else values > self.limit)
 
     def __str__(self) -> str:
@@ -58,7 +60,7 @@ def judged(table: Any, bounds: Sequence[Bound]) -> Any:
     kept = np.array([bound.kept(table) for bound in bounds])
     finished = table["finished"].fillna(False).to_numpy(dtype=bool)
     success = finished & kept.all(axis=0)
-    outcome = np.where(success, "completed", table["outcome"].to_numpy(dtype=object))
+    outcome = np.where(success, COMPLETED, table["outcome"].to_numpy(dtype=object))
     missed = finished & ~success
     outcome[missed] = [_missed(bounds, column) for column in kept[:, missed].T]
     return table.assign(success=success, outcome=outcome, cause=np.where(missed, outcome, table["cause"]))

@@ -14,7 +14,6 @@ from typing import Any
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.files.library import robots_folder
 from uvms_ocp.output.durable import discard
-from uvms_ocp.scenario import Scenario
 from uvms_ocp.scenarios import SCENARIOS
 from uvms_ocp.scenarios.chosen import chosen_scenario
 from uvms_ocp.scenarios.own_code import forget, own_code, siblings
@@ -189,15 +188,3 @@ def _placed(words: str, folder: Path) -> str:
 
 def _name(words: str) -> str:
     return "" if words.endswith(".py") else ":" + words.rpartition(":")[2]
-
-
-def scenario_of(source: CodeSource) -> Scenario:
-    """Built once in a process."""
-    key = f"{source.words} {source.options!r} {source.digest()}"
-    if key not in _BUILT:
-        _BUILT.clear()
-        _BUILT[key] = source.build()
-    return _BUILT[key]
-
-
-_BUILT: dict[str, Scenario] = {}

@@ -7,8 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
-from uvms_ocp.campaign.runs.code_source import CodeSource, scenario_of
+from uvms_ocp.campaign.runs.code_source import CodeSource
 from uvms_ocp.campaign.runs.merits import MERITS, merits
 from uvms_ocp.campaign.runs.work import COMPLETED, Done, Row, Work
 from uvms_ocp.campaign.variations.samplers import Design
@@ -62,7 +63,7 @@ class MissionRuns(Work):
 
     def base(self) -> Scenario:
         """The scenario that is varied."""
-        return scenario_of(self.scenario) if isinstance(self.scenario, CodeSource) else _made(self.scenario)
+        return _made(self.scenario)
 
     def make(self, run: int) -> Done:
         """The row of a run [-], and its record where that is to be kept."""
@@ -80,24 +81,15 @@ class MissionRuns(Work):
         return built(self.variations)
 
 
-@lru_cache(maxsize=2)
-def _made(scenario: Callable[[], Scenario]) -> Scenario:
-    """Once in a process: what runs share, such as the robot, is then known to be the same."""
-    return scenario()
-
-
 def built(variations: CodeSource | Sequence[Variation]) -> Sequence[Variation]:
     """The values, of a file loaded once in a process."""
-    if not isinstance(variations, CodeSource):
-        return variations
-    digest = variations.words + variations.digest()
-    if digest not in _LOADED:
-        _LOADED.clear()
-        _LOADED[digest] = variations.build()
-    return _LOADED[digest]
+    return _made(variations) if isinstance(variations, CodeSource) else variations
 
 
-_LOADED: dict[str, Sequence[Variation]] = {}
+@lru_cache(maxsize=4)
+def _made(source: CodeSource | Callable[[], Any]) -> Any:
+    """Once in a process: what runs share, such as the robot, is then known to be the same."""
+    return source.build() if isinstance(source, CodeSource) else source()
 
 
 def _packed(record: Record) -> bytes:

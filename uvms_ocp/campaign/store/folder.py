@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from time import monotonic
 from typing import Any
 
 import numpy as np
 
-from uvms_ocp.campaign.runs.work import Done, Work, columns_of
+from uvms_ocp.campaign.runs.work import Done
 from uvms_ocp.campaign.store.identity import SOURCES, Identity, claim_identity
 from uvms_ocp.campaign.store.parts import Parts, read_rows
-from uvms_ocp.exceptions import OutputError
-from uvms_ocp.output.durable import discard, sync_folders
+from uvms_ocp.campaign.store.whole_file import whole_file
+from uvms_ocp.output.claim import in_one_line
 from uvms_ocp.output.lock import locked
 from uvms_ocp.output.manifest import STORE
 
@@ -77,7 +76,10 @@ def opened(folder: Path, identity: Identity, sources: Mapping[str, bytes]) -> It
     sources: copies to keep, by name. Raises `InvalidInput` for another campaign there, and `OutputError` where it cannot be
     written or another process is at it.
     """
-    with _locked(folder):
+    with ExitStack() as stack:
+        with in_one_line(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(locked(folder / STORE))
         claim_identity(folder, identity)
         for name, content in sources.items():
             if not (folder / SOURCES / name).exists():
@@ -89,37 +91,7 @@ def opened(folder: Path, identity: Identity, sources: Mapping[str, bytes]) -> It
             found.close()
 
 
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        lock = locked(folder / STORE)
-        lock.__enter__()
-    except OutputError:
-        raise
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot write there ({error.strerror}); choose another folder") from error
-    try:
-        yield
-    finally:
-        lock.__exit__(None, None, None)
-
-
-def types_of(work: Work) -> dict[str, str]:
-    """Of the columns of its table, by name, as `Identity` has them."""
-    return {name: kind.__name__ for name, kind in columns_of(work).items()}
-
-
 def _write_whole(path: Path, content: bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    fresh = path.with_name(path.name + ".tmp")
-    try:
-        with fresh.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(fresh, path)
-    except OSError as error:
-        discard(fresh)
-        raise OutputError(f"{path}: cannot write there ({error.strerror or error}); free some space") from error
-    sync_folders([path.parent])
+    with whole_file(path) as file:
+        file.write(content)

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
 
+from uvms_ocp.campaign.runs.work import Work, columns_of
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.output.durable import write_durably
 from uvms_ocp.output.manifest import STORE, read_as
@@ -49,6 +50,11 @@ class Identity(BaseModel):
     def types(self) -> dict[str, type]:
         """Of the columns."""
         return {name: _KINDS[kind] for name, kind in self.columns.items()}
+
+
+def types_of(work: Work) -> dict[str, str]:
+    """Of the columns of its table, by name, as `Identity` has them."""
+    return {name: kind.__name__ for name, kind in columns_of(work).items()}
 
 
 def read_identity(folder: Path) -> Identity:

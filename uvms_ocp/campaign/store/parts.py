@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from uvms_ocp.exceptions import InvalidInput, NotInstalled, OutputError
+from uvms_ocp.campaign.store.whole_file import whole_file
+from uvms_ocp.exceptions import InvalidInput, NotInstalled
 from uvms_ocp.output.durable import discard, sync_folders
 
 FOLDER = "rows"
@@ -63,17 +63,8 @@ class Parts:
     def _write(self, table: Any) -> None:
         pa = arrow()
         path = self._folder / f"part-{self._next:08d}.parquet"
-        fresh = path.with_suffix(".tmp")
-        try:
-            with fresh.open("wb") as file:
-                pa.parquet.write_table(table, file, row_group_size=_GROUP)
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(fresh, path)
-        except OSError as error:
-            discard(fresh)
-            raise OutputError(f"{path}: cannot write there ({error.strerror or error}); free some space") from error
-        sync_folders([self._folder])
+        with whole_file(path) as file:
+            pa.parquet.write_table(table, file, row_group_size=_GROUP)
         self._next, self._n = self._next + 1, self._n + 1
 
 

@@ -20,9 +20,7 @@ def flow_parameters(scenario: Scenario) -> Iterator[Parameter]:
     """Of water that flows the same everywhere, with gusts or without; of others gusts alone."""
     if scenario.plant == "kinematic":
         return
-    current = scenario.environment.current
-    base = current.base if isinstance(current, GustyCurrent) else current
-    if isinstance(base, _UNIFORM):
+    if isinstance(_base(scenario), _UNIFORM):
         for axis, name in enumerate("xyz"):
             meaning = f"added to the velocity of the water along {name} of W"
             yield Parameter(name=f"current.{name}", unit="m/s", meaning=meaning, apply=partial(_added, axis))
@@ -58,9 +56,14 @@ def _with_gusts(scenario: Scenario, value: float) -> Scenario:
 
 def _velocity(scenario: Scenario) -> np.ndarray:
     """(3,) [m/s] of the uniform part."""
-    current = scenario.environment.current
-    base = current.base if isinstance(current, GustyCurrent) else current
+    base = _base(scenario)
     return base.value if isinstance(base, UniformCurrent | OnsetCurrent) else np.zeros(3)
+
+
+def _base(scenario: Scenario) -> Current:
+    """The current without its gusts."""
+    current = scenario.environment.current
+    return current.base if isinstance(current, GustyCurrent) else current
 
 
 def _flowing(scenario: Scenario, velocity: np.ndarray) -> Scenario:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.campaign.variations.parameter import Parameter
+from uvms_ocp.campaign.variations.parameter import Parameter, real_numbers
 from uvms_ocp.control.force.dynamic import VelocityGains
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.scenario import Scenario
@@ -35,7 +35,7 @@ def objective_parameters(scenario: Scenario) -> Iterator[Parameter]:
             yield Parameter(
                 name=f"goals.{task.name}.yaw", unit="rad", meaning=meaning, apply=partial(_with_goal, task.name, 3)
             )
-        for name in _numbers(task):
+        for name in real_numbers(task):
             meaning = f"{name} of {task.name}, as its class has it"
             apply = partial(_with_number, task.name, name)
             yield Parameter(name=f"tasks.{task.name}.{name}", unit="as there", meaning=meaning, apply=apply)
@@ -50,10 +50,6 @@ def objective_parameters(scenario: Scenario) -> Iterator[Parameter]:
 def _is_point(task: Task, goal: Any) -> bool:
     """In W; the posture of an arm of three joints is none."""
     return isinstance(goal, np.ndarray) and goal.shape == (3,) and not isinstance(task, JointTracking)
-
-
-def _numbers(task: Task) -> list[str]:
-    return [item.name for item in fields(task) if item.init and type(getattr(task, item.name)) is float]
 
 
 def _with_goal(name: str, axis: int, scenario: Scenario, value: float) -> Scenario:

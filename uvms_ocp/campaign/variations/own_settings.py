@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import is_dataclass, replace
 from functools import partial
 from typing import Any
 
-from uvms_ocp.campaign.variations.parameter import Parameter
+from uvms_ocp.campaign.variations.parameter import Parameter, real_numbers
 from uvms_ocp.parts.fresh import maker_of
 from uvms_ocp.scenario import Scenario
 
@@ -26,9 +26,7 @@ def _maker(scenario: Scenario, part: str) -> Any:
 
 
 def _numbers(maker: Any) -> list[str]:
-    if not is_dataclass(maker) or isinstance(maker, type):
-        return []
-    return [item.name for item in fields(maker) if item.init and type(getattr(maker, item.name)) is float]
+    return real_numbers(maker) if is_dataclass(maker) and not isinstance(maker, type) else []
 
 
 def _with(part: str, name: str, scenario: Scenario, value: float) -> Scenario:

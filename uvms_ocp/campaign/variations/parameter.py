@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 from uvms_ocp.scenario import Scenario
 
@@ -17,3 +18,8 @@ class Parameter:
     meaning: str
     apply: Callable[[Scenario, float], Scenario]
     """The scenario with a value [unit]."""
+
+
+def real_numbers(value: Any) -> list[str]:
+    """Fields of a dataclass that it is made of and that are real numbers."""
+    return [item.name for item in fields(value) if item.init and type(getattr(value, item.name)) is float]

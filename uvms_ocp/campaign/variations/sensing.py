@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import partial
 
 from uvms_ocp.campaign.variations.parameter import Parameter
-from uvms_ocp.model.sensing import CHANNELS, SensorSpec, SensorSpecs
+from uvms_ocp.model.sensing import CHANNELS, UNITS, SensorSpec, SensorSpecs
 from uvms_ocp.scenario import Scenario
 
 _FIELDS = {
@@ -19,17 +19,6 @@ _FIELDS = {
     "untold_delay": ("added to its delay, and known to nobody", "s"),
     "dropout": ("probability that a reading is lost", "-"),
     "rate": ("readings per second", "Hz"),
-}
-_UNITS = {
-    "position": "m",
-    "depth": "m",
-    "attitude": "rad",
-    "angular_velocity": "rad/s",
-    "linear_velocity": "m/s",
-    "joint_positions": "rad",
-    "joint_velocities": "rad/s",
-    "altimeter_range": "m",
-    "specific_force": "m/s2",
 }
 
 
@@ -45,7 +34,7 @@ def sensor_parameters(scenario: Scenario) -> Iterator[Parameter]:
             for name, (meaning, unit) in _FIELDS.items():
                 yield Parameter(
                     name=f"sensors.{channel}.{name}",
-                    unit=unit or _UNITS[channel],
+                    unit=unit or UNITS[channel],
                     meaning=meaning,
                     apply=partial(_with, channel, name),
                 )

@@ -11,7 +11,7 @@ from uvms_ocp.campaign.variations.distributions import Distribution, distributio
 from uvms_ocp.campaign.variations.known_parameters import known_parameters
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.scenario import Scenario
-from uvms_ocp.sim.currents import Current, GustyCurrent
+from uvms_ocp.sim.currents import GustyCurrent
 
 
 @checked
@@ -69,17 +69,10 @@ def varied(scenario: Scenario, variations: Sequence[Variation], values: Mapping[
 
 def seeded(scenario: Scenario, seed: int) -> Scenario:
     """The scenario with this seed [-] of sensors and gusts."""
-    water = scenario.environment.current
-    environment = replace(scenario.environment, current=_seeded(water, seed)) if _gusts(water) else scenario.environment
+    water, environment = scenario.environment.current, scenario.environment
+    if isinstance(water, GustyCurrent):
+        environment = replace(environment, current=replace(water, seed=seed))
     return replace(scenario, seed=seed, environment=environment)
-
-
-def _gusts(current: Current) -> bool:
-    return isinstance(current, GustyCurrent)
-
-
-def _seeded(current: Current, seed: int) -> Current:
-    return replace(current, seed=seed) if isinstance(current, GustyCurrent) else current
 
 
 def quantiles(variations: Sequence[Variation], u: Sequence[float]) -> dict[str, float]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from uvms_ocp.campaign.findings.campaign_report import campaign_report, judged_table
+from uvms_ocp.campaign.findings.campaign_report import judged_table, report_of
 from uvms_ocp.campaign.findings.spread import merit_values
 from uvms_ocp.campaign.findings.verdict import Bound
 from uvms_ocp.campaign.runs.merits import MERITS
@@ -32,9 +32,10 @@ def write_report(folder: Path, success: Sequence[Bound], console: Console) -> di
     """Write report.json and report.html into the folder of a campaign, and print what matters. Raises `OutputError`."""
     from uvms_ocp.viz.campaign.report_page import report_page
 
-    report = campaign_report(folder, success)
+    table = judged_table(folder, success)
+    report = report_of(folder, table, success)
     with console.status("drawing"):
-        page = report_page(report, _figures(folder, success, report))
+        page = report_page(report, _figures(table, report))
     paths = [folder / "report.json", folder / "report.html"]
     try:
         for path, text in zip(paths, (json.dumps(report, indent=1) + "\n", page), strict=True):
@@ -46,10 +47,10 @@ def write_report(folder: Path, success: Sequence[Bound], console: Console) -> di
     return report
 
 
-def _figures(folder: Path, success: Sequence[Bound], report: dict[str, Any]) -> dict[str, bytes]:
+def _figures(table: Any, report: dict[str, Any]) -> dict[str, bytes]:
     from uvms_ocp.viz.campaign import campaign_figures as figures
 
-    table, rate = judged_table(folder, success), report["success"]
+    rate = report["success"]
     good = table["success"].to_numpy(dtype=bool)
     drawn = {
         "success rate": figures.figure_rate(good, (rate["lower"], rate["upper"])),

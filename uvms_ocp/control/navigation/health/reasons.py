@@ -7,6 +7,7 @@ from enum import IntEnum
 from typing import Any
 
 from uvms_ocp.functions.kernels.layout import Layout
+from uvms_ocp.model.sensing import UNITS
 
 
 class Reason(IntEnum):
@@ -84,16 +85,6 @@ _TEXTS: dict[int, Callable[[float, float], str]] = {
     Reason.REFUSED: lambda a, b: f"{a:.3g} times the innovation expected",
 }
 
-_UNITS = {
-    "position": "m",
-    "depth": "m",
-    "attitude": "rad",
-    "angular_velocity": "rad/s",
-    "linear_velocity": "m/s",
-    "joint_positions": "rad or m",
-    "joint_velocities": "rad/s or m/s",
-}
-
 
 class Texts:
     """Says reasons of channels in words."""
@@ -118,7 +109,7 @@ class Texts:
         if why.code == Reason.STILL:
             return f"{self._joints[int(a)]} does not change while {b:.2g} were asked of it"
         if why.code == Reason.LARGE:
-            return f"{a:.3g} {_UNITS[channel]}, more than the {b:.2g} that can be"
+            return f"{a:.3g} {UNITS[channel]}, more than the {b:.2g} that can be"
         if why.code == Reason.OFF:
-            return f"{a:.3g} {_UNITS[channel]} off the estimate, allowed {b:.2g}"
+            return f"{a:.3g} {UNITS[channel]} off the estimate, allowed {b:.2g}"
         return _TEXTS[why.code](a, b)
