@@ -96,8 +96,9 @@ class Refinement:
         best, gained = self._solved(guess, q, {}), np.inf
         for _ in range(_MOST_ROUNDS if self._terms else 0):
             path = self.planner.transcription.unpack(best.result.x, self.given)
-            settled = self._settled(best, path.q, gained)
-            missing = self._missing(best, path) if settled or self._off(best, path.q) <= _NEAR else {}
+            off = self._off(best, path.q)
+            settled = best.result.status.optimal and (off <= _AGREES or gained <= _GAIN)
+            missing = self._missing(best, path) if settled or off <= _NEAR else {}
             tightened = {**best.tightened, **missing}
             stopped = NlpStatus.INTERRUPTED in best.result.level_status or self._left <= 0
             if stopped or (settled and not missing):
@@ -127,11 +128,6 @@ class Refinement:
         left = max(self._left, 0.0)
         result = self.planner.solve(p, guess, problem=self.given, time_limit=left, progress=self.progress)
         return Written(result=result, p=p, near=q, tightened=tightened)
-
-    def _settled(self, found: Written, q: np.ndarray, gained: float) -> bool:
-        if not found.result.status.optimal:
-            return False
-        return self._off(found, q) <= _AGREES or gained <= _GAIN
 
     def _off(self, found: Written, q: np.ndarray) -> float:
         """[m] Between rows that decide and distances."""

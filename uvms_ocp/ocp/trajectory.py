@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.arguments import Shape, checked
+from uvms_ocp.arrays import Indices
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.model.state import State
@@ -61,7 +62,7 @@ class Trajectory:
         self, model: pin.Model, t: Annotated[np.ndarray, Shape("n")]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """q (n, n_q) and v (n, n_v) at times t (n,) [s], and the steps that hold them (n,); the end is held."""
-        steps = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.a) - 1)
+        steps = intervals_of(self.t, t)
         s, v, a = (t - self.t[steps])[:, None], self.v[steps], self.a[steps]
         leaving = np.array([self.leaving(model, k) for k in steps]).reshape(v.shape)
         moves, q = s * leaving + s * s / 2 * a, self.q[steps]
@@ -73,7 +74,12 @@ class Trajectory:
 
     def step_at(self, t: float) -> int:
         """The step that holds time t [s]."""
-        return int(np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.a) - 1))
+        return int(intervals_of(self.t, t))
+
+
+def intervals_of(times: np.ndarray, t: np.ndarray | float) -> Indices:
+    """The interval between times (m + 1,) [s] that holds each time t (n,) [s], or one of them; the first or last outside."""
+    return np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2)
 
 
 @checked
@@ -128,7 +134,7 @@ def through(
 
 
 def _between(model: pin.Model, times: np.ndarray, configurations: np.ndarray, t: float) -> np.ndarray:
-    k = int(np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2))
+    k = int(intervals_of(times, t))
     share = float(np.clip((t - times[k]) / (times[k + 1] - times[k]), 0.0, 1.0))
     return np.asarray(pin.interpolate(model, configurations[k], configurations[k + 1], share))
 

@@ -21,7 +21,7 @@ from uvms_ocp.collision.collision_scene import Nearest
 from uvms_ocp.collision.conservative_advancement import ClearanceReport, check_motion
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.ocp.clearance.shape_clearance import ShapeClearance
-from uvms_ocp.ocp.trajectory import Trajectory
+from uvms_ocp.ocp.trajectory import Trajectory, intervals_of
 
 _PER_STEP = 2  # intervals that are looked at first
 _LOOKS = 8  # at each step, where nothing is to be proven
@@ -107,7 +107,7 @@ class SteppedMotion:
     def _steps(self, t: Array) -> tuple[Indices, Array]:
         """The step of each time, and the time (n, 1) [s] since it began."""
         path = self.trajectory
-        k = np.clip(np.searchsorted(path.t, t, side="right") - 1, 0, len(path.a) - 1)
+        k = intervals_of(path.t, t)
         return k, (t - path.t[k])[:, None]
 
 

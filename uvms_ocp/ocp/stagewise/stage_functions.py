@@ -29,8 +29,6 @@ class ForceRows:
     """(m,) [-]"""
     upper: np.ndarray
     """(m,) [-]"""
-    names: tuple[str, ...]
-    """(m,)"""
     inputs: np.ndarray
     """(m,) [-] thruster, or behind them joint, of each row; -1 for wrenches."""
 
@@ -136,14 +134,12 @@ def force_rows(model: StageModel) -> ForceRows:
     lower = np.concatenate([actuators.thrust_lower, -actuators.torque_limit])
     upper = np.concatenate([actuators.thrust_upper, actuators.torque_limit])
     kept = np.flatnonzero((np.isfinite(lower) | np.isfinite(upper)) & limited)
-    names = (*["thrust"] * len(actuators.thrust_lower), *["torque"] * len(actuators.torque_limit))
     beyond = ca.DM(actuators.beyond.T / actuators.force_unit[:n]) @ model.force[:n]
     none = np.zeros(beyond.numel())
     return ForceRows(
         rows=ca.vertcat(chosen(shares, kept), beyond),
         lower=np.concatenate([lower[kept], none]),
         upper=np.concatenate([upper[kept], none]),
-        names=(*(names[i] for i in kept), *["forces"] * len(none)),
         inputs=np.concatenate([kept, np.full(len(none), -1)]),
     )
 

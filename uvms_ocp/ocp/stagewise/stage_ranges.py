@@ -30,11 +30,6 @@ class StageRanges:
         self._z = places.z_ranges(bounds.x_lower, bounds.x_upper)
         self._limited = np.isfinite(self._z).any(axis=0)
 
-    @property
-    def names(self) -> list[str]:
-        """What each row stands for, in reports."""
-        return self._places.names
-
     def z_excess(self, z: Array) -> Array:
         """How far variables are outside at the points z (n, n_z) [unit of z]."""
         own = self._limited
@@ -61,13 +56,6 @@ class Places:
         self.force_upper[self.raw < 0] = np.tile(forces.upper, len(memory.steps))
         self.z, self._x = self._variables()
         self._force_x = self._inputs()
-
-    @property
-    def names(self) -> list[str]:
-        """Of each row that may be held."""
-        forces, whole = self.memory.forces.names, self.memory.whole.row_layout.names
-        own = iter(forces * len(self.memory.steps))
-        return [next(own) if number < 0 else whole[number] for number in self.raw]
 
     def _row_numbers(self, i: int) -> Array:
         memory, stage = self.memory, self.memory.stages[i]

@@ -284,7 +284,7 @@ class StageSqp:
         # What levels above lose by rounding, and by steps that were taken while little was broken, is given back.
         if self._level.level and self._worst <= self._options.feasibility:
             self._brought_back(here, self._options.convergence)
-        self._merit()
+            self._merit()
         return SqpEnd(
             status=status,
             iterations=iterations,

@@ -51,7 +51,7 @@ class Transcription:
             raise InvalidInput(f"{plugin} goes from step to step, {what}: use plugin='ipopt'")
         self.row_layout = row_layout(problem, self.blocks, ends, n_forces=self.model.n_forces)
         self._horizon = horizon(self.variables, self.parameter_layout, self.row_layout, ends)
-        self._last = fitted(self.model, self.blocks, problem)
+        self._own = self._last = fitted(self.model, self.blocks, problem)
         _ = self.model.inputs_function  # is compiled before any clock runs
 
     @property
@@ -60,10 +60,11 @@ class Transcription:
         return self.variables.n_x
 
     def _fitted(self, problem: OcpProblem | None) -> Fitted:
-        """Every method of a plan asks for that of the same problem."""
-        given = problem or self.problem
-        if given is not self._last.problem:
-            self._last = fitted(self.model, self.blocks, given)
+        """Every method of a plan asks for that of the same problem, and for that of the one that was built in."""
+        if problem is None or problem is self.problem:
+            return self._own
+        if problem is not self._last.problem:
+            self._last = fitted(self.model, self.blocks, problem)
         return self._last
 
     def parameters(
@@ -97,11 +98,11 @@ class Transcription:
     def ranges(self, problem: OcpProblem | None = None) -> RowRanges:
         """Where the rows are to be."""
         given = self._fitted(problem)
-        return self._own_ranges if given.problem is self.problem else self._ranges(given)
+        return self._own_ranges if given is self._own else self._ranges(given)
 
     @cached_property
     def _own_ranges(self) -> RowRanges:
-        return self._ranges(self._fitted(self.problem))
+        return self._ranges(self._own)
 
     def pack(self, trajectory: Trajectory) -> np.ndarray:
         """Variables (n_x,) of a trajectory; times are taken as they are where durations are free."""

@@ -139,6 +139,7 @@ static int descend(Problem *q) {
                                q->now.primal > 2.0 * (1.0 - share) * primal + 0.1 * q->tolerance * q->now.variable))
       ++q->corrections;
   }
+  if (!vain) return status; /* The last point is the best, and `now` is of it. */
   memcpy(q->point, q->best, sizeof(double) * (size_t)SIZE);
   find_residuals(q, q->point, &q->now);
   return status;

@@ -49,8 +49,7 @@ class NumpyCore:
     def solve(self, qp: StageQp, options: StageQpOptions, near: Near | None) -> End:
         """From nothing but the QP, or from the solution of one nearby; NOT_A_NUMBER where entries are none."""
         table = row_table(qp)
-        z = np.where(table.fixed, qp.flat["z_lower"], 0.0)
-        rest = resting(z, sum(qp.shape.n_x), len(table.norm))
+        rest = at_rest(qp, table)
         if not is_valid(qp):
             return nothing(rest)
         if near is None:
@@ -114,6 +113,12 @@ class NumpyCore:
             square=float(whole @ whole),
             change=float(max(changes)),
         )
+
+
+def at_rest(qp: StageQp, table: RowTable) -> Point:
+    """Fixed variables where they are to be, all others at 0."""
+    z = np.where(table.fixed, qp.flat["z_lower"], 0.0)
+    return resting(z, sum(qp.shape.n_x), len(table.norm))
 
 
 def _patience(changes: int) -> int:

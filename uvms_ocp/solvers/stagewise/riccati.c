@@ -1,6 +1,6 @@
 /* A horizon of stages: its Hessian, the Riccati recursion, and solutions with the factor that it leaves.
 
-Sizes and places of stage k are entries k of integer arrays; `stages.py` makes them, and the structure. */
+Sizes and places of stage k are entries k of integer arrays; `compiled.py` makes them, and the structure. */
 
 typedef struct {
   int N;
@@ -12,7 +12,7 @@ typedef struct {
   double *Q, *q;       /* Hessian, padded, and gradient at 0 */
   double *L, *inverse; /* of each stage the cost-to-go of its state and, below it, the rows of the factor of the rest; padded */
   double *W;           /* room for twice the largest dynamics, padded */
-  double *v;           /* room for 4 vectors of the largest stage */
+  double *v;           /* room for 2 vectors of the largest stage, padded */
   WeightedRow *list;   /* room for twice the largest number of rows */
   double most, least;  /* the largest curvature, and one that counts as none beside it */
 } Stages;

@@ -11,9 +11,9 @@ from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.intervals import distance
 from uvms_ocp.solvers.stagewise.compiled import compiled_core
-from uvms_ocp.solvers.stagewise.iteration import NumpyCore
+from uvms_ocp.solvers.stagewise.iteration import NumpyCore, at_rest
 from uvms_ocp.solvers.stagewise.options import STAGE_TOLERANCES, StageQpOptions
-from uvms_ocp.solvers.stagewise.point import End, Point, Start, resting
+from uvms_ocp.solvers.stagewise.point import End, Point, Start
 from uvms_ocp.solvers.stagewise.row_table import RowTable, row_table
 from uvms_ocp.solvers.stagewise.second_look.residual_rows import own_rows, with_residuals_as_rows
 from uvms_ocp.solvers.stagewise.second_look.ways_down import leads_down, may_fall_endlessly, ways_down
@@ -78,7 +78,7 @@ class StageQpSolver:
         """What it means that no optimum was found: phase one tells whether there is a point at all, and where."""
         if failed.worst <= self._inexact and failed.status is StageQpStatus.ITERATION_LIMIT:
             return replace(failed, status=StageQpStatus.INEXACT)
-        least = self._run(qp, row_table(qp, phase_one=True), self._rest(qp, table), costless=True)
+        least = self._run(qp, row_table(qp, phase_one=True), at_rest(qp, table), costless=True)
         spent = failed.iterations + least.iterations
         missed = table.violation(_values(qp, least.point.z))
         if least.status is StageQpStatus.SOLVED and missed > _MISSED * (1.0 + np.abs(least.point.z).max()):
@@ -114,7 +114,7 @@ class StageQpSolver:
         other = with_residuals_as_rows(qp)
         table, own = row_table(other), own_rows(qp.shape, other.shape)
         slow = StageQpSolver(other.shape, self.options)
-        point = replace(slow._rest(other, table), z=start.z)
+        point = replace(at_rest(other, table), z=start.z)
         end = slow._run(other, table, point, Start.COLD, damped=True)
         return replace(end, point=end.point.of_rows(own))
 
@@ -131,10 +131,6 @@ class StageQpSolver:
         # With next to no curvature phase one loses digits, and needs few.
         options = replace(self.options, tolerance=max(self.options.tolerance, _ROUGH)) if costless else self.options
         return self._core.run(qp, table, point, options, start=start, costless=costless, damped=damped)
-
-    def _rest(self, qp: StageQp, table: RowTable) -> Point:
-        z = np.where(table.fixed, qp.flat["z_lower"], 0.0)
-        return resting(z, sum(self.shape.n_x), len(table.norm))
 
     @np.errstate(invalid="ignore")  # of what is not a number there is no excess
     def _found(self, qp: StageQp, end: End) -> Found:
