@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from same_record import require_same
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.record import Record
@@ -113,12 +114,7 @@ def test_a_run_comes_back_as_it_was(record: Record, tmp_path: Path) -> None:
 
 def comes_back(record: Record, folder: Path) -> None:
     record.to_mcap(folder / "record.mcap")
-    again = Record.from_mcap(folder / "record.mcap")
-    assert again.meta == record.meta
-    assert list(again.series) == list(record.series)
-    for name, array in record.series.items():
-        assert again[name].dtype == array.dtype
-        assert np.array_equal(again[name], array, equal_nan=array.dtype.kind == "f")
+    require_same(Record.from_mcap(folder / "record.mcap"), record)
 
 
 @pytest.mark.parametrize("dtype", ["f8", "f4", "i1", "i8", "u8", "?"])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-import numpy as np
 import pytest
+from same_record import require_same
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.record import Record
@@ -83,12 +83,7 @@ def test_a_run_comes_back_as_it_was(record: Record, tmp_path: Path) -> None:
 
 def _comes_back(record: Record, folder: Path) -> None:
     record.to_parquet(folder / "record.parquet")
-    again = Record.from_parquet(folder / "record.parquet")
-    assert again.meta == record.meta
-    assert list(again.series) == list(record.series)
-    for name, array in record.series.items():
-        assert again[name].dtype == array.dtype
-        assert np.array_equal(again[name], array, equal_nan=array.dtype.kind == "f")
+    require_same(Record.from_parquet(folder / "record.parquet"), record)
 
 
 def test_csv_has_every_digit(record: Record, tmp_path: Path) -> None:

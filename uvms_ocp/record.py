@@ -102,9 +102,7 @@ class Record(Tabled):
     @staticmethod
     def from_parquet(path: Path | str) -> Record:
         """Read a file of `to_parquet`. Raises `InvalidInput` for another or a damaged one, and `NotInstalled`."""
-        series, meta = record_files.from_parquet(Path(path))
-        check_series(series, meta)
-        return Record(series=series, meta=meta)
+        return _fitting(*record_files.from_parquet(Path(path)))
 
     def to_mcap(self, path: Path | str) -> None:
         """Write a file that Foxglove opens, and `from_mcap` as the same record. Raises `OutputError`, `NotInstalled`.
@@ -117,9 +115,7 @@ class Record(Tabled):
     @staticmethod
     def from_mcap(path: Path | str) -> Record:
         """Read a file of `to_mcap`. Raises `InvalidInput` for another or a damaged one, and `NotInstalled`."""
-        series, meta = mcap_file.from_mcap(Path(path))
-        check_series(series, meta)
-        return Record(series=series, meta=meta)
+        return _fitting(*mcap_file.from_mcap(Path(path)))
 
     @staticmethod
     def load(path: Path | str) -> Record:
@@ -136,6 +132,12 @@ class Record(Tabled):
         except InvalidInput as error:
             raise InvalidInput(f"{shown(path)}: not a record written by uvms_ocp: {error}") from error
         return record
+
+
+def _fitting(series: Mapping[str, np.ndarray], meta: RunMeta | PlanMeta) -> Record:
+    """The record of an exported file. Raises `InvalidInput` for series that do not fit each other or the metadata."""
+    check_series(series, meta)
+    return Record(series=series, meta=meta)
 
 
 def _text_of(arrays: dict[str, np.ndarray]) -> str:

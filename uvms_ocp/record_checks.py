@@ -8,7 +8,7 @@ import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.meta_values import LARGEST, NEARLY_ONE, LimitsMeta
-from uvms_ocp.run_meta import SHORTEST_TICK, PlanMeta, RunMeta
+from uvms_ocp.run_meta import SHORTEST_TICK, VEHICLE_V, PlanMeta, RunMeta, is_floating
 
 Series = Mapping[str, np.ndarray]
 """Time series by name, (n, ...) each."""
@@ -23,7 +23,7 @@ _UNKNOWN = ("thruster_energy",)
 """Where NaN means that it is not known."""
 _ENDLESS = ("altimeter_range", "altimeter_spread", "activity", "residual", "quantities")
 """Where infinity too may stand, such as for a range without an echo, and at ticks whose input the solver refused."""
-_VEHICLE_Q, _VEHICLE_V = 7, 6
+_VEHICLE_Q = 7
 _WORST_HEALTH = 2
 """Codes of health: 0 good, 1 suspect, 2 lost."""
 
@@ -93,32 +93,25 @@ def _widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[float, 
     if isinstance(meta, PlanMeta):
         exact |= {name: len(meta.axes) for name in _AXES} | {"clearance": len(meta.clearance_groups)}
     if meta.limits is not None:
-        _check_limits(meta.limits, floating=_floating(series, meta))
+        _check_limits(meta.limits, floating=is_floating(series, meta))
         exact["torque"] = len(meta.limits.effort)
     return {name: (n, n) for name, n in exact.items()} | _motion_widths(series, meta)
 
 
 def _motion_widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[float, float]]:
     """Of q and of what has a column for each velocity; q has more than v where a turn takes several numbers."""
-    joints, floating = len(meta.joints), _floating(series, meta)
-    n_v: tuple[float, float] = (joints + (_VEHICLE_V if floating else 0), np.inf)
+    joints, floating = len(meta.joints), is_floating(series, meta)
+    n_v: tuple[float, float] = (joints + (VEHICLE_V if floating else 0), np.inf)
     if meta.limits is not None:
         n_v = (max(n_v[0], len(meta.limits.velocity)), len(meta.limits.velocity))
     elif "v" in series and series["v"].shape[1] >= n_v[0]:
         n_v = (series["v"].shape[1],) * 2
-    least = n_v[0] + (_VEHICLE_Q - _VEHICLE_V if floating else 0)
+    least = n_v[0] + (_VEHICLE_Q - VEHICLE_V if floating else 0)
     return {"q": (least, np.inf)} | dict.fromkeys(("v", "command", "disturbance", "q_spread"), n_v)
 
 
-def _floating(series: Series, meta: RunMeta | PlanMeta) -> bool:
-    """Whether q begins with the pose of a vehicle; a plan tells it by its velocities alone."""
-    if isinstance(meta, RunMeta):
-        return meta.floating
-    return "v" in series and series["v"].shape[1] - len(meta.joints) == _VEHICLE_V
-
-
 def _check_limits(limits: LimitsMeta, *, floating: bool) -> None:
-    vehicle = _VEHICLE_V if floating else 0
+    vehicle = VEHICLE_V if floating else 0
     if len(limits.velocity) - len(limits.position_lower) != vehicle:
         given = f"{len(limits.velocity)} limits of velocity and {len(limits.position_lower)} of position"
         raise InvalidInput(f"{given}; allowed: {vehicle} more of velocity, those of the vehicle")
@@ -148,7 +141,7 @@ def _check_health(series: Series, meta: RunMeta | PlanMeta) -> None:
 
 
 def _check_quaternions(series: Series, meta: RunMeta | PlanMeta) -> None:
-    if "q" in series and _floating(series, meta):
+    if "q" in series and is_floating(series, meta):
         norms = np.linalg.norm(series["q"][:, 3:_VEHICLE_Q], axis=1)
         right = np.abs(norms - 1.0) <= NEARLY_ONE
         if not right.all():

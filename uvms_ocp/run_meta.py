@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import platform
+from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Annotated, Any, Final, Literal
 
@@ -43,6 +44,8 @@ SHORTEST_TICK = 1e-9
 VERSION: Final = "0.2"
 """Of the format; 0.1 had neither a version nor a kind, and is still read."""
 
+VEHICLE_V = 6
+"""Velocities of a vehicle."""
 _DEPENDENCIES = ("pin", "casadi", "coal", "numpy")
 
 
@@ -178,6 +181,13 @@ class PlanMeta(RecordMeta):
             raise ValueError(f"axis_limits have one number for each of {n} axes")
         require_once("axes", self.axes)
         return self
+
+
+def is_floating(series: Mapping[str, Any], meta: RunMeta | PlanMeta) -> bool:
+    """Whether q begins with the pose of a vehicle; a plan tells it by its velocities alone. series: (n, ...) each, by name."""
+    if isinstance(meta, RunMeta):
+        return meta.floating
+    return "v" in series and series["v"].shape[1] - len(meta.joints) == VEHICLE_V
 
 
 _KINDS: dict[str, type[RunMeta] | type[PlanMeta]] = {"run": RunMeta, "plan": PlanMeta}

@@ -84,8 +84,5 @@ def maker_of(what: str, given: Any) -> Callable[..., Any]:
 
 def own_names(parts: Mapping[str, Any], ours: tuple[Callable[..., Any], ...]) -> dict[str, str]:
     """Names of those parts of a scenario that are not the toolkit's, which are values or made by `ours`."""
-    makers = {
-        what: part if isinstance(part, str | SensorSpecs) else maker_of(what, part) for what, part in parts.items()
-    }
-    own = {what: maker for what, maker in makers.items() if not isinstance(maker, str | SensorSpecs)}
-    return {what: part_name(maker) for what, maker in own.items() if maker not in ours}
+    makers = {what: maker_of(what, part) for what, part in parts.items() if not isinstance(part, str | SensorSpecs)}
+    return {what: part_name(maker) for what, maker in makers.items() if maker not in ours}

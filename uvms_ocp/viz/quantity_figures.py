@@ -93,9 +93,13 @@ def _panel(axis: Axes, record: Record, name: str, color: str) -> np.ndarray:
     values, on = _required(record, name), _task_on(record, name.rpartition(".")[0])
     axis.plot(record["t"], values, color=color, alpha=0.35, lw=0.9)
     axis.plot(record["t"], np.where(on, values, np.nan), color=color)
+    _mark_thresholds(axis, record, name)
+    return values[on]
+
+
+def _mark_thresholds(axis: Axes, record: Record, name: str) -> None:
     for limit in thresholds(record, name):
         threshold(axis, limit, threshold_text(record, name, limit))
-    return values[on]
 
 
 def _task_on(record: Record, task: str) -> np.ndarray:
@@ -189,8 +193,7 @@ def figure_of(record: Record, name: str, *names: str) -> Figure:
         for k, (label, values) in enumerate(lines.items()):
             style = DASHES[k // len(LINES) % len(DASHES)]
             axis.plot(record["t"], values, color=LINES[k % len(LINES)], ls=style, lw=1.1, label=shown(label, 20))
-        for limit in thresholds(record, one):
-            threshold(axis, limit, threshold_text(record, one, limit))
+        _mark_thresholds(axis, record, one)
         axis.set_ylabel(f"{shown(one, 24)}\n[{unit}]")
         if len(lines) > 1:
             legend_beside(axis)

@@ -78,7 +78,7 @@ def _column(writer: Any, name: str, array: np.ndarray, meta: Any) -> _Column:
 
     flat = array.reshape(len(array), -1)
     names = column_names(name, flat.shape[1], meta) if array.ndim > 1 else ["value"]
-    units = column_units(name, flat.shape[1], meta) if array.ndim > 1 else column_units(name, 1, meta)
+    units = column_units(name, flat.shape[1], meta)
     short = [column.removeprefix(f"{name}.") for column in names]
     made = series_message(name, array.dtype.kind, short)
     told = {**described(name, array), "dtype": array.dtype.str, "columns": "\n".join(names), "units": "\n".join(units)}

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.run_meta import is_floating
+
 Series = Mapping[str, np.ndarray]
 WORLD, VEHICLE = "world", "base_link"
 _POSES = {"q": VEHICLE, "q_measured": f"{VEHICLE}_estimated", "tool": "tool"}
@@ -50,13 +52,6 @@ def streams(series: Series, meta: Any) -> Iterator[Stream]:
         for name in _WRENCHES:
             if name in series:
                 yield Stream(topic=f"/{name}", at=partial(_wrench, wrench_class(), series[name]))
-
-
-def is_floating(series: Series, meta: Any) -> bool:
-    """Whether q begins with the pose of a vehicle; a plan tells it by its velocities."""
-    if meta.kind == "run":
-        return bool(meta.floating)
-    return "v" in series and series["v"].shape[1] - len(meta.joints) == _WRENCH
 
 
 def _n_joints(series: Series, floating: bool) -> int:

@@ -11,8 +11,11 @@ from matplotlib.figure import Figure
 from uvms_ocp.identification.answers.numbers import INTERVAL
 from uvms_ocp.identification.calibration.fitting import Calibration, Comparison
 from uvms_ocp.identification.parameters.vehicle_quantities import AXES
+from uvms_ocp.viz.series import labelled
 from uvms_ocp.viz.style import BLACK, BLUE, FADED, VERMILLION, WIDTH, RecordFigure, save_figure, shown, stacked, styled
 
+_PARTS = ("linear", "angular")
+"""Of the velocity, as the sensors measure them."""
 _WIDEST = 100.0  # [%] of an interval that is drawn: beyond it nothing is known
 
 
@@ -35,7 +38,7 @@ def figure_predicted(one: Comparison) -> Figure:
         axis.plot(after.t[sensor], after.seen[sensor][:, column], color=BLACK, lw=0.7, label="measured")
         axis.plot(before.t[sensor], before.rows[sensor][:, column], color=FADED, lw=0.9, label="before")
         axis.plot(after.t[sensor], after.rows[sensor][:, column], color=VERMILLION, lw=0.9, label="calibrated")
-        axis.set_ylabel(AXES[i] + (" [m/s]" if sensor == 0 else " [rad/s]"))
+        axis.set_ylabel(labelled(AXES[i], "v", _PARTS[sensor]))
     axes[0].legend(loc="upper right", ncols=3)
     return figure
 
@@ -49,7 +52,7 @@ def figure_residuals(one: Comparison) -> Figure:
         predicted = one.calibrated
         left = predicted.rows[sensor][:, column] - predicted.seen[sensor][:, column]
         axis.plot(predicted.t[sensor], left, color=BLUE, lw=0.7)
-        axis.set_ylabel(AXES[i] + (" [m/s]" if sensor == 0 else " [rad/s]"))
+        axis.set_ylabel(labelled(AXES[i], "v", _PARTS[sensor]))
     return figure
 
 

@@ -21,8 +21,8 @@ _SPEEDS = (0.25, 1, 2, 5, 10, 20, 50, 100)
 
 def page_details(record: Record, robot: Robot, frames: Frames, centre: np.ndarray) -> dict[str, Any]:
     """JSON values for the page; centre (3,) [m] in W is the origin of its frame."""
-    points, size = _thinned(extent(record, frames)) - centre, robot_size(robot)
-    far = np.linalg.norm(np.ptp(points, axis=0)) > _FAR * size
+    points, of_robot = _thinned(extent(record, frames)) - centre, robot_details(robot)
+    far = np.linalg.norm(np.ptp(points, axis=0)) > _FAR * of_robot["size"]
     return {
         "scenario": record.meta.scenario,
         "known": as_known(record).strip(),
@@ -34,7 +34,7 @@ def page_details(record: Record, robot: Robot, frames: Frames, centre: np.ndarra
         "start_view": "vehicle" if far and robot.n_vehicle else "mission",
         "direction": _viewing_direction(record, frames, forward=0.4),
         "close_direction": _viewing_direction(record, frames, forward=1.2),
-        **robot_details(robot),
+        **of_robot,
     }
 
 
@@ -42,7 +42,7 @@ def robot_details(robot: Robot) -> dict[str, Any]:
     """JSON values about the robot alone."""
     return {
         "robot": robot.name,
-        "size": robot_size(robot),
+        "size": _robot_size(robot),
         "views": ["mission", "vehicle", "tool"] if robot.n_vehicle else ["mission", "tool"],
         "body": ["meshcat", "scene", "robot", joint_node(robot.model, 1)],
         "hand": ["meshcat", "scene", "robot", joint_node(robot.model, robot.model.njoints - 1)],
@@ -77,7 +77,7 @@ def _thinned(points: np.ndarray, limit: int = 400) -> np.ndarray:
     return points[:: max(1, len(points) // limit)]
 
 
-def robot_size(robot: Robot) -> float:
+def _robot_size(robot: Robot) -> float:
     """Radius [m] of a ball around the robot's shapes, about its first joint."""
     data, shapes = robot.model.createData(), robot.visual_model.createData()
     q = robot.configuration(joints=robot.home) if robot.n_vehicle else np.asarray(robot.home)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from uvms_ocp.model.health import Trust
 from uvms_ocp.record import Record
 from uvms_ocp.viz.series import fault_spans, phase_spans, stays
-
-_STATES = ("good", "suspect", "lost")
 
 
 def time_line(record: Record) -> dict[str, list[dict[str, Any]]]:
@@ -42,4 +41,4 @@ def _ill_spells(record: Record) -> Iterator[dict[str, Any]]:
     for channel, codes in zip(record.meta.channels, record["health"].T, strict=True):
         for i, j, code in stays(codes):
             if code:
-                yield {"channel": channel, "state": _STATES[code]} | _from(float(t[i]), float(t[j]), 0.0)
+                yield {"channel": channel, "state": Trust(code).name.lower()} | _from(float(t[i]), float(t[j]), 0.0)
