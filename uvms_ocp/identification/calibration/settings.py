@@ -19,12 +19,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.identification.parameters.status import Bounded, Free, Prior, Status
-from uvms_ocp.untrusted.yaml_file import read_yaml
-from uvms_ocp.validation import one_line, one_line_errors
+from uvms_ocp.untrusted.yaml_file import read_yaml_as
+from uvms_ocp.validation import one_line_errors
 
 _Positive = Annotated[float, Field(gt=0.0)]
 _Corner = tuple[float, float, float]
@@ -79,8 +79,4 @@ class Settings(_Section):
 
 def read_settings(path: Path) -> Settings:
     """From a YAML file. Raises InvalidInput in one line for what is none."""
-    try:
-        return Settings.model_validate(read_yaml(path))
-    except (OSError, ValueError) as error:
-        told = one_line(error, Settings) if isinstance(error, ValidationError) else str(error)
-        raise InvalidInput(f"{path}: {told}") from None
+    return read_yaml_as(path, Settings)
