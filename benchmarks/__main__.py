@@ -62,6 +62,12 @@ class Claim:
         return f"| {self.what} | {ours} | {theirs}: {self.peer} | `{self.script}.md` |"
 
 
+def _processor_time(**where: str) -> Cell:
+    """Of optimal control beside its peers [ms]."""
+    return Cell(where=where, column="cpu_ms")
+
+
+_STAGEWISE = "Gauss-Newton, 1e-06, compiled"
 CLAIMS = (
     Claim(
         what="one tick of Case 1, kinematics and solver, from Python",
@@ -83,45 +89,25 @@ CLAIMS = (
         what="optimal control, 13 degrees of freedom, 40 steps, no limits",
         unit="ms",
         script="ocp_peers",
-        ours=Cell(
-            where={
-                "problem": "shooting, N = 40",
-                "solver": "uvms_ocp stagewise",
-                "setting": "Gauss-Newton, 1e-06, compiled",
-            },
-            column="cpu_ms",
-        ),
+        ours=_processor_time(problem="shooting, N = 40", solver="uvms_ocp stagewise", setting=_STAGEWISE),
         peer="crocoddyl, to the same cost; it has no hard limits",
-        theirs=Cell(where={"problem": "shooting, N = 40", "solver": "crocoddyl FDDP"}, column="cpu_ms"),
+        theirs=_processor_time(problem="shooting, N = 40", solver="crocoddyl FDDP"),
     ),
     Claim(
         what="the same within hard limits on velocities, torques and positions",
         unit="ms",
         script="ocp_peers",
-        ours=Cell(
-            where={
-                "problem": "limited, N = 40",
-                "solver": "uvms_ocp stagewise",
-                "setting": "Gauss-Newton, 1e-06, compiled",
-            },
-            column="cpu_ms",
-        ),
+        ours=_processor_time(problem="limited, N = 40", solver="uvms_ocp stagewise", setting=_STAGEWISE),
         peer="mim-solvers, which has not converged by then",
-        theirs=Cell(where={"problem": "limited, N = 40", "solver": "mim-solvers CSQP"}, column="cpu_ms"),
+        theirs=_processor_time(problem="limited, N = 40", solver="mim-solvers CSQP"),
     ),
     Claim(
         what="quickest motion of an arm, within 0.2 % of the known answer",
         unit="ms",
         script="ocp_peers",
-        ours=Cell(
-            where={"problem": "quickest", "solver": "uvms_ocp fatrop", "setting": "N = 20, exact, 1e-06, compiled"},
-            column="cpu_ms",
-        ),
+        ours=_processor_time(problem="quickest", solver="uvms_ocp fatrop", setting="N = 20, exact, 1e-06, compiled"),
         peer="Drake with SNOPT; it has no forces there",
-        theirs=Cell(
-            where={"problem": "quickest", "solver": "Drake KTO", "setting": "SNOPT, 24 control points"},
-            column="cpu_ms",
-        ),
+        theirs=_processor_time(problem="quickest", solver="Drake KTO", setting="SNOPT, 24 control points"),
     ),
 )
 SCRIPTS = tuple(dict.fromkeys(claim.script for claim in CLAIMS))

@@ -15,7 +15,7 @@ from driven_auv.recordings import CHANNELS, MOVING, judged, read_recordings
 from driven_auv.vehicle import vehicle
 from recording.report import Report, Row, Table, begin, parser_of
 
-from uvms_ocp.identification.answers.predictions import Predicted, Predictor, fit
+from uvms_ocp.identification.answers.predictions import Predicted, Predictor, fit, rolled_out
 from uvms_ocp.identification.methods.output_error import Estimate, Noise, OutputError
 from uvms_ocp.identification.methods.rollout import Rollout
 from uvms_ocp.identification.methods.stretch import RATE_WINDOW, Prepared
@@ -115,10 +115,9 @@ def in_sample(one: Bench, estimate: Estimate, kind: str) -> list[Row]:
     """Every recording, predicted by an estimate that has seen it, with what it has for itself."""
     rows = []
     for k, each in enumerate(one.prepared):
-        (whole,) = each.stretches(STEP)
-        p = np.concatenate([estimate.shared, estimate.own[each.recording.name]])
-        (seen,) = one.rollout.seen([whole], [estimate.starts[k]], p[None], slopes=False)
-        rows.append(row(each.recording.name, kind, Predicted(t=whole.t, rows=seen.rows, seen=whole.seen)))
+        name, (whole,) = each.recording.name, each.stretches(STEP)
+        found = rolled_out(one.rollout, whole, estimate.starts[k], estimate.shared, estimate.own[name])
+        rows.append(row(name, kind, found))
     return rows
 
 

@@ -19,7 +19,9 @@ import pinocchio as pin
 from public_surface import Call
 
 from uvms_ocp import collision, control, mission, ocp, planning, report, sim, solvers, tasks, trajectories, without_arm
-from uvms_ocp.campaign import Choice, LogNormal, Normal, StudyResult, Triangular, Uniform
+from uvms_ocp.campaign import Campaign, Choice, LogNormal, Normal, Study, StudyResult, Triangular, Uniform
+from uvms_ocp.campaign.runs.work import attempted
+from uvms_ocp.campaign.store.folder import opened
 from uvms_ocp.collision.conservative_advancement import ClearanceReport
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.control.receding.plan_guide import PlannedPhase
@@ -842,11 +844,6 @@ def _parquet() -> Path:
 
 def _campaign_folder() -> Path:
     """Of a campaign with one run that is finished; it has no rows of others."""
-    from tempfile import mkdtemp
-
-    from uvms_ocp.campaign.runs.work import attempted
-    from uvms_ocp.campaign.store.folder import opened
-
     campaign, folder = _campaign(), Path(mkdtemp())
     with opened(folder, campaign.identity(), {}) as kept:
         kept.add(attempted(campaign.work, 0, "here"))
@@ -854,15 +851,11 @@ def _campaign_folder() -> Path:
 
 
 @cache
-def _campaign() -> Any:
-    from uvms_ocp.campaign import Campaign
-
+def _campaign() -> Campaign:
     return Campaign(scenario=scenario, runs=1)
 
 
-def _study() -> Any:
-    from uvms_ocp.campaign import Study
-
+def _study() -> Study:
     return Study(name="a", title="b", cases=(1, 2), run_case=lambda case: {"case": case}, summarize=lambda rows: rows)
 
 

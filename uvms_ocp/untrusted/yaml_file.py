@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
+from pydantic import BaseModel, ValidationError
 from yaml.composer import ComposerError
 from yaml.events import AliasEvent
 from yaml.nodes import Node, ScalarNode
 
+from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.untrusted.regular_file import read_text
+from uvms_ocp.validation import one_line
 
+_M = TypeVar("_M", bound=BaseModel)
 LARGEST = 16 << 20
 """[B] of a file."""
 MOST_VALUES = 500_000
@@ -66,3 +70,12 @@ def read_yaml(path: Path | str, loader: type[BoundedLoader] = BoundedLoader) -> 
     except (yaml.YAMLError, ValueError, TypeError, OverflowError, AttributeError, LookupError) as error:
         # The constructors of PyYAML raise the latter for a date such as 2001-99-99.
         raise ValueError(" ".join(f"not valid YAML: {error}".split())[:400]) from None
+
+
+def read_yaml_as(path: Path, model: type[_M]) -> _M:
+    """The content of a file as a model. Raises `InvalidInput` in one line, with the file's name, for what is none."""
+    try:
+        return model.model_validate(read_yaml(path))
+    except (OSError, ValueError) as error:
+        told = one_line(error, model) if isinstance(error, ValidationError) else str(error)
+        raise InvalidInput(f"{path}: {told}") from None

@@ -16,7 +16,8 @@ from uvms_ocp.identification.models.stage import Vehicle
 
 DETERMINED = 0.3
 """[-] largest standard error of a coordinate, relative for what is positive, with which it counts as determined."""
-_NARROWED = 0.7  # of a prior's deviation: less has been learnt beyond it
+NARROWED = 0.7
+"""[-] of the deviation that priors leave, below which recordings say more than these."""
 _NOTHING = 1e-12  # of information: all that is known where there is none
 _TOLD = 0.3  # of the largest entry of a combination
 
@@ -47,7 +48,7 @@ class Open:
 def certainties(vehicle: Vehicle, estimate: Estimate, together: float = 1.0) -> tuple[Certainty, ...]:
     """Of every shared unknown. together: [-] samples that miss alike, as `correlated` finds."""
     sigma = np.sqrt(np.diag(covariance(vehicle, estimate, together)))
-    learnt = (sigma < DETERMINED) & (sigma < _NARROWED * vehicle.shared.sigma)
+    learnt = (sigma < DETERMINED) & (sigma < NARROWED * vehicle.shared.sigma)
     rows = zip(vehicle.shared.names, estimate.shared, sigma, learnt, strict=True)
     return tuple(Certainty(name=n, value=float(v), sigma=float(s), determined=bool(d)) for n, v, s, d in rows)
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.identification.answers.certainty import covariance, prior_covariance
+from uvms_ocp.identification.answers.certainty import NARROWED, covariance, prior_covariance
 from uvms_ocp.identification.methods.output_error import Estimate
 from uvms_ocp.identification.models.stage import Vehicle
 from uvms_ocp.identification.parameters.rigid_body import spatial_inertia
@@ -22,7 +22,6 @@ KNOWN = 0.1
 INTERVAL = 1.96
 """[-] standard errors to either side, in which 95 % lie."""
 TOTAL = "mass and added mass"
-_NARROWED = 0.7  # of the deviation that priors leave: less has been learnt beyond them
 SIZES = {"m": 0.05, "s": 0.05, "m/s": 0.05, "N, N m": 1.0}
 """[unit] of numbers that may be zero; others are compared with themselves."""
 _XYZ = ("x", "y", "z")
@@ -88,7 +87,7 @@ def numbers(vehicle: Vehicle, estimate: Estimate, together: float = 1.0) -> tupl
             value=float(value),
             sigma=float(sigma),
             size=SIZES.get(entry.unit, abs(float(value))),
-            learnt=bool(sigma < _NARROWED * prior),
+            learnt=bool(sigma < NARROWED * prior),
             positive=entry.positive,
         )
         for entry, value, sigma, prior in zip(entries, values, sigmas, believed, strict=True)

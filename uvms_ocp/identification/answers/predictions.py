@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uvms_ocp.identification.methods.output_error import Noise, OutputError
-from uvms_ocp.identification.methods.rollout import Rollout
+from uvms_ocp.identification.methods.rollout import Rollout, Start
 from uvms_ocp.identification.methods.stretch import Prepared, Stretch
 from uvms_ocp.identification.models.stage import Vehicle
 
@@ -45,6 +45,12 @@ class Predicted:
         return Predicted(t=t, rows=rows, seen=seen)
 
 
+def rolled_out(rollout: Rollout, stretch: Stretch, start: Start, shared: np.ndarray, own: np.ndarray) -> Predicted:
+    """A stretch from where it begins, with unknowns shared (n,) and own (m,) [as `Unknowns.start`]."""
+    (seen,) = rollout.seen([stretch], [start], np.concatenate([shared, own])[None], slopes=False)
+    return Predicted(t=stretch.t, rows=seen.rows, seen=stretch.seen)
+
+
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Predictor:
     """A vehicle with its unknowns found."""
@@ -62,9 +68,7 @@ class Predictor:
         """Predict a whole stretch. What recordings have for themselves is as the declaration has it."""
         error = OutputError(self.vehicle, [stretch.first(self.known)], self.noise, self.rollout)
         found = error.solve(error.start(self.shared), iterations=_ITERATIONS, frozen=True)
-        p = np.concatenate([self.shared, self.vehicle.own.start])
-        (seen,) = self.rollout.seen([stretch], list(found.starts), p[None], slopes=False)
-        return Predicted(t=stretch.t, rows=seen.rows, seen=stretch.seen)
+        return rolled_out(self.rollout, stretch, found.starts[0], self.shared, self.vehicle.own.start)
 
     def over(self, prepared: Prepared, step: float, horizon: float) -> Predicted:
         """Predict a recording horizon by horizon [s], in steps of `step` [s], each from what was known before it."""

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.identification.answers.certainty import Open, correlated, left_open
 from uvms_ocp.identification.answers.numbers import Number, numbers
-from uvms_ocp.identification.answers.predictions import Predicted, Predictor
+from uvms_ocp.identification.answers.predictions import Predicted, Predictor, rolled_out
 from uvms_ocp.identification.calibration.settings import Settings
 from uvms_ocp.identification.calibration.subject import Subject
 from uvms_ocp.identification.methods.output_error import Estimate, Noise
@@ -82,9 +80,7 @@ def _comparison(one: Prepared, predictors: Sequence[Predictor], step: float) -> 
 def _in_sample(rollout: Rollout, prepared: Sequence[Prepared], estimate: Estimate, settings: Settings) -> Predicted:
     """What is left of all stretches, by which samples are found to miss alike."""
     stretches = [part for one in prepared for part in one.stretches(settings.step, settings.stretch)]
-    parts = []
-    for stretch, start in zip(stretches, estimate.starts, strict=True):
-        p = np.concatenate([estimate.shared, estimate.own[stretch.recording]])
-        (seen,) = rollout.seen([stretch], [start], p[None], slopes=False)
-        parts.append(Predicted(t=stretch.t, rows=seen.rows, seen=stretch.seen))
-    return Predicted.joined(parts)
+    pairs, own = zip(stretches, estimate.starts, strict=True), estimate.own
+    return Predicted.joined(
+        [rolled_out(rollout, one, start, estimate.shared, own[one.recording]) for one, start in pairs]
+    )

@@ -19,15 +19,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.identification.methods.output_error import Noise
+from uvms_ocp.identification.methods.search import Search
 from uvms_ocp.identification.parameters.status import Bounded, Free, Prior, Status
-from uvms_ocp.untrusted.yaml_file import read_yaml
-from uvms_ocp.validation import one_line, one_line_errors
+from uvms_ocp.untrusted.yaml_file import read_yaml_as
+from uvms_ocp.validation import one_line_errors
 
 _Positive = Annotated[float, Field(gt=0.0)]
 _Corner = tuple[float, float, float]
+_NOISE, _SEARCH = Noise(), Search()  # whose defaults are those of the file
 
 
 class _Section(BaseModel):
@@ -53,10 +56,10 @@ class Learnt(_Section):
 class NoiseSettings(_Section):
     """Standard deviations of sensors."""
 
-    velocity: _Positive = Field(default=0.02, description="[m/s]")
-    rate: _Positive = Field(default=0.05, description="[rad/s]")
-    vertical: _Positive = Field(default=0.03, description="[-] of W's vertical in B")
-    process: _Positive = Field(default=0.05, description="[m/s, rad/s, rad] between stretches")
+    velocity: _Positive = Field(default=_NOISE.velocity, description="[m/s]")
+    rate: _Positive = Field(default=_NOISE.rate, description="[rad/s]")
+    vertical: _Positive = Field(default=_NOISE.vertical, description="[-] of W's vertical in B")
+    process: _Positive = Field(default=_NOISE.process, description="[m/s, rad/s, rad] between stretches")
 
 
 @one_line_errors
@@ -73,14 +76,10 @@ class Settings(_Section):
     dead_zone: _Positive = Field(default=0.001, description="of actuators [N, N m]")
     learn: dict[str, Learnt] = Field(min_length=1, description="by the names of quantities")
     noise: NoiseSettings = NoiseSettings()
-    step: _Positive = Field(default=0.02, description="of the simulation [s]")
-    stretch: _Positive = Field(default=20.0, description="length of stretches [s]")
+    step: _Positive = Field(default=_SEARCH.step, description="of the simulation [s]")
+    stretch: _Positive = Field(default=_SEARCH.stretch, description="length of stretches [s]")
 
 
 def read_settings(path: Path) -> Settings:
     """From a YAML file. Raises InvalidInput in one line for what is none."""
-    try:
-        return Settings.model_validate(read_yaml(path))
-    except (OSError, ValueError) as error:
-        told = one_line(error, Settings) if isinstance(error, ValidationError) else str(error)
-        raise InvalidInput(f"{path}: {told}") from None
+    return read_yaml_as(path, Settings)

@@ -18,15 +18,15 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.identification.recordings.recording import KINDS, Channel, Recording
 from uvms_ocp.identification.recordings.sending_times import evenly_sent
 from uvms_ocp.identification.recordings.tables import read_columns
 from uvms_ocp.model.spatial import matrix_to_quaternion, quaternion_to_matrix, rpy_to_matrix
-from uvms_ocp.untrusted.yaml_file import read_yaml
-from uvms_ocp.validation import one_line, one_line_errors
+from uvms_ocp.untrusted.yaml_file import read_yaml_as
+from uvms_ocp.validation import one_line_errors
 
 _DOWN = np.diag([1.0, -1.0, -1.0])  # from axes with z down to axes with z up, and back
 _UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -69,11 +69,7 @@ class Mapping(BaseModel):
 
 def read_mapping(path: Path) -> Mapping:
     """A mapping from its YAML file. Raises InvalidInput in one line for what is none."""
-    try:
-        return Mapping.model_validate(read_yaml(path))
-    except (OSError, ValueError) as error:
-        told = one_line(error, Mapping) if isinstance(error, ValidationError) else str(error)
-        raise InvalidInput(f"{path}: {told}") from None
+    return read_yaml_as(path, Mapping)
 
 
 def mapped_recording(source: Path, mapping: Mapping, name: str = "") -> Recording:

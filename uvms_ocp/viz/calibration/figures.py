@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from uvms_ocp.identification.answers.numbers import INTERVAL
@@ -31,29 +32,34 @@ def write_identification_figures(one: Calibration, folder: Path) -> list[Path]:
 @styled
 def figure_predicted(one: Comparison) -> Figure:
     """Velocities, measured and predicted from commands alone."""
-    figure, axes = stacked(len(AXES), 1.1, f"{shown(one.name)}: measured and predicted")
-    for i, axis in enumerate(axes):
-        sensor, column = divmod(i, 3)
-        after, before = one.calibrated, one.before
+    figure, axes = _by_axis(f"{shown(one.name)}: measured and predicted")
+    after, before = one.calibrated, one.before
+    for axis, sensor, column in axes:
         axis.plot(after.t[sensor], after.seen[sensor][:, column], color=BLACK, lw=0.7, label="measured")
         axis.plot(before.t[sensor], before.rows[sensor][:, column], color=FADED, lw=0.9, label="before")
         axis.plot(after.t[sensor], after.rows[sensor][:, column], color=VERMILLION, lw=0.9, label="calibrated")
-        axis.set_ylabel(labelled(AXES[i], "v", _PARTS[sensor]))
-    axes[0].legend(loc="upper right", ncols=3)
+    figure.axes[0].legend(loc="upper right", ncols=3)
     return figure
 
 
 @styled
 def figure_residuals(one: Comparison) -> Figure:
     """Predicted less measured."""
-    figure, axes = stacked(len(AXES), 1.1, f"{shown(one.name)}: predicted less measured")
-    for i, axis in enumerate(axes):
-        sensor, column = divmod(i, 3)
-        predicted = one.calibrated
+    figure, axes = _by_axis(f"{shown(one.name)}: predicted less measured")
+    predicted = one.calibrated
+    for axis, sensor, column in axes:
         left = predicted.rows[sensor][:, column] - predicted.seen[sensor][:, column]
         axis.plot(predicted.t[sensor], left, color=BLUE, lw=0.7)
-        axis.set_ylabel(labelled(AXES[i], "v", _PARTS[sensor]))
     return figure
+
+
+def _by_axis(title: str) -> tuple[Figure, list[tuple[Axes, int, int]]]:
+    """A panel for each of `AXES`, with the sensor that sees it and its column there."""
+    figure, axes = stacked(len(AXES), 1.1, title)
+    panels = [(axis, *divmod(i, 3)) for i, axis in enumerate(axes)]
+    for name, (axis, sensor, _) in zip(AXES, panels, strict=True):
+        axis.set_ylabel(labelled(name, "v", _PARTS[sensor]))
+    return figure, panels
 
 
 @styled
