@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from uvms_ocp.arguments import AtLeastOne, Count, Period, checked
-from uvms_ocp.campaign.execution.carry_out import Progress, carry_out
+from uvms_ocp.campaign.execution.carry_out import Progress, Workers, carry_out
 from uvms_ocp.campaign.runs.code_source import CodeSource
 from uvms_ocp.campaign.runs.mission_runs import MissionRuns, built
 from uvms_ocp.campaign.store.identity import SOURCES, Identity, read_identity, types_of
@@ -65,7 +65,7 @@ class Campaign:
         self,
         out: Path,
         *,
-        workers: AtLeastOne | None = None,
+        workers: Workers | None = None,
         scheduler: str | None = None,
         time_limit: Period = 3600.0,
         progress: Progress | None = None,

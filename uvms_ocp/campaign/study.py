@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from uvms_ocp.arguments import AtLeastOne, Period, checked
-from uvms_ocp.campaign.execution.carry_out import Progress, carry_out
+from uvms_ocp.arguments import Period, checked
+from uvms_ocp.campaign.execution.carry_out import Progress, Workers, carry_out
 from uvms_ocp.campaign.runs.work import COMPLETED, Done, Row, Work
 from uvms_ocp.campaign.store.identity import Identity, types_of
 from uvms_ocp.campaign.store.table import read_table
@@ -62,7 +62,7 @@ class Study:
         self,
         out: Path | None = None,
         *,
-        workers: AtLeastOne | None = None,
+        workers: Workers | None = None,
         scheduler: str | None = None,
         time_limit: Period = 3600.0,
         progress: Progress | None = None,

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
+from uvms_ocp.arguments import Range
 from uvms_ocp.campaign.execution.cluster import connected, dask
 from uvms_ocp.campaign.runs.work import Work
 from uvms_ocp.campaign.store.folder import CampaignFolder, opened
@@ -16,6 +18,8 @@ from uvms_ocp.campaign.store.parts import arrow
 
 Progress = Callable[[int, int, int], None]
 """Told how many runs are done, how many of them failed, and of how many."""
+Workers = Annotated[int, Range(1, 4096)]
+"""Processes of this machine."""
 
 
 def carry_out(
