@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 from pool.judging import ANGLES, apart, errors, row, still, turned_back
-from pool.learnt import KNOWN, NOISE, STEP, Learner, pool_learner
+from pool.learnt import KNOWN, NOISE, Learner, pool_learner
 from pool.scores import OFFSET_TIME
 from pool.sensors import IMU, MOCAP, moves, recordings_of
-from pool.swings import swings
+from pool.swings import LARGE, swings
 from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.identification.answers.predictions import Predicted
@@ -46,7 +46,9 @@ Channels that are predicted worse than by "{still}": {worse}. By more than the s
 ## Free swings
 
 Where the arm rests and a damped swing explains the motion that the IMU saw, {n_swings} in all, the left-out prediction is read
-in the same way. Periods are off by {periods} % ({period:g} allowed), damping ratios by {dampings} % ({damping:g} allowed).
+in the same way. Of those of more than {large:g} deg (standard deviation) periods are off by {periods} % ({period:g} allowed) and
+damping ratios by {dampings} % ({damping:g} allowed). Of the smaller ones periods are off by {small_periods} %; what damps them is
+told neither by the others nor by one of them for roll and pitch alike, as motions of the two axes add up in such swings.
 """
 
 
@@ -75,14 +77,11 @@ class Session:
             for one, found in zip(self.prepared, self.left_out, strict=True)
             for kind, rmse in (
                 (OTHERS, errors(found)),
-                (SEEN, errors(self._whole(one, self.estimate.shared))),
-                (PRIOR, errors(self._whole(one, start))),
+                (SEEN, errors(self.learner.predicted(one, self.estimate.shared))),
+                (PRIOR, errors(self.learner.predicted(one, start))),
                 (STILL, still(found)),
             )
         ]
-
-    def _whole(self, one: Prepared, shared: np.ndarray) -> Predicted:
-        return self.learner.predicted(one.stretches(STEP)[0], shared)
 
 
 def session(folder: Path, sensor: str, *, quick: bool) -> Session:
@@ -105,7 +104,7 @@ def _left_out(
 ) -> Predicted:
     others = [one for one in prepared if one is not held]
     found = learner.trained(others, everything.shared, 1 if quick else 15)
-    return learner.predicted(held.stretches(STEP)[0], found.shared)
+    return learner.predicted(held, found.shared)
 
 
 def between(imu: Session, mocap: Session) -> list[Row]:
@@ -152,6 +151,10 @@ def _span(values: Iterable[float]) -> str:
     return f"{min(found):.0f} to {max(found):.0f}" if found else "nothing"
 
 
+def _off(free: Sequence[Row], name: str, *, large: bool) -> list[float]:
+    return [each[name] for each in free if name in each and (each["size [deg]"] > LARGE) is large]
+
+
 def prose(imu: Session, mocap: Session, rows: Sequence[Row], free: Sequence[Row]) -> str:
     """With the figures of both sensors."""
     offsets = np.degrees(np.std(list(imu.estimate.own.values()), axis=0))
@@ -169,8 +172,10 @@ def prose(imu: Session, mocap: Session, rows: Sequence[Row], free: Sequence[Row]
         worse=_worse(rows, beyond=False),
         beyond=_worse(rows, beyond=True),
         n_swings=len(free),
-        periods=_span(each["period [%]"] for each in free if "period [%]" in each),
-        dampings=_span(each["damping [%]"] for each in free if "damping [%]" in each),
+        large=LARGE,
+        periods=_span(_off(free, "period [%]", large=True)),
+        dampings=_span(_off(free, "damping [%]", large=True)),
+        small_periods=_span(_off(free, "period [%]", large=False)),
         period=PERIOD,
         damping=DAMPING,
     )
@@ -201,7 +206,7 @@ def main() -> None:
     )
 
 
-SWINGS = ("period [s]", "predicted period [s]", "damping", "predicted damping")
+SWINGS = ("size [deg]", "period [s]", "predicted period [s]", "damping", "predicted damping")
 
 
 if __name__ == "__main__":

@@ -9,10 +9,10 @@ import numpy as np
 
 from pool.sensors import IMU, MOCAP
 from pool.vehicle import pool_dynamics
-from uvms_ocp.identification.answers.predictions import Predicted, rolled_out
+from uvms_ocp.identification.answers.predictions import Predicted, Predictor
 from uvms_ocp.identification.methods.output_error import Estimate, Noise, OutputError
 from uvms_ocp.identification.methods.rollout import Rollout
-from uvms_ocp.identification.methods.stretch import Prepared, Stretch
+from uvms_ocp.identification.methods.stretch import Prepared
 from uvms_ocp.identification.models.stage import Vehicle, stage_of
 from uvms_ocp.identification.parameters.status import Prior
 from uvms_ocp.identification.parameters.unknowns import Unknowns
@@ -49,11 +49,12 @@ class Learner:
         error = OutputError(self.vehicle, stretches, self.noise, self.rollout)
         return error.solve(error.start(shared), iterations=iterations, tolerance=1e-3)
 
-    def predicted(self, stretch: Stretch, shared: np.ndarray, known: float = KNOWN) -> Predicted:
-        """A stretch, with unknowns shared (n,), of which only the first part, `known` [s], is looked at."""
-        error = OutputError(self.vehicle, [stretch.first(known)], self.noise, self.rollout)
-        found = error.solve(error.start(shared), iterations=15, frozen=True)
-        return rolled_out(self.rollout, stretch, found.starts[0], shared, found.own[stretch.recording])
+    def predicted(self, one: Prepared, shared: np.ndarray) -> Predicted:
+        """A whole recording, with unknowns shared (n,) [as `Unknowns.start`]."""
+        predictor = Predictor(
+            vehicle=self.vehicle, rollout=self.rollout, shared=shared, noise=self.noise, known=KNOWN, own=True
+        )
+        return predictor.of(one.stretches(STEP)[0])
 
 
 def pool_learner(noise: Noise) -> Learner:

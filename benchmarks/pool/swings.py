@@ -15,9 +15,9 @@ from uvms_ocp.identification.recordings.recording import Recording
 from uvms_ocp.identification.recordings.sampling import smoothed
 
 _REST, _WINDOW = 0.05, 0.4  # [rad/s] below which the arm rests, [s] over which its motion is smoothed
-_SHORTEST, _SETTLED = 4.0, 0.3  # [s] of a rest, and after the arm has come to it
-SMALLEST = 0.2
-"""[deg] standard deviation of an angle in which a swing is looked for."""
+_SHORTEST, _SETTLED = 3.0, 0.3  # [s] of a rest, and after the arm has come to it
+SMALLEST, LARGE = 0.05, 0.2
+"""[deg] standard deviation of an angle in which a swing is looked for, and with which it is large."""
 
 
 def rests(recording: Recording) -> Iterator[tuple[float, float]]:
@@ -48,7 +48,8 @@ def _row(name: str, angle: str, t: np.ndarray, seen: np.ndarray, found: np.ndarr
     told, ours = swing_in(t, seen), swing_in(t, found)
     if told is None:
         return []
-    row: dict[str, object] = {"recording": name, "angle": angle, "period [s]": told.period, "damping": told.damping}
+    row: dict[str, object] = {"recording": name, "angle": angle, "size [deg]": float(seen.std())}
+    row |= {"period [s]": told.period, "damping": told.damping}
     if ours is not None:
         row |= {"predicted period [s]": ours.period, "predicted damping": ours.damping}
         row |= {
