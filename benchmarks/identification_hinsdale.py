@@ -47,8 +47,8 @@ Channels that are predicted worse than by "{still}": {worse}. By more than the s
 
 Where the arm rests and a damped swing explains the motion that the IMU saw, {n_swings} in all, the left-out prediction is read
 in the same way. Of those of more than {large:g} deg (standard deviation) periods are off by {periods} % ({period:g} allowed) and
-damping ratios by {dampings} % ({damping:g} allowed). Of the smaller ones periods are off by {small_periods} %; what damps them is
-told neither by the others nor by one of them for roll and pitch alike, as motions of the two axes add up in such swings.
+damping ratios by {dampings} % ({damping:g} allowed). Of the smaller ones periods are off by {small_periods} %, and
+damping ratios by {small_damping} % in the median: motions of two axes add up in them, and little damps them.
 """
 
 
@@ -155,6 +155,10 @@ def _off(free: Sequence[Row], name: str, *, large: bool) -> list[float]:
     return [each[name] for each in free if name in each and (each["size [deg]"] > LARGE) is large]
 
 
+def _middle(values: Sequence[float]) -> str:
+    return f"{np.median(np.abs(values)):.0f}" if values else "nothing"
+
+
 def prose(imu: Session, mocap: Session, rows: Sequence[Row], free: Sequence[Row]) -> str:
     """With the figures of both sensors."""
     offsets = np.degrees(np.std(list(imu.estimate.own.values()), axis=0))
@@ -176,6 +180,7 @@ def prose(imu: Session, mocap: Session, rows: Sequence[Row], free: Sequence[Row]
         periods=_span(_off(free, "period [%]", large=True)),
         dampings=_span(_off(free, "damping [%]", large=True)),
         small_periods=_span(_off(free, "period [%]", large=False)),
+        small_damping=_middle(_off(free, "damping [%]", large=False)),
         period=PERIOD,
         damping=DAMPING,
     )

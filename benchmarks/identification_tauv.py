@@ -50,7 +50,8 @@ Forces in heave differ between recordings: with the same command the vehicle sin
 identified with a constant heave force for every recording besides, {forces} N; a recording that is predicted has none. Where it
 is found from the first {known:g} s too, as a part of the state, predictions say "{force}".
 
-- "{seen}": a vehicle that has seen all recordings, with these forces. It is the best that one vehicle can do.
+- "{seen}": a vehicle that has seen all recordings, with these forces, the best that one vehicle can do. Over {short:g} s, with
+  the force found, it has no more than "{soon}".
 - "{alone}": a vehicle identified on the predicted recording alone: the best that this model can do.
 - "{filter}": no vehicle, but a linear filter for each channel with {coefficients} coefficients, of {memory:g} s of what eight
   thrusters were told and of what of it was beyond their dead zone, fitted to the very recordings that it is judged on.
@@ -129,6 +130,11 @@ def _by_horizon(held: Prepared, predictor: Predictor, how: str) -> list[Row]:
     return [
         row(held.recording.name, f"{horizon:g} s{how}", predictor.over(held, STEP, horizon)) for horizon in HORIZONS
     ]
+
+
+def seen_soon(one: Bench, shared: np.ndarray) -> list[Row]:
+    """Every recording over the shortest horizon, by unknowns shared (n,) [as they are] that it was used for."""
+    return [each for held in one.prepared for each in _by_horizon(held, one.predictor(shared), f", {FORCE}, seen")[:1]]
 
 
 def alone(one: Bench, shared: np.ndarray, *, quick: bool) -> list[Row]:
@@ -212,6 +218,7 @@ def prose(one: Bench, drifting: Estimate) -> str:
         short=HORIZONS[0],
         asked=WANTED_SOON,
         seen=OWN,
+        soon=f"{HORIZONS[0]:g} s, {FORCE}, seen",
         alone=ALONE,
         forces=f"{min(forces):.2g} to {max(forces):.2g}",
         doubts=_doubts(one),
@@ -227,7 +234,8 @@ def main() -> None:
     one, drifting = bench(given.folder, quick=run.quick), bench(given.folder, quick=run.quick, **DRIFT)
     everything = drifting.trained(drifting.prepared, None, stages)
     rows = left_out(one, drifting, everything.shared, quick=run.quick) + in_sample(drifting, everything, OWN)
-    rows += alone(drifting, everything.shared, quick=run.quick) + bounds(one) + nulls(one)
+    rows += seen_soon(drifting, everything.shared) + alone(drifting, everything.shared, quick=run.quick)
+    rows += bounds(one) + nulls(one)
     table = Table(rows=medians(rows), columns={"prediction": "", **dict.fromkeys(CHANNELS, ".0f")})
     run.write(
         Report(
