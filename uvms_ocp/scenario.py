@@ -43,6 +43,7 @@ from uvms_ocp.sim.loop import Progress, Sensors, StateEstimator, Watch, require_
 from uvms_ocp.sim.plant import KinematicPlant, Plant
 from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.tables.fielded import Fielded
 
 
 def our_controller(scenario: Scenario, guide: Guide | None = None) -> KinematicController | DynamicController:
@@ -63,8 +64,8 @@ def our_estimator(scenario: Scenario) -> StateEstimator:
 
 
 @checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Scenario:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class Scenario(Fielded):
     """Everything that one simulation needs.
 
     Raises `InvalidInput` for a start outside the joint limits or below the seafloor, for a bad period, duration, seed or
@@ -270,9 +271,8 @@ class Scenario:
         return SensorSuite(self.robot, floor, specs, self.seed, self.altimeter_frame, self.known_faults)
 
     def _true_measurement(self, state: State) -> Measurement:
-        floor, frame = self.environment.seafloor, self.altimeter_frame
-        readings = SensorSuite(self.robot, floor, IDEAL_SENSORS, altimeter_frame=frame).read(state, 0.0)
-        return PassThrough(self.robot, IDEAL_SENSORS)(readings, 0.0)
+        suite = SensorSuite(self.robot, self.environment.seafloor, IDEAL_SENSORS, altimeter_frame=self.altimeter_frame)
+        return PassThrough(self.robot, IDEAL_SENSORS)(suite.read(state, 0.0), 0.0)
 
     def _require_above_floor(self) -> None:
         x, y, z = self.start[:3].tolist()
