@@ -13,7 +13,19 @@ from uvms_ocp.identification.answers.numbers import INTERVAL
 from uvms_ocp.identification.calibration.fitting import Calibration, Comparison
 from uvms_ocp.identification.parameters.vehicle_quantities import AXES
 from uvms_ocp.viz.series import labelled
-from uvms_ocp.viz.style import BLACK, BLUE, FADED, VERMILLION, WIDTH, RecordFigure, save_figure, shown, stacked, styled
+from uvms_ocp.viz.style import (
+    BLACK,
+    BLUE,
+    FADED,
+    VERMILLION,
+    WIDTH,
+    RecordFigure,
+    heading_legend,
+    save_figure,
+    shown,
+    stacked,
+    styled,
+)
 
 _PARTS = ("linear", "angular")
 """Of the velocity, as the sensors measure them."""
@@ -38,7 +50,7 @@ def figure_predicted(one: Comparison) -> Figure:
         axis.plot(after.t[sensor], after.seen[sensor][:, column], color=BLACK, lw=0.7, label="measured")
         axis.plot(before.t[sensor], before.rows[sensor][:, column], color=FADED, lw=0.9, label="before")
         axis.plot(after.t[sensor], after.rows[sensor][:, column], color=VERMILLION, lw=0.9, label="calibrated")
-    figure.axes[0].legend(loc="upper right", ncols=3)
+    heading_legend(figure, figure.axes[0].get_lines())
     return figure
 
 
