@@ -145,5 +145,10 @@ def _acceleration(
 def _seen(values: dict[str, ca.SX], x: ca.SX) -> ca.SX:
     linear, angular = x[N_Q : N_Q + 3], x[N_Q + 3 : N_Q + N_V]
     vertical = quaternion_to_matrix(x[3:N_Q])[2, :].T
-    turned = exp3(values["attitude_turn"] + values["attitude_offset"]).T
-    return ca.vertcat(linear + cross(angular, values["velocity_point"]), turned @ angular, turned @ vertical)
+    at_point = linear + cross(angular, values["velocity_point"])
+    return ca.vertcat(at_point, as_seen(values, angular), as_seen(values, vertical))
+
+
+def as_seen(values: dict[str, ca.SX], vector: ca.SX) -> ca.SX:
+    """A vector (3,) [any] in B, as the sensor of attitude sits that sees it."""
+    return exp3(values["attitude_turn"] + values["attitude_offset"]).T @ vector
