@@ -19,6 +19,8 @@ from uvms_ocp.campaign.store.identity import Identity, types_of
 from uvms_ocp.campaign.store.table import read_table
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.output.durable import write_durably
+from uvms_ocp.tables.fielded import Fielded, in_a_row
+from uvms_ocp.tables.small_table import SmallTable, Tabled
 from uvms_ocp.version import __version__
 
 _MOST_RUNS = 1_000_000
@@ -27,14 +29,19 @@ _SUCCESS = ("completed", "passed")  # columns of studies that tell of it
 
 
 @checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class StudyResult:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class StudyResult(Tabled):
     """Rows of all cases, and the table that sums them up."""
 
     name: str
     title: str
     cases: tuple[Row, ...]
     table: tuple[Row, ...]
+
+    def _table(self) -> SmallTable:
+        head, rows = tuple(self.table[0]) if self.table else (), (row.values() for row in self.table)
+        title = f"{self.title} ({len(self.cases)} cases)"
+        return SmallTable(title=title, head=head, rows=tuple(tuple(map(in_a_row, row)) for row in rows))
 
     def to_dict(self) -> dict[str, Any]:
         """JSON values only."""
@@ -51,8 +58,8 @@ class StudyResult:
 
 
 @checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Study:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class Study(Fielded):
     """Cases are arguments of `run_case`; both go to other processes."""
 
     name: str

@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
-from scipy.sparse import csc_matrix
-from scipy.sparse.linalg import splu
 
 from uvms_ocp.identification.methods.loss import loss, weighted
 from uvms_ocp.identification.methods.point import Point, difference
@@ -194,6 +192,9 @@ class OutputError:
     ) -> tuple[np.ndarray, np.ndarray, list[_Inverse]]:
         """Normal equations of the shared unknowns, and what solves those of the others: a stretch knows its neighbours only."""
         weight = 1.0 / self._vehicle.shared.sigma**2
+        from scipy.sparse import csc_matrix  # a tenth of a second
+        from scipy.sparse.linalg import splu
+
         H, g = np.diag(weight), weight * (point.shared - self._vehicle.shared.start)
         inverses = []
         for block in blocks:

@@ -24,6 +24,7 @@ from uvms_ocp.viz.style import (
     VERMILLION,
     WIDTH,
     RecordFigure,
+    heading_legend,
     save_figure,
     shown,
     stacked,
@@ -59,7 +60,7 @@ def figure_predicted(one: Comparison) -> Figure:
     for axis, name, angle in zip(axes[len(AXES) :], ("roll", "pitch"), (_roll, _pitch), strict=True):
         axis.set_ylabel(f"{name} [deg]")
         _draw(axis, one, 2, angle)
-    axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4)
+    heading_legend(figure, axes[0].get_lines())
     return figure
 
 
