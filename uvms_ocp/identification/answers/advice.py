@@ -28,6 +28,7 @@ _MOTIONS = {
     "delay": "command steps: when they begin to show tells the delay",
     "bias": "leave it without commands for some seconds, free in {entry}",
     "velocity_point": "turn it fast: the sensor shows how far it is from the centre",
+    "attitude_turn": "roll it, then pitch it: what the sensor shows of each tells how it is turned",
     "velocity_delay": "change speeds suddenly: when the sensor shows it tells its delay",
 }
 _TILT = {"x": "in pitch", "y": "in roll", "z": "far in roll and pitch"}
