@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +18,13 @@ from driven_auv.recordings import CHANNELS, MOVING, judged, read_recordings
 from driven_auv.vehicle import vehicle
 from recording.report import Report, Row, Table, begin, parser_of
 
+from uvms_ocp.identification.answers.fitted import Fitted
+from uvms_ocp.identification.answers.left_out import without
+from uvms_ocp.identification.answers.nulls import still
 from uvms_ocp.identification.answers.predictions import Predicted, Predictor, fit, rolled_out
 from uvms_ocp.identification.methods.output_error import Estimate, Noise, OutputError
 from uvms_ocp.identification.methods.rollout import Rollout
+from uvms_ocp.identification.methods.search import Search
 from uvms_ocp.identification.methods.stretch import RATE_WINDOW, Prepared
 from uvms_ocp.identification.models.stage import Vehicle, stage_of
 from uvms_ocp.identification.parameters.status import Prior
@@ -87,6 +92,17 @@ class Bench:
         """With unknowns shared (n,) [as they are], and with what a recording has for itself."""
         return Predictor(vehicle=self.vehicle, rollout=self.rollout, shared=shared, noise=NOISE, own=True)
 
+    def fitted(self, estimate: Estimate, iterations: int) -> Fitted:
+        """An estimate from whole recordings, and how others are found beside it."""
+        return Fitted(
+            vehicle=self.vehicle,
+            rollout=self.rollout,
+            prepared=self.prepared,
+            noise=NOISE,
+            search=Search(step=STEP, stretch=inf, iterations=iterations),
+            estimate=estimate,
+        )
+
 
 def bench(folder: Path, *, quick: bool, **learnt: Prior) -> Bench:
     """Of a folder of recordings."""
@@ -107,18 +123,11 @@ def _fit(channel: str, seen: np.ndarray, predicted: np.ndarray) -> float | None:
     return fit(seen, predicted) if seen.std() > MOVING[channel] else None
 
 
-def still(predicted: Predicted) -> Predicted:
-    """The same times with a vehicle that stays where it is."""
-    resting = tuple(np.zeros_like(values) for values in predicted.rows[:2])
-    return Predicted(t=predicted.t, rows=(*resting, predicted.seen[2]), seen=predicted.seen)
-
-
-def left_out(one: Bench, drifting: Bench, shared: np.ndarray, *, quick: bool) -> list[Row]:
+def left_out(one: Bench, drifting: Bench, everything: Estimate, *, quick: bool) -> list[Row]:
     """Every recording, predicted by what the others tell; the search begins where all of them together end."""
-    rows = []
+    rows, fitted = [], drifting.fitted(everything, 1 if quick else 8)
     for held in drifting.prepared:
-        others = [each for each in drifting.prepared if each is not held]
-        found = drifting.trained(others, shared, ((None, 1 if quick else 8),)).shared
+        found = without(fitted, held).shared
         name, (whole,) = held.recording.name, held.stretches(STEP)
         rows.append(row(name, ALL, one.predictor(found).of(whole)))
         rows += _by_horizon(held, one.predictor(found), "")
@@ -174,7 +183,7 @@ def nulls(one: Bench) -> list[Row]:
     for each in one.prepared:
         (whole,) = each.stretches(STEP)
         predicted = prior.of(whole)
-        rows += [row(each.recording.name, PRIOR, predicted), row(each.recording.name, STILL, still(predicted))]
+        rows += [row(each.recording.name, PRIOR, predicted), row(each.recording.name, STILL, still(whole, prior.known))]
     return rows
 
 
@@ -233,7 +242,7 @@ def main() -> None:
     stages = tuple((duration, 1 if run.quick else iterations) for duration, iterations in STAGES)
     one, drifting = bench(given.folder, quick=run.quick), bench(given.folder, quick=run.quick, **DRIFT)
     everything = drifting.trained(drifting.prepared, None, stages)
-    rows = left_out(one, drifting, everything.shared, quick=run.quick) + in_sample(drifting, everything, OWN)
+    rows = left_out(one, drifting, everything, quick=run.quick) + in_sample(drifting, everything, OWN)
     rows += seen_soon(drifting, everything.shared) + alone(drifting, everything.shared, quick=run.quick)
     rows += bounds(one) + nulls(one)
     table = Table(rows=medians(rows), columns={"prediction": "", **dict.fromkeys(CHANNELS, ".0f")})

@@ -75,7 +75,7 @@ def ljung_box(residual: np.ndarray, lags: int = _LAGS) -> tuple[float, np.ndarra
     lags: [-] that are looked at, a fifth of the samples at most. What a model has been fitted to has a little less freedom than
     the test believes.
     """
-    from scipy.special import gammaincc  # a quarter of a second, which few need
+    from scipy.special import gammaincc  # a tenth of a second
 
     n = len(residual)
     k, centred = max(1, min(lags, n // 5)), residual - residual.mean()
