@@ -8,6 +8,7 @@ import json
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from uvms_ocp.campaign.runs.work import COMPLETED, Done, Row, Work
 from uvms_ocp.campaign.store.identity import Identity, types_of
 from uvms_ocp.campaign.store.table import read_table
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.output.durable import write_durably
 from uvms_ocp.tables.fielded import Fielded, in_a_row
 from uvms_ocp.tables.small_table import SmallTable, Tabled
 from uvms_ocp.version import __version__
@@ -47,11 +49,12 @@ class StudyResult(Tabled):
         return {"study": self.name, "title": self.title, "table": table, "cases": cases}
 
     def write_csv(self, path: Path) -> None:
-        """The rows of all cases as a CSV file; columns are those of the first row."""
-        with path.open("w", newline="") as file:
-            writer = csv.DictWriter(file, fieldnames=list(self.cases[0]) if self.cases else [])
-            writer.writeheader()
-            writer.writerows(self.cases)
+        """The rows of all cases as a CSV file; columns are those of the first row. Raises `OSError`."""
+        text = StringIO(newline="")
+        writer = csv.DictWriter(text, fieldnames=list(self.cases[0]) if self.cases else [])
+        writer.writeheader()
+        writer.writerows(self.cases)
+        write_durably(path, text.getvalue())
 
 
 @checked
