@@ -79,7 +79,6 @@ def ljung_box(residual: np.ndarray, lags: int = _LAGS) -> tuple[float, np.ndarra
 
     n = len(residual)
     k, centred = max(1, min(lags, n // 5)), residual - residual.mean()
-    from scipy.special import gammaincc  # a tenth of a second
 
     found = np.correlate(centred, centred, "full")[n - 1 : n + k]
     rho = found / max(float(found[0]), 1e-300)
