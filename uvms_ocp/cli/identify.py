@@ -34,10 +34,11 @@ def identify(
     ] = None,
     profiles: Annotated[
         bool,
-        typer.Option("--profiles", help="Hold every number that is determined beside its value and fit the others."),
+        typer.Option("--profiles", help="Intervals without linearity; each number takes up to a search."),
     ] = False,
     leave_one_out: Annotated[
-        bool, typer.Option("--leave-one-out", help="Predict every recording by what the others tell.")
+        bool,
+        typer.Option("--leave-one-out", help="Predict every recording by what the others tell; each takes a search."),
     ] = False,
 ) -> None:
     """Identify a robot from recordings: calibrated file, report and figures.
