@@ -36,7 +36,7 @@ def mcap_messages(path: Path, topics: Collection[str] | None = None) -> Iterator
 
 
 def mcap_topics(path: Path) -> tuple[str, ...]:
-    """All of a file, sorted. Raises as `mcap_messages` does."""
+    """All of a file, sorted. Raises `InvalidInput` and others, as `mcap_messages` does."""
     from mcap.records import Channel
 
     return tuple(sorted({record.topic for record in _records(path) if isinstance(record, Channel)}))
