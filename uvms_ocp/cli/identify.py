@@ -28,6 +28,13 @@ def identify(
     recordings: Recordings,
     out: Annotated[Path, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")],
     mapping: MappingFile = None,
+    profiles: Annotated[
+        bool,
+        typer.Option("--profiles", help="Hold every number that is determined beside its value and fit the others."),
+    ] = False,
+    leave_one_out: Annotated[
+        bool, typer.Option("--leave-one-out", help="Predict every recording by what the others tell.")
+    ] = False,
 ) -> None:
     """Identify a robot from recordings: calibrated file, report and figures.
 
@@ -38,9 +45,10 @@ def identify(
     subject = subject_of(given, settings.parent)
     found = read_recordings(recordings, mapping)
     console = console_of()
-    with claimed(out, _names(len(found))) as claim:
+    with claimed(out, _names(len(found), profiles, leave_one_out)) as claim:
         with console.status("identifying") as status, told_of_compiling(status.update, console):
-            result = calibrated(subject, given, found)
+            wanted = {"profiled": profiles, "leave_one_out": leave_one_out}
+            result = calibrated(subject, given, found, **wanted, tell=status.update)
         with claim.staged() as staging:
             _write(result, [one.name for one in found], staging)
         written = claim.written()
@@ -53,8 +61,9 @@ def identify(
         raise typer.Exit(NOT_COMPLETED)
 
 
-def _names(n: int) -> list[str]:
+def _names(n: int, profiles: bool, leave_one_out: bool) -> list[str]:
     pictures = ["intervals", *(f"{kind}_{k}" for k in range(n) for kind in ("predicted", "residuals"))]
+    pictures += [name for name, wanted in (("profiles", profiles), ("left_out", leave_one_out)) if wanted]
     return [VARIANT, WHOLE, REPORT, *(f"{FIGURES}/{name}.png" for name in pictures)]
 
 
