@@ -14,8 +14,9 @@ from typing import Annotated
 
 import typer
 
-from uvms_ocp.cli import check, compare, export, identify, listing, recordings, robots, run, show
+from uvms_ocp.cli import check, compare, export, listing, robots, run, show
 from uvms_ocp.cli.campaigns import campaign, new_files
+from uvms_ocp.cli.identification import identify, recordings
 from uvms_ocp.cli.options import BAD_INPUT
 from uvms_ocp.cli.plans import plan
 from uvms_ocp.cli.printing import console_of

@@ -12,7 +12,7 @@ from dataclasses import replace
 from uvms_ocp.identification.recordings.doubts.commands import of_commands
 from uvms_ocp.identification.recordings.doubts.doubt import Doubt as Doubt
 from uvms_ocp.identification.recordings.doubts.gravity import of_gravity
-from uvms_ocp.identification.recordings.doubts.joints import of_joints
+from uvms_ocp.identification.recordings.doubts.joint_rates import of_joints
 from uvms_ocp.identification.recordings.doubts.rates import of_rates
 from uvms_ocp.identification.recordings.doubts.samples import has_times, of_poses, of_samples
 from uvms_ocp.identification.recordings.recording import KINDS, Recording

@@ -68,7 +68,7 @@ def _of_unit(factor: float, one: float, unit: str) -> Iterator[str]:
 
 
 def told_late(late: float) -> str:
-    """An offset [s] in words; empty where it is none."""
+    """An offset late [s] in words; empty where it is none."""
     return (
         f"{abs(late):.2f} s {'late' if late > 0 else 'early'} against the rate of the {{}}" if abs(late) > _LATE else ""
     )
@@ -108,6 +108,6 @@ def _differ(one: np.ndarray, other: np.ndarray) -> bool:
 
 
 def correlation(x: np.ndarray, y: np.ndarray) -> float:
-    """Of two series (m,) [any], from -1 to 1 [-]; 0 where one does not change."""
+    """Of two series x (m,) [any] and y (m,) [any], from -1 to 1 [-]; 0 where one does not change."""
     x, y = x - x.mean(), y - y.mean()
     return float(x @ y / max(np.linalg.norm(x) * np.linalg.norm(y), 1e-300))

@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 
 from uvms_ocp.cli.compiling import told_of_compiling
+from uvms_ocp.cli.identification.recordings import MappingFile, Recordings, read_recordings
 from uvms_ocp.cli.options import NOT_COMPLETED, folder
 from uvms_ocp.cli.printing import console_of, print_paths
-from uvms_ocp.cli.recordings import MappingFile, Recordings, read_recordings
 from uvms_ocp.exceptions import plain_line
 from uvms_ocp.identification.calibration.fitting import Calibration, calibrated
 from uvms_ocp.identification.calibration.report import report_text
