@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sqlite3
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 from motions import recorded
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound, NotInstalled
+from uvms_ocp.exceptions import InvalidInput, NameNotFound, NotInstalled, UvmsError
 from uvms_ocp.identification.recordings.fields import numbers_at, seconds_at, steps_of
 from uvms_ocp.identification.recordings.mapping import Mapping, mapped_recording
 from uvms_ocp.identification.recordings.messages import topics_of
@@ -228,6 +229,20 @@ def test_damaged_bags_are_told_in_a_line(storage: str, tmp_path: Path) -> None:
     (bag / "metadata.yaml").write_text("rosbag2_bagfile_information: {}")
     with pytest.raises(InvalidInput, match="cannot be read"):
         mapped_recording(bag, ROS)
+
+
+@pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
+def test_whatever_bytes_are_changed_a_bag_is_read_or_refused(storage: str, tmp_path: Path) -> None:
+    bag, rng = ros_bag(tmp_path / "dive", storage), np.random.default_rng(7)
+    (file,) = (path for path in bag.iterdir() if path.name != "metadata.yaml")
+    content = file.read_bytes()
+    for _ in range(30):
+        damaged = bytearray(content)
+        for place in rng.integers(len(content), size=3):
+            damaged[place] = rng.integers(256)
+        file.write_bytes(bytes(damaged))
+        with suppress(UvmsError):
+            mapped_recording(bag, ROS)
 
 
 def test_a_bag_that_makes_up_its_rows_is_refused(tmp_path: Path) -> None:
