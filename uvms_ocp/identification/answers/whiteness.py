@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaincc
 
 from uvms_ocp.identification.answers.certainty import bartlett
 from uvms_ocp.identification.answers.predictions import Predicted
@@ -76,6 +75,8 @@ def ljung_box(residual: np.ndarray, lags: int = _LAGS) -> tuple[float, np.ndarra
     lags: [-] that are looked at, a fifth of the samples at most. What a model has been fitted to has a little less freedom than
     the test believes.
     """
+    from scipy.special import gammaincc  # a quarter of a second, which few need
+
     n = len(residual)
     k, centred = max(1, min(lags, n // 5)), residual - residual.mean()
     found = np.correlate(centred, centred, "full")[n - 1 : n + k]
