@@ -116,6 +116,20 @@ def test_a_controller_that_learns_a_load_has_no_form_in_c(tmp_path: Path) -> Non
         export_controller(reach(learn_load=True, duration=0.1), tmp_path / "controller")
 
 
+def test_a_measurement_that_is_no_number_is_forgotten() -> None:
+    controller = reach(learn_load=True).controller()
+    robot, learner = controller.kinematic.robot, controller.learner
+    q, v, estimate = np.array(robot.configuration()), np.zeros(robot.n_v), np.zeros(robot.n_v)
+    share, nothing, spoilt = np.ones(robot.n_v), np.full(robot.n_v, np.nan), 301
+    for k in range(800):
+        learner.carry(q, nothing if k == spoilt else v, estimate)
+        if k != spoilt:  # where no force was possible
+            learner.learn(q, v, estimate, share, True)
+    assert np.isfinite(estimate).all()
+    assert np.isfinite(learner.filter.x).all()
+    assert learner.load.weight_error < 2.0
+
+
 def test_what_cannot_be_learnt_is_refused() -> None:
     with pytest.raises(InvalidInput, match="disturbance observer"):
         reach(learn_load=True, observer=False).controller()

@@ -92,8 +92,10 @@ class LoadLearner:
         """
         before, was = self._weight, self._velocity
         self._weight, self._velocity = self._tool(q, v)
-        self._acceleration = (self._velocity - was) / self._dt if self._ticks else np.zeros(3)
-        if self._ticks and self._settings.feed_forward and self._is_certain():
+        # What is no number would never be forgotten.
+        follows = self._ticks > 0 and bool(np.isfinite(self._velocity - was).all())
+        self._acceleration = (self._velocity - was) / self._dt if follows else np.zeros(3)
+        if follows and self._settings.feed_forward and self._is_certain():
             moved = np.where(self._free, self.filter.x[WEIGHT] * (self._weight - before), 0.0)
             estimate += moved
             self._estimate[:, 0] += moved
