@@ -96,12 +96,13 @@ class LevelStages:
 
     def bend(self, last: Found | None) -> None:
         """Curvature with the multipliers of the last QP; none without one, and for Gauss and Newton."""
-        self._bends = last is not None and self.memory.whole.problem.hessian is HessianKind.EXACT
-        if last is None or not self._bends:
-            self.qp.flat["H"][:] = 0.0
-        else:
+        bends = last is not None and self.memory.whole.problem.hessian is HessianKind.EXACT
+        if last is not None and bends:
             self.multipliers.take(last)
             self._curve()
+        elif self._bends:
+            self.qp.flat["H"][:] = 0.0
+        self._bends = bends
 
     # --- values -----------------------------------------------------------------------------------
 
@@ -184,5 +185,5 @@ class LevelStages:
 
     def steepest(self) -> float:
         """Largest entry of the gradient of the cost."""
-        pairs = zip(self.qp.J, self.memory.residual_parts(self.level), strict=True)
-        return max((float(np.abs(r @ J).max(initial=0.0)) for J, r in pairs), default=0.0)
+        self.qp.flat["r"][:] = self.memory.residuals(self.level)
+        return self._solver.steepest(self.qp)

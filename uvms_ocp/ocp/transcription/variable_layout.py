@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions import BufferedFunction
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.trajectory import Trajectory, has_thrusters
 from uvms_ocp.ocp.transcription.stage import StageModel
@@ -75,9 +76,9 @@ class VariableLayout:
         return np.array([self.columns(k) for k in range(self.N + 1)])
 
     @cached_property
-    def _inputs(self) -> ca.Function:
+    def _inputs(self) -> BufferedFunction:
         """``z (n_z, N), water (3, N) -> thrust, torque`` in shares of their limits."""
-        return self.model.inputs_function.map(self.N)
+        return BufferedFunction(self.model.inputs_function.map(self.N))
 
     def nodes(self, x: ca.MX, h: ca.MX) -> NodeVariables:
         """Columns of the variables x (n_x,); h (N,) [s]: lengths of the steps where they are no variables."""
@@ -155,8 +156,7 @@ class VariableLayout:
         Z[used] = x[self.all_columns[used]]
         steps = Z[:-1, layout.h] if self.free else np.diff(problem.nominal_times())
         Z[:-1, layout.h] = steps
-        inputs = self._inputs(Z[:-1].T, problem.currents.T)
-        thrust, torque = (np.array(part).T for part in inputs)
+        thrust, torque = (part.reshape(-1, self.N).T for part in self._inputs(Z[:-1].T, problem.currents.T))
         return Trajectory(
             t=np.concatenate([[0.0], np.cumsum(steps)]),
             q=Z[:, layout.q],
