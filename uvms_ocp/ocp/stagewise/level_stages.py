@@ -49,12 +49,14 @@ class LevelStages:
         return np.concatenate(numbers)
 
     def _linearization(self) -> BoundCalls:
+        """One function for all stages, then the other: so each stays where code is read from."""
         memory, calls = self.memory, BoundCalls()
         for i, stage in enumerate(memory.stages):
             if stage.step:
                 calls.add(memory.motion_linear, [memory.z[i], memory.z[i + 1]], [memory.gaps[i], self.qp.dynamics[i]])
             elif i + 1 < len(memory.stages):
                 self._turn(i)
+        for i, stage in enumerate(memory.stages):
             function = memory.function(stage)
             if function is not None:
                 values = memory.row_memory(i)[:-1]
@@ -79,7 +81,7 @@ class LevelStages:
 
     @cached_property
     def _curve(self) -> BoundCalls:
-        """One function for all stages, then the other: so each stays where code is read from."""
+        """Function by function as well."""
         memory, own, calls = self.memory, self.multipliers, BoundCalls()
         found = [
             (i, function) for i, stage in enumerate(memory.stages) if (function := memory.function(stage)) is not None

@@ -12,7 +12,7 @@ import numpy as np
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions import BufferedFunction
 from uvms_ocp.ocp.problem import OcpProblem
-from uvms_ocp.ocp.trajectory import Trajectory, has_thrusters
+from uvms_ocp.ocp.trajectory import Trajectory, has_thrusters, made_trajectory
 from uvms_ocp.ocp.transcription.stage import StageModel
 
 
@@ -157,12 +157,14 @@ class VariableLayout:
         steps = Z[:-1, layout.h] if self.free else np.diff(problem.nominal_times())
         Z[:-1, layout.h] = steps
         thrust, torque = (part.reshape(-1, self.N).T for part in self._inputs(Z[:-1].T, problem.currents.T))
-        return Trajectory(
-            t=np.concatenate([[0.0], np.cumsum(steps)]),
-            q=Z[:, layout.q],
-            v=Z[:, layout.v],
-            a=Z[:-1, layout.a],
-            thrust=thrust * actuators.thrust_unit,
-            torque=torque * actuators.torque_unit,
-            of_wrench=not has_thrusters(self.model.problem),
-        )
+        parts = {
+            "t": np.concatenate([[0.0], np.cumsum(steps)]),
+            "q": Z[:, layout.q].copy(),
+            "v": Z[:, layout.v].copy(),
+            "a": Z[:-1, layout.a].copy(),
+            "thrust": thrust * actuators.thrust_unit,
+            "torque": torque * actuators.torque_unit,
+        }
+        for part in parts.values():
+            part.flags.writeable = False
+        return made_trajectory(**parts, of_wrench=not has_thrusters(self.model.problem))

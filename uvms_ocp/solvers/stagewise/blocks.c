@@ -33,15 +33,16 @@ INLINE void block_product(int n, const double *restrict a, int lda, const double
 /* A row of a Gram matrix, and its weight. */
 typedef struct {
   const double *row;
-  double weight;
+  double weight, part[4]; /* the last: weight * row[i..] of the block that is looked at */
+  int first;              /* column with an entry */
 } WeightedRow;
 
-/* c += sum of weight * row[i..]' row[j..]. */
-INLINE void block_gram(int n, const WeightedRow *restrict rows, int i, int j, double c[restrict 4][4]) {
+/* c += sum of part' row[j..]. */
+INLINE void block_gram(int n, const WeightedRow *restrict rows, int j, double c[restrict 4][4]) {
   double c0[4] = {0}, c1[4] = {0}, c2[4] = {0}, c3[4] = {0};
   for (int k = 0; k < n; ++k) {
-    const double *restrict a = rows[k].row + i, *restrict b = rows[k].row + j, w = rows[k].weight;
-    const double a0 = w * a[0], a1 = w * a[1], a2 = w * a[2], a3 = w * a[3];
+    const double *restrict a = rows[k].part, *restrict b = rows[k].row + j;
+    const double a0 = a[0], a1 = a[1], a2 = a[2], a3 = a[3];
     for (int l = 0; l < 4; ++l) c0[l] += a0 * b[l];
     for (int l = 0; l < 4; ++l) c1[l] += a1 * b[l];
     for (int l = 0; l < 4; ++l) c2[l] += a2 * b[l];
@@ -92,20 +93,23 @@ WIDE static void add_gram(int m, int n, const double *A, const double *weight, d
     if (first == last)
       M[first * ld + first] += w * row[first] * row[first];
     else
-      dense[n_dense].row = row, dense[n_dense].weight = w, ++n_dense;
+      dense[n_dense].row = row, dense[n_dense].weight = w, dense[n_dense].first = first, ++n_dense;
   }
   for (int i = 0; i < n; i += 4) {
-    int n_here = 0;
+    int n_here = 0, first = i;
     for (int k = 0; k < n_dense; ++k) {
       const double *row = dense[k].row;
       int any = 0;
       for (int l = i; l < n && l < i + 4; ++l) any |= row[l] != 0.0;
-      if (any) here[n_here++] = dense[k];
+      if (!any) continue;
+      here[n_here].row = row;
+      for (int l = 0; l < 4; ++l) here[n_here].part[l] = dense[k].weight * row[i + l];
+      ++n_here, first = dense[k].first < first ? dense[k].first : first;
     }
     if (!n_here) continue;
-    for (int j = 0; j <= i; j += 4) {
+    for (int j = first & ~3; j <= i; j += 4) {
       double c[4][4];
-      block_gram(n_here, here, i, j, c);
+      block_gram(n_here, here, j, c);
       for (int p = 0; p < 4; ++p)
         for (int q = 0; q < 4; ++q) M[(i + p) * ld + j + q] += c[p][q];
     }

@@ -255,7 +255,7 @@ def _stage_work(shape: StageShape) -> dict[str, Array]:
         "inverse": n,
         "W": 2 * padded(max(shape.n_x)) * most,
         "v": 2 * most,
-        "list": 4 * max(*shape.n_r, *shape.n_c),
+        "list": 14 * max(*shape.n_r, *shape.n_c),
     }
     return {name: np.zeros(size + 4) for name, size in sizes.items()} | {"fixed": np.zeros(n)}
 
