@@ -42,5 +42,5 @@ def test_no_calls_do_nothing() -> None:
 
 @pytest.mark.parametrize("memory", [np.zeros(2), np.zeros(3, dtype=np.float32), np.zeros(6)[::2]])
 def test_memory_of_another_size_kind_or_order_is_refused_where_it_is_given(memory: np.ndarray) -> None:
-    with pytest.raises(InvalidInput, match="wave: memory of shape .*; give 3 numbers side by side"):
+    with pytest.raises(InvalidInput, match=r"wave: memory of shape .*; give 3 numbers side by side"):
         BoundCalls().add(_function(), [memory, np.zeros(1)], [None, None])
