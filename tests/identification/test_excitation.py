@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from driven import known, vehicle_of
+from typer.testing import CliRunner
 
+from uvms_ocp.cli import app
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.identification.excitation.assignment import Assignment
 from uvms_ocp.identification.excitation.confines import Limits
@@ -24,6 +27,7 @@ from uvms_ocp.identification.models.stage import stage_of
 from uvms_ocp.identification.parameters.status import Free, Prior
 from uvms_ocp.identification.recordings.recording import Channel
 from uvms_ocp.identification.recordings.sampling import Held
+from uvms_ocp.identification.recordings.storage import stored_recording
 
 LIMITS = Limits(
     thrust=np.outer([20.0, 20.0, 20.0, 2.0, 2.0, 2.0], [-1.0, 1.0]),
@@ -169,3 +173,29 @@ def test_limits_of_other_actuators_are_refused() -> None:
 def test_no_time_is_refused() -> None:
     with pytest.raises(InvalidInput, match="duration = 0"):
         assignment(duration=0.0)
+
+
+SETTINGS = """
+robot: bluerov2_alpha5
+arm: taken off
+hull: [[-0.25, -0.2, -0.15], [0.25, 0.2, 0.15]]
+learn: {added_mass: {}}
+"""
+
+
+def test_a_command_writes_what_thrusters_are_told_and_what_it_will_tell(tmp_path: Path) -> None:
+    (tmp_path / "my.yaml").write_text(SETTINGS)
+    words = ["excite", str(tmp_path / "my.yaml"), "--duration", "3", "--share", "0.25", "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    told = stored_recording(tmp_path / "out/excitation.csv").channel("thrust").values
+    assert told.shape == (30, 8)
+    assert 0.0 < np.abs(told).max() <= 10.0
+    assert "| added_mass yaw | 0.222 |" in (tmp_path / "out/report.md").read_text()
+
+
+def test_a_design_for_wrenches_asks_for_thrusters(tmp_path: Path) -> None:
+    (tmp_path / "my.yaml").write_text(SETTINGS + "commands: wrench\n")
+    result = CliRunner().invoke(app, ["excite", str(tmp_path / "my.yaml"), "--out", str(tmp_path / "out")])
+    assert isinstance(result.exception, InvalidInput)
+    assert "commands: thrust" in str(result.exception)
