@@ -97,7 +97,7 @@ def fitted(given: Assignment, rollout: Rollout, found: Mapping[str, Excitation],
 def _errors(given: Assignment, rollout: Rollout, truth: np.ndarray, one: Excitation, seed: int) -> np.ndarray:
     """(m,) [-] of all numbers, by their sizes."""
     recording = recorded(given.vehicle, rollout.stage, truth, np.random.default_rng(seed), one.commands)
-    estimate = searched(given.vehicle, [Prepared.of(recording, given.vehicle)], NOISE, rollout, Search(step=0.01))
+    estimate = searched(given.vehicle, [Prepared.of(recording, given.vehicle)], NOISE, rollout, Search(step=0.005))
     pairs = zip(numbers(given.vehicle, estimate), values_of(given.vehicle, truth), strict=True)
     return np.array([(told.value - wanted) / told.size for told, wanted in pairs])
 

@@ -24,8 +24,8 @@ from uvms_ocp.identification.models.stage import Vehicle, stage_of
 
 ROBOTS, RECORDINGS, DURATION = 20, 5, 60.0
 """[-], [-] of each, [s] of one."""
-SEARCH = Search(step=0.01)
-"""Steps of 0.02 s move lags by 1 ms, which is more than five minutes leave open."""
+SEARCH = Search(step=0.005)
+"""Longer steps move delays by more than five minutes leave open: by their square over eight lags."""
 PROSE = """
 {robots} vehicles like a BlueROV2 without its arm, with drawn numbers, and {recordings} recordings of {duration:g} s of each, all
 with the same excitation: one that was designed for the vehicle as it is believed to be, for a pool of {pool} m, in which {inside}

@@ -19,7 +19,7 @@ from uvms_ocp.identification.recordings.sampling import Held
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.thrusters import thruster_matrix
 
-FINE, EVERY = 0.005, 20
+FINE, EVERY = 0.0025, 40
 """[s] of the simulation; [-] steps between samples."""
 VELOCITY, RATE, VERTICAL = 0.01, 0.01, 0.005
 """[m/s], [rad/s], [-] of the noise of sensors."""
