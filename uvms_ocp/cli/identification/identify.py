@@ -32,6 +32,13 @@ def identify(
     mapping: Annotated[
         Path | None, typer.Option(metavar="YAML", help="Where the channels are in files of others.")
     ] = None,
+    profiles: Annotated[
+        bool,
+        typer.Option("--profiles", help="Hold every number that is determined beside its value and fit the others."),
+    ] = False,
+    leave_one_out: Annotated[
+        bool, typer.Option("--leave-one-out", help="Predict every recording by what the others tell.")
+    ] = False,
 ) -> None:
     """Identify a robot from recordings: calibrated file, report and figures.
 
@@ -42,9 +49,10 @@ def identify(
     subject = subject_of(given, settings.parent)
     found = [_recording(path, mapping) for path in recordings]
     console = console_of()
-    with claimed(out, _names(len(found))) as claim:
+    with claimed(out, _names(len(found), profiles, leave_one_out)) as claim:
         with console.status("identifying") as status, told_of_compiling(status.update, console):
-            result = calibrated(subject, given, found)
+            wanted = {"profiled": profiles, "leave_one_out": leave_one_out}
+            result = calibrated(subject, given, found, **wanted, tell=status.update)
         with claim.staged() as staging:
             _write(result, [one.name for one in found], staging)
         written = claim.written()
@@ -61,8 +69,9 @@ def _recording(path: Path, mapping: Path | None) -> Recording:
     return stored_recording(path) if mapping is None else mapped_recording(path, read_mapping(mapping))
 
 
-def _names(n: int) -> list[str]:
+def _names(n: int, profiles: bool, leave_one_out: bool) -> list[str]:
     pictures = ["intervals", *(f"{kind}_{k}" for k in range(n) for kind in ("predicted", "residuals"))]
+    pictures += [name for name, wanted in (("profiles", profiles), ("left_out", leave_one_out)) if wanted]
     return [VARIANT, WHOLE, REPORT, *(f"{FIGURES}/{name}.png" for name in pictures)]
 
 

@@ -2,7 +2,7 @@
 
 Every stretch begins where it likes; where it ends may differ from where the next one begins, at the price of process noise.
 Unknowns of single recordings, and starts, are eliminated recording by recording, so that a step costs little more than the
-simulation. The loss is quadratic near zero and linear beyond `Noise.outliers` standard deviations, by weights.
+simulation.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
-from scipy.sparse import csc_matrix
-from scipy.sparse.linalg import splu
 
+from uvms_ocp.identification.methods.loss import loss, weighted
+from uvms_ocp.identification.methods.pull import Pull
 from uvms_ocp.identification.methods.rollout import N_START, Rollout, Seen, Start, turn_slope
 from uvms_ocp.identification.methods.stretch import Stretch
 from uvms_ocp.identification.models.stage import N_Q, N_V, Vehicle
@@ -94,8 +94,10 @@ class _Block:
 class OutputError:
     """A problem: a vehicle, stretches of recordings and noise. Stretches of a recording follow each other."""
 
-    def __init__(self, vehicle: Vehicle, stretches: Sequence[Stretch], noise: Noise, rollout: Rollout) -> None:
-        self._vehicle, self._noise, self._rollout = vehicle, noise, rollout
+    def __init__(
+        self, vehicle: Vehicle, stretches: Sequence[Stretch], noise: Noise, rollout: Rollout, pull: Pull | None = None
+    ) -> None:
+        self._vehicle, self._noise, self._rollout, self._pull = vehicle, noise, rollout, pull
         self._recordings = [tuple(group) for _, group in groupby(stretches, key=lambda one: one.recording)]
         self._n, self._m = len(vehicle.shared.start), len(vehicle.own.start)
         self._sigma = noise.velocity, noise.rate, noise.vertical
@@ -106,30 +108,51 @@ class OutputError:
         own = tuple(self._vehicle.own.start for _ in self._recordings)
         return _Point(shared=self._vehicle.shared.start if shared is None else shared, own=own, starts=begins)
 
-    def solve(self, point: _Point, *, iterations: int = 20, frozen: bool = False, tolerance: float = 1e-4) -> Estimate:
-        """Levenberg and Marquardt's method. frozen: shared unknowns stay. tolerance: [-] share of the cost worth a step."""
-        damping, blocks, status, done = 1e-3, self._blocks(point), FitStatus.ITERATION_LIMIT, 0
+    def resumed(self, estimate: Estimate) -> _Point:
+        """Where an estimate from the same stretches has ended."""
+        own = tuple(estimate.own[group[0].recording] for group in self._recordings)
+        left = iter(estimate.starts)
+        begins = tuple(tuple(next(left) for _ in group) for group in self._recordings)
+        return _Point(shared=estimate.shared, own=own, starts=begins)
+
+    def solve(
+        self,
+        point: _Point,
+        *,
+        iterations: int = 20,
+        frozen: bool = False,
+        tolerance: float = 1e-4,
+        damping: float = 1e-3,
+    ) -> Estimate:
+        """Levenberg and Marquardt's method. frozen: shared unknowns stay. tolerance: [-] share of the cost worth a step.
+
+        damping: [-] of the first step.
+        """
+        blocks, status, done = self._blocks(point), FitStatus.ITERATION_LIMIT, 0
         while done < iterations:
             done += 1
             tried = self._step(point, blocks, damping, frozen)
             if tried is None:
                 status = FitStatus.STALLED
                 break
-            after, damping = tried
-            gained = 1.0 - self._total(after, self._costs(after)) / self._total(point, [b.cost for b in blocks])
+            after, damping, cost = tried
+            gained = 1.0 - cost / self._total(point, [block.cost for block in blocks])
             point, blocks = after, self._blocks(after)
             if gained < tolerance:
                 status = FitStatus.CONVERGED
                 break
         return self._estimate(point, blocks, status, done)
 
-    def _step(self, point: _Point, blocks: list[_Block], damping: float, frozen: bool) -> tuple[_Point, float] | None:
+    def _step(
+        self, point: _Point, blocks: list[_Block], damping: float, frozen: bool
+    ) -> tuple[_Point, float, float] | None:
+        """Where the cost is lower, damping there, and the cost."""
         before = self._total(point, [block.cost for block in blocks])
         for _ in range(8):
             after = self._moved(point, blocks, damping, frozen)
             cost = self._total(after, self._costs(after))
             if np.isfinite(cost) and cost < before:
-                return after, max(damping / 5.0, 1e-9)
+                return after, max(damping / 5.0, 1e-9), cost
             damping *= 8.0
         return None
 
@@ -137,7 +160,11 @@ class OutputError:
         H, g, eliminated = self._reduced(point, blocks, damping)
         change = np.zeros(self._n)
         if not frozen and self._n:
-            change = -np.linalg.solve(H + damping * np.diag(np.diag(H) + 1e-9), g)
+            damped = H + damping * np.diag(np.diag(H) + 1e-9)
+            if self._pull is not None:
+                stiff, force = self._pull.normal(point.shared)
+                damped, g = damped + stiff, g + force
+            change = -np.linalg.solve(damped, g)
         shared = np.clip(
             point.shared + np.clip(change, -1.0, 1.0), self._vehicle.shared.lower, self._vehicle.shared.upper
         )
@@ -157,6 +184,9 @@ class OutputError:
     ) -> tuple[np.ndarray, np.ndarray, list[_Inverse]]:
         """Normal equations of the shared unknowns, and what solves those of the others: a stretch knows its neighbours only."""
         weight = 1.0 / self._vehicle.shared.sigma**2
+        from scipy.sparse import csc_matrix  # a tenth of a second
+        from scipy.sparse.linalg import splu
+
         H, g = np.diag(weight), weight * (point.shared - self._vehicle.shared.start)
         inverses = []
         for block in blocks:
@@ -181,7 +211,8 @@ class OutputError:
 
     def _total(self, point: _Point, costs: Sequence[float]) -> float:
         far = (point.shared - self._vehicle.shared.start) / self._vehicle.shared.sigma
-        return float(sum(costs) + far @ far / 2)
+        pulled = 0.0 if self._pull is None else self._pull.cost(point.shared)
+        return float(sum(costs) + far @ far / 2 + pulled)
 
     def _costs(self, point: _Point) -> list[float]:
         with np.errstate(all="ignore"):
@@ -206,7 +237,7 @@ class OutputError:
         return [[found[i] for i, (k, _, _) in enumerate(flat) if k == group] for group in range(len(self._recordings))]
 
     def _cost(self, k: int, point: _Point, seen: list[Seen]) -> float:
-        squares = sum(_loss(r, self._noise.outliers) for rows in self._residuals(k, seen) for r in rows)
+        squares = sum(loss(r, self._noise.outliers) for rows in self._residuals(k, seen) for r in rows)
         return float(squares + self._beginnings(k, point)[1] + sum(d @ d for d, _ in self._gaps(k, point, seen)) / 2)
 
     def _residuals(self, k: int, seen: list[Seen]) -> list[list[np.ndarray]]:
@@ -242,7 +273,7 @@ class OutputError:
         for i, (one, rows) in enumerate(zip(seen, self._residuals(k, seen), strict=True)):
             places = _places(n + m, i)
             for slope, row, sigma in zip(one.slopes, rows, self._sigma, strict=True):
-                r, J = _weighted(row, slope / sigma, self._noise.outliers)
+                r, J = weighted(row, slope / sigma, self._noise.outliers)
                 H[np.ix_(places, places)] += J.T @ J
                 g[places] += J.T @ r
             begin = places[-N_START:]
@@ -264,14 +295,3 @@ def _difference(of: Start, to: Start) -> np.ndarray:
     """(9,) [m/s, rad/s, rad] that moves one start to another."""
     turn = quaternion_log(quaternion_multiply(quaternion_conjugate(of.q[3:]), to.q[3:]))
     return np.concatenate([to.v - of.v, np.asarray(turn).ravel()])
-
-
-def _loss(r: np.ndarray, outliers: float) -> float:
-    """Pseudo-Huber's: half the squares near zero."""
-    return float((outliers**2 * (np.sqrt(1.0 + (r / outliers) ** 2) - 1.0)).sum())
-
-
-def _weighted(r: np.ndarray, J: np.ndarray, outliers: float) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals (n,) and slopes (n, k) whose squares have the gradient of the loss."""
-    root = (1.0 + (r / outliers) ** 2) ** -0.25
-    return (root * r).ravel(), (root[..., None] * J).reshape(-1, J.shape[-1])
