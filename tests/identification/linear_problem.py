@@ -22,15 +22,18 @@ NOISE = Noise(velocity=0.1, rate=0.1, vertical=0.1, outliers=1e6)
 
 
 class LinearRollout(Rollout):
-    """Shows ``G p``, whatever the start."""
+    """Shows ``G (p + bend p^2)``, whatever the start."""
 
-    def __init__(self, G: tuple[np.ndarray, ...]) -> None:
-        self.G = G
+    def __init__(self, G: tuple[np.ndarray, ...], bend: float = 0.0) -> None:
+        self.G, self._bend = G, bend
 
     def seen(self, stretches: Sequence[Stretch], starts: Sequence[Start], p: np.ndarray, *, slopes: bool) -> list[Seen]:
-        still = [np.zeros((*g.shape[:2], N_START)) for g in self.G]
-        slope = tuple(np.concatenate(pair, axis=2) for pair in zip(self.G, still, strict=True))
-        return [Seen(rows=tuple(g @ row for g in self.G), end=np.zeros(0), slopes=slope) for row in p]
+        return [self._seen(row) for row in p]
+
+    def _seen(self, p: np.ndarray) -> Seen:
+        still = np.zeros((*self.G[0].shape[:2], N_START))
+        slopes = tuple(np.concatenate([g * (1.0 + 2.0 * self._bend * p), still], axis=2) for g in self.G)
+        return Seen(rows=tuple(g @ (p + self._bend * p**2) for g in self.G), end=np.zeros(0), slopes=slopes)
 
 
 def vehicle() -> Vehicle:
@@ -48,16 +51,17 @@ class _One:
         return (self.stretch,)
 
 
-def problem(seed: int = 0, n: int = 40) -> Fitted:
+def problem(seed: int = 0, n: int = 40, bend: float = 0.0) -> Fitted:
     """Solved, with unknowns that weigh differently and together."""
     rng, one = np.random.default_rng(seed), vehicle()
     mixed = np.array([[1.0, 0.9, 0.0], [0.0, 0.4, 0.3], [0.0, 0.0, 0.2]])
     G = tuple(rng.normal(size=(n, 3, 3)) @ mixed for _ in range(3))
-    seen = tuple(g @ [0.3, -0.5, 0.4] + 0.1 * rng.normal(size=(n, 3)) for g in G)
-    error = OutputError(one, [_stretch(seen)], NOISE, LinearRollout(G))
-    estimate = error.solve(error.start(), tolerance=1e-13, damping=1e-12)
+    truth, rollout = np.array([0.3, 0.2, 0.4]), LinearRollout(G, bend)
+    seen = tuple(g @ (truth + bend * truth**2) + 0.1 * rng.normal(size=(n, 3)) for g in G)
+    error = OutputError(one, [_stretch(seen)], NOISE, rollout)
+    estimate = error.solve(error.start(), tolerance=1e-13)
     given = {"prepared": (_One(stretch=_stretch(seen)),), "estimate": estimate}
-    return Fitted(vehicle=one, rollout=LinearRollout(G), noise=NOISE, search=Search(), **given)  # type: ignore[arg-type]
+    return Fitted(vehicle=one, rollout=rollout, noise=NOISE, search=Search(), **given)  # type: ignore[arg-type]
 
 
 def _stretch(seen: tuple[np.ndarray, ...]) -> Stretch:

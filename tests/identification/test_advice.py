@@ -56,6 +56,7 @@ def test_what_did_not_move_is_to_be_driven_and_then_is_known() -> None:
         (("quadratic_drag surge from pitch",), "surge and pitch together"),
         (("linear_drag pitch-surge",), "pitch and surge together"),
         (("reverse T3", "dead_zone T2"), "actuator T3 astern"),
+        (("gain T4", "reverse T5"), "actuator T4 ahead with much of its force; drive actuator T5 astern"),
     ],
 )
 def test_what_is_open_together_has_advice_of_its_own(names: tuple[str, ...], words: str) -> None:

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from linear_problem import problem
+from linear_problem import NOISE, problem
 
-from uvms_ocp.identification.answers.numbers import Number, number_of, numbers
+from uvms_ocp.identification.answers.numbers import INTERVAL, Number, number_of, numbers
 from uvms_ocp.identification.answers.profiles import profiles
 from uvms_ocp.identification.methods.pull import Pull
 
@@ -43,3 +43,17 @@ def test_a_number_that_is_held_is_fitted_around_as_algebra_says() -> None:
 def test_numbers_that_are_not_determined_have_none() -> None:
     nothing = [replace(one, learnt=False) for one in told(1.0)]
     assert not list(profiles(problem(), nothing))
+
+
+@pytest.mark.parametrize("bend", [0.0, 2.0])
+def test_of_a_problem_that_bends_it_is_where_the_bend_has_it(bend: float) -> None:
+    fitted = problem(n=4, bend=bend)
+    (one,) = (each for each in numbers(fitted.vehicle, fitted.estimate) if each.entry == "sway")
+    (found,) = profiles(fitted, [replace(one, size=1e3)])
+    G = np.concatenate(fitted.rollout.G).reshape(-1, 3)  # type: ignore[attr-defined]
+    sigma = np.sqrt(np.linalg.inv(G.T @ G)[1, 1]) * NOISE.velocity
+    for end, root in zip(found.interval, (-INTERVAL, INTERVAL), strict=True):
+        bent = (one.value + bend * one.value**2) + root * sigma
+        wanted = bent if not bend else (np.sqrt(1.0 + 4.0 * bend * bent) - 1.0) / (2.0 * bend)
+        assert end == pytest.approx(wanted, abs=0.03 * one.sigma)
+    assert found.differs == (bend > 0.0)

@@ -28,12 +28,13 @@ _MOTIONS = {
     "delay": "command steps: when they begin to show tells the delay",
     "bias": "leave it without commands for some seconds, free in {entry}",
     "velocity_point": "turn it fast: the sensor shows how far it is from the centre",
+    "attitude_turn": "roll it, then pitch it: what the sensor shows of each tells how it is turned",
     "velocity_delay": "change speeds suddenly: when the sensor shows it tells its delay",
 }
 _TILT = {"x": "in pitch", "y": "in roll", "z": "far in roll and pitch"}
 _DRAGS = frozenset({"linear_drag", "quadratic_drag"})
 _BODY = frozenset({"mass", "second_moment"})
-_DRIVEN = frozenset({"reverse", "added_mass", "volume"}) | _DRAGS | _BODY
+_DRIVEN = frozenset({"added_mass", "volume"}) | _DRAGS | _BODY
 _SCALE = "forces and what they move grow alike: measure a thrust against a gauge, or give gain or mass a prior"
 _WEIGHED = "no motion in water tells a body from the water that it moves: weigh it, and give its {body} a prior"
 _NET = "only the net weight shows: weigh the vehicle in air, and give its mass a prior"
@@ -55,7 +56,7 @@ def _of_all(shares: Sequence[tuple[str, str]]) -> str | None:
         return _motion(_SPEEDS, entries.pop())
     if "added_mass" in quantities and len(quantities) > 1 and quantities <= _BODY | {"added_mass"}:
         return _WEIGHED.format(body=" and ".join(sorted(quantities & _BODY)))
-    if "gain" in quantities and len(quantities) > 1 and quantities <= _DRIVEN | {"gain"}:
+    if "gain" in quantities and quantities & _DRIVEN and quantities <= _DRIVEN | {"gain", "reverse"}:
         return _SCALE
     return {frozenset({"mass", "volume"}): _NET, frozenset({"lag", "delay"}): _EDGES}.get(quantities)
 

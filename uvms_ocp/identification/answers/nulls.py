@@ -9,7 +9,7 @@ import numpy as np
 
 from uvms_ocp.identification.answers.predictions import Predicted
 from uvms_ocp.identification.methods.stretch import Stretch
-from uvms_ocp.identification.models.stage import N_Q, Vehicle
+from uvms_ocp.identification.models.stage import N_Q, Vehicle, as_seen
 from uvms_ocp.identification.models.vehicle_dynamics import vehicle_dynamics
 
 # Quaternions (xyzw) of the attitudes whose vertical in B is each of B's axes.
@@ -39,7 +39,7 @@ class Balance:
         dynamics = vehicle_dynamics(vehicle.dynamics, values, vehicle.link)
         poses = [ca.vertcat(ca.DM.zeros(3), ca.DM(turn), joints) for turn in _UPRIGHT]
         g = float(np.linalg.norm(vehicle.dynamics.model.gravity.linear))
-        moment = ca.vertcat(*(dynamics.potential_energy(pose) for pose in poses)) / g
+        moment = as_seen(values, ca.vertcat(*(dynamics.potential_energy(pose) for pose in poses)) / g)
         return Balance(function=ca.Function("balance", [joints, shared], [ca.densify(moment)]))
 
     def vertical(self, joints: np.ndarray, shared: np.ndarray) -> np.ndarray:

@@ -22,7 +22,7 @@ KNOWN = 0.1
 INTERVAL = 1.96
 """[-] standard errors to either side, in which 95 % lie."""
 TOTAL = "mass and added mass"
-SIZES = {"m": 0.05, "s": 0.05, "m/s": 0.05, "N, N m": 1.0}
+SIZES = {"m": 0.05, "s": 0.05, "rad": 0.05, "m/s": 0.05, "N, N m": 1.0}
 """[unit] of numbers that may be zero; others are compared with themselves."""
 _XYZ = ("x", "y", "z")
 

@@ -15,13 +15,15 @@ import numpy as np
 
 from uvms_ocp.identification.answers.fitted import Fitted
 from uvms_ocp.identification.answers.numbers import INTERVAL, Number, number_of
-from uvms_ocp.identification.methods.output_error import Estimate
+from uvms_ocp.identification.methods.output_error import Estimate, Expansion
+from uvms_ocp.identification.methods.point import Point
 from uvms_ocp.identification.methods.pull import Pull
 
 _FARTHEST = 4  # [-] standard errors: beyond it an interval is called open
 _SOFT = 0.05  # [-] of a standard error, by which a number is held
-_ITERATIONS, _DAMPING = 4, 1e-9  # from the next point, where a step of Gauss and Newton is nearly all of the way
+_STEPS, _DAMPING = 3, 1e-9  # of Gauss and Newton, where one is nearly all of the way
 _EXACT = 1e-3  # of a deviance
+_KEPT = 0.1  # of a deviance, by which it may miss what a step has promised
 _OTHER = 0.2  # of the half width, by which ends may be apart that are called equal
 
 
@@ -36,8 +38,6 @@ class Profile:
     """(k,) [-] signed roots of the deviance there."""
     interval: tuple[float, float]
     """[unit] that holds it with 95 %, as the profile has it; infinite, or 0, where it does not close."""
-    fits: int
-    """[-] that it took."""
 
     @property
     def differs(self) -> bool:
@@ -47,13 +47,22 @@ class Profile:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Best:
+    """Where the cost is lowest."""
+
+    wide: Fitted
+    cost: float
+    expansion: Expansion
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Held:
     """Where a search has ended with a number held."""
 
     place: float
     """[unit, or its logarithm where it is positive]"""
     root: float
-    estimate: Estimate
+    point: Point
 
 
 def profiles(
@@ -62,14 +71,16 @@ def profiles(
     """Of those of the numbers that are determined. together: [-] samples that miss alike, by which they were told.
 
     tell is told of each in turn. A number that follows from one before it alone has the same profile and is left out. One takes
-    four searches of a few steps each, or more where its interval is wider than standard errors say.
+    a simulation of all recordings for each value at which it is held, and a search where that shows that all is not linear.
     """
     wide = fitted.widened(together)
     chosen = list(_distinct(wide, [one for one in told if one.determined]))
-    best = _resolved(wide, fitted.estimate) if chosen else fitted.estimate
+    if not chosen:
+        return
+    best = _best(wide, fitted.estimate)
     for k, one in enumerate(chosen, start=1):
         tell(f"profile {k} of {len(chosen)}: {one.name}")
-        yield _profile(wide, best, one)
+        yield _profile(best, one)
 
 
 def _distinct(wide: Fitted, told: Sequence[Number]) -> Iterator[Number]:
@@ -81,45 +92,59 @@ def _distinct(wide: Fitted, told: Sequence[Number]) -> Iterator[Number]:
         alone.update(unknowns[:1] if len(unknowns) == 1 else ())
 
 
-def _resolved(wide: Fitted, estimate: Estimate) -> Estimate:
+def _best(wide: Fitted, estimate: Estimate) -> _Best:
     """The optimum itself: searches end a little beside it, which deviances would show."""
     problem = wide.problem()
-    return problem.solve(problem.resumed(estimate), tolerance=_EXACT / max(estimate.cost, 1.0), damping=_DAMPING)
+    found = problem.solve(problem.resumed(estimate), tolerance=_EXACT / max(estimate.cost, 1.0), damping=_DAMPING)
+    return _Best(wide, found.cost, problem.expansion(problem.resumed(found)))
 
 
-def _profile(wide: Fitted, best: Estimate, one: Number) -> Profile:
-    number = number_of(wide.vehicle, one)
+def _profile(best: _Best, one: Number) -> Profile:
+    number, point = number_of(best.wide.vehicle, one), best.expansion.point
     sigma = one.sigma / one.value if one.positive else one.sigma
-    middle = _Held(number(best.shared)[0], 0.0, best)
-    below, above = (_side(wide, middle, number, way * sigma) for way in (-1, 1))
+    middle = _Held(number(point.shared)[0], 0.0, point)
+    below, above = (_side(best, middle, number, way * sigma) for way in (-1, 1))
     held = [*below[::-1], middle, *above]
     places, roots = (np.array([getattr(each, name) for each in held]) for name in ("place", "root"))
     ends = _crossing(places, roots, -INTERVAL), _crossing(places, roots, INTERVAL)
     values, interval = (_told(one, np.array(each)) for each in (places, ends))
-    fits = len(below) + len(above)
-    return Profile(number=one, values=values, roots=roots, interval=(interval[0], interval[1]), fits=fits)
+    return Profile(number=one, values=values, roots=roots, interval=(float(interval[0]), float(interval[1])))
 
 
 def _side(
-    wide: Fitted, middle: _Held, number: Callable[[np.ndarray], tuple[float, np.ndarray]], step: float
+    best: _Best, middle: _Held, number: Callable[[np.ndarray], tuple[float, np.ndarray]], step: float
 ) -> list[_Held]:
     """One and two standard errors away, and on until the interval closes."""
     found, last = [], middle
     for k in range(1, _FARTHEST + 1):
         pull = Pull(number=number, target=middle.place + k * step, sigma=_SOFT * abs(step))
-        last = _held(wide, middle, last.estimate, pull)
+        last = _held(best, last, pull, k)
         found.append(last)
         if k > 1 and abs(last.root) > INTERVAL:
             break
     return found
 
 
-def _held(wide: Fitted, middle: _Held, near: Estimate, pull: Pull) -> _Held:
-    problem, tolerance = wide.problem(pull), _EXACT / max(middle.estimate.cost, 1.0)
-    found = problem.solve(problem.resumed(near), iterations=_ITERATIONS, tolerance=tolerance, damping=_DAMPING)
-    place, _ = pull.number(found.shared)
-    deviance = 2.0 * (found.cost - pull.cost(found.shared) - middle.estimate.cost)
-    return _Held(place, float(np.sign(pull.target - middle.place) * np.sqrt(max(deviance, 0.0))), found)
+def _held(best: _Best, near: _Held, pull: Pull, k: int) -> _Held:
+    """By one step from the optimum where its cost is what the step promises, by some more or a search where it is not."""
+    problem = best.wide.problem(pull)
+    point, cost = problem.stepped(best.expansion)
+    gained, share = 2.0 * (cost - pull.cost(point.shared) - best.cost) - k**2, _KEPT * k**2
+    for _ in range(_STEPS):
+        if abs(gained) < share:
+            return _found(best, pull, point, cost)
+        after, lower = problem.stepped(problem.expansion(point))
+        if not lower <= cost:
+            break
+        gained, point, cost = 2.0 * (cost - lower), after, lower
+    found = problem.solve(near.point, tolerance=_EXACT / max(best.cost, 1.0), damping=_DAMPING)
+    return _found(best, pull, problem.resumed(found), found.cost)
+
+
+def _found(best: _Best, pull: Pull, point: Point, cost: float) -> _Held:
+    deviance = 2.0 * (cost - pull.cost(point.shared) - best.cost)
+    side = np.sign(pull.target - pull.number(best.expansion.point.shared)[0])
+    return _Held(pull.number(point.shared)[0], float(side * np.sqrt(max(deviance, 0.0))), point)
 
 
 def _crossing(places: np.ndarray, roots: np.ndarray, wanted: float) -> float:

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaincc
 
 from uvms_ocp.identification.answers.certainty import bartlett
 from uvms_ocp.identification.answers.predictions import Predicted
@@ -76,8 +75,11 @@ def ljung_box(residual: np.ndarray, lags: int = _LAGS) -> tuple[float, np.ndarra
     lags: [-] that are looked at, a fifth of the samples at most. What a model has been fitted to has a little less freedom than
     the test believes.
     """
+    from scipy.special import gammaincc  # a tenth of a second
+
     n = len(residual)
     k, centred = max(1, min(lags, n // 5)), residual - residual.mean()
+
     found = np.correlate(centred, centred, "full")[n - 1 : n + k]
     rho = found / max(float(found[0]), 1e-300)
     statistic = n * (n + 2) * float((rho[1:] ** 2 / (n - np.arange(1, k + 1))).sum())

@@ -22,7 +22,7 @@ _UNITS = ("m/s", "rad/s", "-")
 _TINY = 1e-6  # [-] chance that is not told more exactly
 _COLUMNS = 4  # of profiles beside each other
 _PREDICTORS = (BLUE, FADED, ORANGE, GREEN)
-_SEEN = 1.15  # of what no predictor needs to be drawn beyond: the tallest bar of those that know less and do not move
+_ROOM = 1.15  # [-] of the tallest bar but those of the vehicle before, which may be anywhere
 
 
 @styled
@@ -84,7 +84,7 @@ def figure_left_out(found: Sequence[LeftOut]) -> Figure:
     """Errors of predictions of recordings that were left out, medians over them, beside those that know less."""
     asked = sorted({each.asked for one in found for each in one.horizons})
     figure = RecordFigure(figsize=(WIDTH, 4.6))
-    _title(figure, "Recordings that were left out: errors of predictions, by horizon")
+    _title(figure, "Recordings that were left out: errors by horizon; taller bars are cut")
     axes = figure.subplots(2, 4).ravel()
     for i, (axis, name) in enumerate(zip(axes, SCORED, strict=False)):
         _bars(axis, found, asked, i)
@@ -101,7 +101,7 @@ def _bars(axis: Axes, found: Sequence[LeftOut], asked: Sequence[float], i: int) 
     heights = np.array([[_median(found, horizon, name, i) for horizon in asked] for name in names])
     for k, name in enumerate(names):
         axis.bar(np.arange(len(asked)) + 0.2 * (k - 1.5), heights[k], 0.2, color=_PREDICTORS[k], label=name)
-    axis.set_ylim(0.0, _SEEN * max(heights[0].max(), heights[2:].max()))
+    axis.set_ylim(0.0, _ROOM * max(heights[0].max(), heights[2:].max()))
     axis.set_xticks(np.arange(len(asked)), [f"{horizon:g} s" for horizon in asked])
 
 
