@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.arguments import DAY, Count, checked
 from uvms_ocp.control.force.dynamic import DynamicController, VelocityGains
+from uvms_ocp.control.load.learning import LoadLearning
 from uvms_ocp.control.navigation.estimator import Estimator
 from uvms_ocp.control.navigation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.control.navigation.pass_through import PassThrough
@@ -51,9 +52,9 @@ def our_controller(scenario: Scenario, guide: Guide | None = None) -> KinematicC
     kinematic = scenario.kinematic_controller(guide)
     if not scenario.takes_forces:
         return kinematic
-    robot, gains, sensors = scenario.robot, scenario.gains, scenario.specs
-    model = known_dynamics(robot)
-    return DynamicController(robot=robot, dynamics=model, kinematic=kinematic, gains=gains, sensors=sensors)
+    robot = scenario.robot
+    options: dict[str, Any] = {"gains": scenario.gains, "sensors": scenario.specs, "load": scenario.load}
+    return DynamicController(robot=robot, dynamics=known_dynamics(robot), kinematic=kinematic, **options)
 
 
 def our_estimator(scenario: Scenario) -> StateEstimator:
@@ -99,6 +100,8 @@ class Scenario(Fielded):
     """
     gains: VelocityGains = field(default_factory=VelocityGains)
     """Of the dynamic layer, which are less where sensors are known to be late; the kinematic plant has none."""
+    load: LoadLearning | None = None
+    """How the dynamic layer learns what the tool carries; by default it does not."""
     plant_robot: Robot | None = None
     """What moves in the water, where it differs from what the controller knows."""
     seed: Count = 0
@@ -189,6 +192,7 @@ class Scenario(Fielded):
             duration=self.duration,
             sensors=self.specs,
             own_parts=self.own_parts,
+            load_bandwidth=None if self.load is None else self.gains.observer_vehicle,
         )
 
     def run(
@@ -202,16 +206,8 @@ class Scenario(Fielded):
         kinematic, estimator = controller.kinematic, self.estimator()
         plant, sensors = struck_parts(self, self._plant(), self._sensors())
         begin = perf_counter()
-        recorder = simulate(
-            plant=plant,
-            sensors=sensors,
-            estimator=estimator,
-            controller=controller,
-            dt=self.dt,
-            duration=self.duration,
-            progress=progress,
-            watch=watch,
-        )
+        parts: dict[str, Any] = {"plant": plant, "sensors": sensors, "estimator": estimator, "controller": controller}
+        recorder = simulate(**parts, dt=self.dt, duration=self.duration, progress=progress, watch=watch)
         wall = perf_counter() - begin
         truth = kinematic.evaluate(self._true_measurement(plant.state), recorder.last("t"))
         events = self._truth_at_events(kinematic, recorder)
@@ -278,9 +274,8 @@ class Scenario(Fielded):
         x, y, z = self.start[:3].tolist()
         floor = self.environment.seafloor.height(x, y)
         if z <= floor:
-            raise InvalidInput(
-                f"start position of the vehicle z = {z:g} m is below the seafloor z = {floor:g} m; raise it"
-            )
+            given = f"start position of the vehicle z = {z:g} m"
+            raise InvalidInput(f"{given} is below the seafloor z = {floor:g} m; raise it")
 
 
 @checked

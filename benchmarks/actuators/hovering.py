@@ -1,9 +1,12 @@
-"""A vehicle that keeps station in a gusty current, goes to small way points and moves its arm, while actuators fail."""
+"""A vehicle that keeps station in a gusty current, goes to small way points and moves its arm, while actuators fail.
+
+Or while its tool carries what the controller has to learn.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,15 +16,20 @@ from uvms_ocp.arguments import changed
 from uvms_ocp.control.actuator_health.monitor import ActuatorMonitor
 from uvms_ocp.control.actuator_health.thresholds import ActuatorHealthTuning
 from uvms_ocp.control.force.dynamic import DynamicController
+from uvms_ocp.control.load.learner import LoadEstimate
+from uvms_ocp.control.load.learning import LoadLearning
 from uvms_ocp.control.navigation.degraded import FREE
 from uvms_ocp.control.navigation.estimator import Estimator
+from uvms_ocp.control.navigation.pass_through import PassThrough
 from uvms_ocp.control.navigation.watchdog import Watchdog
 from uvms_ocp.control.velocity.distress import Strain
 from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.model.dynamics import robot_dynamics
+from uvms_ocp.model.assembly.trim import with_trim
+from uvms_ocp.model.dynamics import known_dynamics, robot_dynamics
+from uvms_ocp.model.files.description import TrimBody
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.sensing import sensors_of
+from uvms_ocp.model.sensing import IDEAL_SENSORS, sensors_of
 from uvms_ocp.model.state import Command, Measurement, State
 from uvms_ocp.model.thrusters import thrust_limits
 from uvms_ocp.model.water.coefficients import links_in_water
@@ -66,6 +74,13 @@ class Hover:
     wrong: tuple[float, float] = (1.0, 1.0)
     """[-] true added mass and drag, in those that the controller knows."""
     watched: bool = True
+    stays: float = 0.0
+    """[s] for which it and its arm stay where they are."""
+    noise: bool = True
+    """Whether sensors have any."""
+    payload: tuple[float, float] = (0.0, 0.0)
+    """Mass [kg] and volume [m3] that the tool carries from the start."""
+    load: LoadLearning | None = None
 
 
 @dataclass(kw_only=True)
@@ -79,6 +94,8 @@ class Outcome:
     commands: np.ndarray
     """(n, n_thrusters) [N]"""
     given_up: str = ""
+    learnt: list[LoadEstimate] = field(default_factory=list)
+    """At each tick."""
 
 
 def failed(command: Command, robot: Robot, faults: Sequence[ThrusterFault], t: float) -> Command:
@@ -99,7 +116,7 @@ class WayPoints(KinematicController):
         self.given_up, self.restriction, self.guide = "", FREE, None
         self._rng, self._moves = np.random.default_rng(hover.seed + 1000), hover.moves
         self._v, self._joints = np.zeros(robot.n_v), np.array(robot.home)
-        self.goal, self._yaw, self._next = STATION.copy(), 0.0, float(self._rng.uniform(2.0, 6.0))
+        self.goal, self._yaw, self._next = STATION.copy(), 0.0, hover.stays + float(self._rng.uniform(2.0, 6.0))
 
     def observe(self, measurement: Measurement, t: float) -> Any:
         self.measurement, self.t = measurement, t
@@ -131,14 +148,16 @@ class WayPoints(KinematicController):
 
 
 def run(hover: Hover) -> Outcome:
-    """Simulate with the noise, rates and delays of the robot's sensors."""
+    """Simulate, by default with the noise, rates and delays of the robot's sensors."""
     robot, rng = load_robot(hover.robot), np.random.default_rng(hover.seed)
     plant, floor = _plant(robot, hover, rng.uniform(0.0, 2.0 * np.pi))
-    specs = sensors_of(robot.description)
-    suite, estimator = SensorSuite(robot, floor, specs, hover.seed), Estimator(robot, specs)
+    specs = sensors_of(robot.description) if hover.noise else IDEAL_SENSORS
+    suite = SensorSuite(robot, floor, specs, hover.seed)
+    estimator: Any = Estimator(robot, specs) if hover.noise else PassThrough(robot, specs)
     points = WayPoints(robot, hover)
     health = ActuatorHealthTuning() if hover.watched else None
-    controller = DynamicController(robot=robot, dynamics=robot_dynamics(robot), kinematic=points, health=health)
+    model = known_dynamics(robot)
+    controller = DynamicController(robot=robot, dynamics=model, kinematic=points, health=health, load=hover.load)
     monitor = controller.monitor
     outcome = Outcome(monitor=monitor, alarms=points.watchdog.alarms, errors=np.zeros(0), commands=np.zeros((0, 0)))
     errors, commands = [], []
@@ -152,6 +171,8 @@ def run(hover: Hover) -> Outcome:
             plant.state = _jammed(plant.state, before, hover.jam[0])
         errors.append(float(np.linalg.norm(plant.state.q[:3] - points.goal)))
         commands.append(command.thrust)
+        if controller.learner is not None:
+            outcome.learnt.append(controller.learner.load)
     outcome.errors, outcome.commands, outcome.given_up = np.array(errors), np.array(commands), points.given_up
     return outcome
 
@@ -160,6 +181,9 @@ def _plant(robot: Robot, hover: Hover, heading: float) -> tuple[DynamicPlant, Fl
     flow = hover.current * np.array([np.cos(heading), np.sin(heading), 0.05])
     current = GustyCurrent(base=UniformCurrent(flow), sigma=hover.gusts, seed=hover.seed)
     real, floor = with_wrong_water(robot, *hover.wrong), FlatSeafloor(z=-60.0)
+    mass, volume = hover.payload
+    if mass:
+        real = with_trim(real, [TrimBody(name="load", link="tool", position=(0.0, 0.0, 0.0), mass=mass, volume=volume)])
     start = np.array(robot.configuration(position=STATION))
     environment = Environment(seafloor=floor, current=current)
     return DynamicPlant(real, start, dynamics=robot_dynamics(real), environment=environment, max_step=DT), floor

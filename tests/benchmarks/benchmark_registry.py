@@ -68,6 +68,7 @@ ALONE = tuple(
         "ocp_random_reach",
         "ocp_reach",
         "ocp_scenes",
+        "payloads",
         "random_missions",
         "simulation",
         "table2",

@@ -232,6 +232,8 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
     for phase in report["phases"]:
         _print_end(console, phase)
     _print_what_went_wrong(console, report)
+    if carried := _carried(report["load"]):
+        console.print(carried)
     resources = _transposed(report["resources"])
     console.print(table_of("resources", resources, tuple(resources[0])))
     verdict = "complete" if report["completed"] else plain_line(f"not completed: {report['pending']}")
@@ -266,6 +268,14 @@ def _print_what_went_wrong(console: Console, report: dict[str, Any]) -> None:
     for row in report["sensor_health"]:
         if row["first_s"] is not None:
             console.print(plain_line(_ill(row)), style="yellow")
+
+
+def _carried(load: dict[str, float | None] | None) -> str:
+    """What has been learnt of the load; empty where nothing was to be."""
+    if load is None:
+        return ""
+    mass = "undetermined" if load["mass_kg"] is None else f"{load['mass_kg']:.2f} kg +- {load['mass_error_kg']:.2f}"
+    return f"load at the tool: net weight {load['weight_n']:.1f} N +- {load['weight_error_n']:.1f}, mass {mass}"
 
 
 def _ill(row: dict[str, Any]) -> str:

@@ -2,6 +2,7 @@
 
 from uvms_ocp.control.force.dynamic import DynamicController as DynamicController
 from uvms_ocp.control.force.dynamic import VelocityGains as VelocityGains
+from uvms_ocp.control.load.learning import LoadLearning as LoadLearning
 from uvms_ocp.control.navigation.estimator import Estimator as Estimator
 from uvms_ocp.control.navigation.outcome import Outcome as Outcome
 from uvms_ocp.control.navigation.pass_through import PassThrough as PassThrough

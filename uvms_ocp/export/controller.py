@@ -133,6 +133,8 @@ def _require_c_form(scenario: Scenario) -> None:
         found.append(f"controller {scenario.own_parts['controller']}; the toolkit's own has")
     if not isinstance(solver, LexicographicActiveSet):
         found.append(f"solver {type(solver).__name__}; LexicographicActiveSet has")
+    if scenario.takes_forces and scenario.load is not None:
+        found.append("load LoadLearning; a controller that learns none has")
     found += [f"task {name}: {why}" for name, why in kinematic.without_c_form.items()]
     if found:
         raise InvalidInput(f"no form in C: {'; '.join(found)}")

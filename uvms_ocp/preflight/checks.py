@@ -16,6 +16,7 @@ from uvms_ocp.preflight.altitude import check_altitude, check_echo, check_goals
 from uvms_ocp.preflight.findings import Finding, PreflightReport, Severity
 from uvms_ocp.preflight.forces import check_forces
 from uvms_ocp.preflight.forecast import Visit, forecast
+from uvms_ocp.preflight.load import check_load
 from uvms_ocp.preflight.obstacles import check_obstacles
 from uvms_ocp.preflight.own_parts import check_own_parts
 from uvms_ocp.preflight.setup import Setup
@@ -33,7 +34,7 @@ def check_mission(setup: Setup) -> PreflightReport:
     setup.mission.check_quantities(problem.quantity_names)
     if not setup.robot.n_vehicle:
         findings = [*check_structure(setup.mission), *check_echo(setup), *check_goals(setup), *check_accuracy(setup)]
-        return PreflightReport(findings=(*findings, *check_unknowns(setup), *check_own_parts(setup)))
+        return PreflightReport(findings=(*findings, *_check_rest(setup)))
     visits = forecast(setup)
     findings = [
         *check_structure(setup.mission),
@@ -44,10 +45,16 @@ def check_mission(setup: Setup) -> PreflightReport:
         *check_freedom(setup, visits, problem),
         *check_forces(setup, visits),
         *check_accuracy(setup),
-        *check_unknowns(setup),
-        *check_own_parts(setup),
+        *_check_rest(setup),
     ]
     return PreflightReport(findings=(*findings, *check_tool(setup, visits)))
+
+
+def _check_rest(setup: Setup) -> Iterator[Finding]:
+    """What is looked at wherever the mission leads."""
+    yield from check_unknowns(setup)
+    yield from check_own_parts(setup)
+    yield from check_load(setup)
 
 
 def check_unknowns(setup: Setup) -> Iterator[Finding]:

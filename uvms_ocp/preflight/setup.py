@@ -38,6 +38,8 @@ class Setup:
     """What the mission is judged by while it runs."""
     own_parts: Mapping[str, str] = field(default_factory=dict)
     """Names of the parts that are not the toolkit's, by what they are, such as ``plant``."""
+    load_bandwidth: Finite | None = None
+    """[rad/s] of the observer from which the controller is to learn what the tool carries; `None` where it is not to."""
 
     def floor_at(self, x: float, y: float) -> float:
         """Height [m] of the floor in W at x [m], y [m]."""

@@ -12,6 +12,7 @@ from uvms_ocp.record import Record
 from uvms_ocp.report.cause import cause_of_end
 from uvms_ocp.report.estimate import error_bound, estimate_table
 from uvms_ocp.report.goals import ended_too_early, goal_table
+from uvms_ocp.report.load import learnt_load
 from uvms_ocp.report.meta import versions
 from uvms_ocp.report.resources import figures_between, resources
 from uvms_ocp.report.sensor_health import sensor_health
@@ -30,10 +31,7 @@ def summarize(record: Record) -> dict[str, Any]:
     meta, task = record.run_meta, record.run_meta.tool_task
     estimated = _known(quantities_at(record, float(record["t"][-1])))
     return {
-        "scenario": meta.scenario,
-        "robot": meta.robot,
-        "plant": meta.plant,
-        "solver": meta.solver,
+        **{name: getattr(meta, name) for name in ("scenario", "robot", "plant", "solver")},
         **{part: getattr(meta, part) or None for part in ("controller", "estimator", "sensors")},
         "completed": meta.completed,
         "pending": meta.pending,
@@ -46,6 +44,7 @@ def summarize(record: Record) -> dict[str, Any]:
         "noise": meta.noise,
         "faults": [fault.model_dump() for fault in meta.faults],
         "sensor_health": sensor_health(record),
+        "load": learnt_load(record),
         "alarms": [alarm.model_dump() for alarm in meta.alarms],
         "tool_position_error_m": known(meta.true_quantity(f"{task}.position_error")),
         "tool_orientation_error_rad": known(meta.true_quantity(f"{task}.orientation_error")),

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.arguments import Bound, Count, Finite, checked
 from uvms_ocp.control.force.dynamic import VelocityGains
+from uvms_ocp.control.load.learning import LoadLearning
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.exceptions import NameNotFound
 from uvms_ocp.mission.mission import Mission
@@ -51,6 +52,8 @@ class RunOptions:
     """A body that the dynamic plant carries and the controller does not know."""
     observer: bool = True
     """Whether the dynamic layer estimates and cancels disturbances."""
+    learn_load: bool = False
+    """Whether the dynamic layer learns what the tool carries, which needs the observer."""
     noise: bool = False
     """Whether sensors have the noise, rates and delays of the robot's file."""
     seed: Count = 0
@@ -99,6 +102,7 @@ class RunOptions:
             plant=self.plant,
             sensors=sensors_of(self.robot.description) if self.noise else IDEAL_SENSORS,
             gains=VelocityGains() if self.observer else VelocityGains(observer_vehicle=0.0),
+            load=LoadLearning() if self.learn_load else None,
             plant_robot=real if self.payload is None else with_trim(real, [self.payload]),
             seed=self.seed,
             dt=self.dt,

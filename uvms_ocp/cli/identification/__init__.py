@@ -1,1 +1,1 @@
-"""A robot's own numbers, from the command line. In: what is to be learnt. Out: commands that show it, and what recordings say."""
+"""In: what is to be learnt, and recordings. Out: commands that show it, what is doubtful, and a calibrated robot."""

@@ -16,6 +16,8 @@ from uvms_ocp.control.force.observer import DisturbanceObserver, ObserverLaw
 from uvms_ocp.control.force.thruster_lag import thruster_lag
 from uvms_ocp.control.force.tick_functions import TickLaws
 from uvms_ocp.control.force.velocity_law import DeadTimes, VelocityLaw, borne_by, dead_times
+from uvms_ocp.control.load.learner import LoadFunctions, LoadLearner, load_functions
+from uvms_ocp.control.load.learning import LoadLearning
 from uvms_ocp.control.velocity.distress import Strain
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.exceptions import InvalidInput
@@ -81,11 +83,13 @@ class DynamicController:
         gains: VelocityGains | None = None,
         health: ActuatorHealthTuning | None = SEARCH,
         sensors: SensorSpecs | None = None,
+        load: LoadLearning | None = None,
     ) -> None:
         """health: thresholds of the search for faulty thrusters and joints; `None` turns it off.
 
         sensors: what is known of their delays, by which the loops are slower than `gains`; not late unless given.
-        Raises `InvalidInput` for a vehicle without thrusters.
+        load: how what the tool carries is learnt; `None` learns nothing. Raises `InvalidInput` for a vehicle without
+        thrusters and for learning without the observer, `FrameNotFound` for learning without a tool.
         """
         if robot.n_vehicle and not robot.description.thrusters:
             raise InvalidInput(
@@ -104,6 +108,8 @@ class DynamicController:
         self.monitor = self._monitor(laws)
         """Of thrusters and joints; `None` where it is off, and without the observer, whose findings it reads."""
         self._fault, self._handicap, self._jammed = "", "", tuple[int, ...]()
+        self.learner = None if load is None else _learner(laws, load)
+        """Of what the tool carries; `None` where nothing is learnt."""
 
     @late
     def __call__(self, measurement: Measurement, t: float) -> Command:
@@ -113,10 +119,19 @@ class DynamicController:
         share = 1.0 if self.kinematic.guide is None else self.kinematic.guide.bandwidth
         self._tick.give(sound.q, sound.v, command, (share * bounds.feedback, bounds.joint_feedback))
         known = not bounds.doubted or bounds.doubted.isdisjoint(_ENCODERS)
-        told = self._tick.step(tick.t, sound.joint_age, known)
+        told = self._ticked(sound, tick.t, known)
         if self._look.changed and self.monitor is not None:
             self._hear(self.monitor, tick.t)
         return self._told(command, told)
+
+    def _ticked(self, sound: Measurement, t: float, known: bool) -> list[np.ndarray]:
+        """Parts of `Told`, of a tick with what is learnt of the load."""
+        if self.learner is None:
+            return self._tick.step(t, sound.joint_age, known)
+        self.learner.carry(sound.q, sound.v, self._tick.known.estimate)
+        told, now = self._tick.step(t, sound.joint_age, known), self._tick.now
+        self.learner.learn(sound.q, sound.v, now.estimate, now.share, self._tick.observes)
+        return told
 
     def _told(self, command: Command, told: list[np.ndarray]) -> Command:
         """As a command, and to the layer below."""
@@ -130,6 +145,7 @@ class DynamicController:
             "unreachable": unreachable,
             "saturated": short,
             **({} if self.monitor is None else self.monitor.telemetry()),
+            **({} if self.learner is None else self.learner.telemetry()),
         }
         return _command(
             v=command.v,
@@ -150,6 +166,8 @@ class DynamicController:
             n = self._robot.n_vehicle
             self._jammed = tuple(n + j for j in range(look.joints.count) if look.joints.jammed[j])
             self._handicap = monitor.faulty
+            if self.learner is not None:
+                self.learner.leave(self._jammed)
         self._fault = f"{self._handicap}: {monitor.authority}" if self.memory.gives_up else ""
 
     def _monitor(self, laws: TickLaws) -> ActuatorMonitor | None:
@@ -178,6 +196,20 @@ def _laws(
         intake=None if search is None else intake_of(search, bandwidth=gains.observer_vehicle, dt=dt),
         search=search,
     )
+
+
+def _learner(laws: TickLaws, settings: LoadLearning) -> LoadLearner:
+    if laws.observer is None:
+        raise InvalidInput("a load is learnt from the disturbance observer; give it a bandwidth, or load=None")
+    observer = laws.observer
+    limit, bandwidth, dt = observer.limit, observer.bandwidth, observer.dt
+    return LoadLearner(_load_functions(laws, observer), settings, limit=limit, bandwidth=bandwidth, dt=dt)
+
+
+@lru_cache(maxsize=2)
+def _load_functions(laws: TickLaws, observer: ObserverLaw) -> LoadFunctions:
+    """Made once, as `_laws`."""
+    return load_functions(laws.velocity.dynamics, observer)
 
 
 def _per_axis(robot: Robot, vehicle: float, joints: float) -> np.ndarray:

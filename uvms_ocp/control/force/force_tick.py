@@ -42,6 +42,8 @@ class ForceTick:
         self._flags = Given(**parts)  # of ctypes, which take single numbers sooner than NumPy
         self.now: Known = views_of(Known, laws.sizes, self.memory.now)
         """What was known in the last one."""
+        self.known: Known = views_of(Known, laws.sizes, self.memory.known)
+        """What the next one goes on from."""
         self._told = column_view(self.memory.told)
         self._places = tuple(places_of(Told, laws.sizes).values())
         self._write(laws, borne or Borne())
@@ -74,6 +76,12 @@ class ForceTick:
             )
         told = self._told.copy()
         return [told[place] for place in self._places]
+
+    @property
+    def observes(self) -> bool:
+        """Whether the last tick was given velocities that the observer may learn from."""
+        flags, without_joints = self._flags, not self.memory.look.joints.count
+        return not (flags.hold[0] or flags.stop[0]) and (without_joints or bool(flags.joints[0]))
 
     def adapt(self) -> None:
         """To the effect in the memory of the look, as a tick does that has found one."""

@@ -9,6 +9,7 @@ from typing import Protocol
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.control.load.load_forces import Response
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.functions.elementwise import Array
@@ -89,6 +90,18 @@ class ObserverLaw:
         acceleration = body.forward_dynamics(q, v, tau + estimate, water, still)
         v_hat = v_hat + self.dt * (acceleration + 2 * w * innovation)
         return Observed(estimate=estimate, lead=push / w, v_hat=v_hat, follows=ca.SX(1.0))
+
+    def response(self, before: Response, M: ca.SX, force: ca.SX, share: ca.SX) -> Response:
+        """What of the estimate comes from forces (n_v, k) [N, N m], each by itself, a tick later.
+
+        An observer is linear in what disturbs it, until its limit. M (n_v, n_v) [kg, kg m, kg m2]; share (n_v,) [-] as above.
+        """
+        w = self.bandwidth * share
+        D, L_transposed, order = ca.ldl(M, False)
+        estimate = before.estimate + self.dt * M @ (ca.diag(w**2) @ before.innovation)
+        drift = ca.ldl_solve(force - estimate, D, L_transposed, order) - 2 * ca.diag(w) @ before.innovation
+        innovation = before.innovation + self.dt * drift
+        return Response(estimate=estimate, innovation=innovation)
 
 
 def limited(y: ca.SX, limit: np.ndarray) -> ca.SX:

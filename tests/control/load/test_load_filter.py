@@ -1,0 +1,102 @@
+"""Laws of the filter of a load, on disturbances made up for it: what it may know, and when it forgets."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from uvms_ocp.control.load.learning import LoadLearning
+from uvms_ocp.control.load.load_filter import CURRENT, MASS, WEIGHT, LoadFilter, Look
+from uvms_ocp.exceptions import InvalidInput
+
+SETTINGS = LoadLearning()
+LIMIT, BANDWIDTH = np.array([200.0, 200.0, 200.0, 100.0, 100.0, 40.0]), np.full(6, 3.0)
+RNG = np.random.default_rng(0)
+SLOPES = RNG.normal(size=(6, 3)) * [[40.0]] * 3 + [[30.0, 20.0, 10.0]]
+WEIGHT_COLUMN = np.array([0.0, 0.1, -1.0, 0.3, 0.8, 0.9])
+
+
+def look(
+    *, weight: float, mass: float = 0.0, flow: np.ndarray | float = 0.0, turn: float = 0.0, acceleration: float = 0.0
+) -> Look:
+    """At what a load and a current do exactly; turn: of the column of the weight, as the arm moves."""
+    column = WEIGHT_COLUMN + turn * np.array([0.0, 0.0, 0.0, -0.3, 0.5, -0.4])
+    resists = acceleration * np.array([-1.0, 0.5, 0.1, 0.2, 0.3, -0.5])
+    drag = SLOPES @ np.broadcast_to(flow, 3)
+    return Look(
+        disturbance=weight * column + mass * resists + drag,
+        weight=column,
+        mass=resists,
+        drag=np.zeros(6),
+        slopes=SLOPES,
+        known=np.ones(6, dtype=bool),
+    )
+
+
+def fed(looks: list[Look], settings: LoadLearning = SETTINGS) -> LoadFilter:
+    found = LoadFilter(settings, LIMIT, BANDWIDTH)
+    for one in looks:
+        found.take(one)
+    return found
+
+
+def test_a_weight_is_told_from_a_current_by_its_arm() -> None:
+    flow = np.array([0.2, -0.1, 0.05])
+    found = fed([look(weight=20.0, flow=flow, turn=np.sin(0.05 * k)) for k in range(300)])
+    assert abs(found.x[WEIGHT] - 20.0) < 2.0 * found.error(WEIGHT) < 3.0
+    np.testing.assert_allclose(found.x[CURRENT], flow, atol=0.03)
+
+
+def test_at_rest_the_mass_stays_as_unknown_as_it_was() -> None:
+    found = fed([look(weight=20.0)] * 300)
+    assert found.error(MASS) == pytest.approx(SETTINGS.mass)
+    assert found.x[MASS] == 0.0
+
+
+def test_accelerations_below_the_least_are_noise() -> None:
+    small = 0.5 * SETTINGS.least_acceleration
+    found = fed([look(weight=20.0, mass=2.0, acceleration=small * (-1.0) ** k) for k in range(300)])
+    assert found.error(MASS) == pytest.approx(SETTINGS.mass)
+
+
+def test_accelerations_tell_the_mass() -> None:
+    found = fed([look(weight=20.0, mass=2.0, acceleration=np.sin(0.3 * k)) for k in range(300)])
+    assert abs(found.x[MASS] - 2.0) < 2.0 * found.error(MASS) < 1.0
+
+
+def test_another_load_is_learnt_as_if_nothing_had_been_known() -> None:
+    found = fed([look(weight=0.0)] * 200)
+    before = found.error(WEIGHT)
+    for _ in range(10):
+        found.take(look(weight=30.0))
+    assert found.error(WEIGHT) > 10.0 * before
+    for _ in range(200):
+        found.take(look(weight=30.0))
+    assert abs(found.x[WEIGHT] - 30.0) < 3.0
+
+
+def test_an_axis_that_tells_nothing_is_not_listened_to() -> None:
+    true, known = look(weight=20.0), np.array([True, True, True, True, True, False])
+    wrong = replace(true, disturbance=np.where(known, true.disturbance, -50.0), known=known)
+    assert abs(fed([wrong] * 200).x[WEIGHT] - 20.0) < 0.5
+
+
+def test_standard_errors_do_not_fall_below_what_the_model_lacks_for_long() -> None:
+    """On one axis alone a force of the model's and a weight look the same."""
+    lone = np.array([False, False, True, False, False, False])
+    found = fed([replace(look(weight=20.0), known=lone)] * 600)
+    assert found.error(WEIGHT) > SETTINGS.lasting * LIMIT[2]
+
+
+def test_a_covariance_stays_one() -> None:
+    found = fed([look(weight=20.0, mass=2.0, acceleration=np.sin(0.3 * k), turn=np.sin(0.1 * k)) for k in range(500)])
+    np.testing.assert_allclose(found.P, found.P.T, atol=1e-9 * np.abs(found.P).max())
+    assert np.linalg.eigvalsh(found.P).min() > 0.0
+
+
+@pytest.mark.parametrize(("name", "value"), [("period", 0.0), ("mass", np.inf), ("lasting", 1.5), ("surprise", -1.0)])
+def test_settings_that_cannot_be_are_refused(name: str, value: float) -> None:
+    with pytest.raises(InvalidInput, match=f"{name} of the load learning"):
+        LoadLearning(**{name: value})

@@ -1,0 +1,98 @@
+"""What a load does to the equations of motion, and what an observer makes of it."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from uvms_ocp.control.force.observer import Observed, ObserverLaw
+from uvms_ocp.control.load.learning import LOAD_FRAME
+from uvms_ocp.control.load.load_forces import COLUMNS, current_force, load_force, response_function
+from uvms_ocp.model.assembly.trim import with_trim
+from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.model.files.description import TrimBody
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.water.hydrodynamics import Water
+
+ROBOTS = ("girona_maris7_full", "bluerov2_alpha5")
+DT = 1 / 200
+
+
+@lru_cache
+def dynamics(name: str) -> Dynamics:
+    return robot_dynamics(load_robot(name))
+
+
+def scene(robot: Robot, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    q = pin.integrate(robot.model, np.array(robot.configuration()), 0.5 * rng.normal(size=robot.n_v))
+    return q, 0.3 * rng.normal(size=robot.n_v), 0.5 * rng.normal(size=robot.n_v)
+
+
+def tool_acceleration(robot: Robot, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q, v, a)
+    frame = robot.frame_id(LOAD_FRAME)
+    return pin.getFrameClassicalAcceleration(robot.model, data, frame, pin.LOCAL_WORLD_ALIGNED).linear
+
+
+@pytest.mark.parametrize(("mass", "volume"), [(2.0, 0.0), (3.0, 1e-3), (1.0, 4e-3)])
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_load_changes_the_dynamics_by_its_weight_and_by_what_its_mass_resists(
+    name: str, mass: float, volume: float
+) -> None:
+    robot, plain = load_robot(name), dynamics(name)
+    body = TrimBody(name="load", link=LOAD_FRAME, position=(0.0, 0.0, 0.0), mass=mass, volume=volume)
+    heavy = robot_dynamics(with_trim(robot, [body]))
+    gravity = float(np.linalg.norm(robot.model.gravity.linear))
+    weight = (mass - robot.description.water_density * volume) * gravity
+    for seed in range(3):
+        q, v, a = scene(robot, seed)
+        columns = load_force(plain.symbolic, ca.SX(q), ca.SX(tool_acceleration(robot, q, v, a)))
+        pushed = np.array(ca.DM(columns)) @ [weight, mass]
+        lacking = plain.inverse_dynamics(q, v, a) - heavy.inverse_dynamics(q, v, a)
+        np.testing.assert_allclose(pushed, lacking, atol=1e-9 * np.abs(lacking).max())
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_current_pushes_as_the_drag_of_the_model_says(name: str) -> None:
+    plain, (q, v, a) = dynamics(name), scene(load_robot(name), 4)
+    flow = np.array([0.2, -0.1, 0.05])
+    columns = np.array(ca.DM(current_force(plain.symbolic, ca.SX(q), ca.SX(v), ca.SX(flow))))
+    pushed = columns @ [1.0, *flow]
+    lacking = plain.inverse_dynamics(q, v, a) - plain.inverse_dynamics(q, v, a, Water(velocity=flow))
+    np.testing.assert_allclose(pushed, lacking, atol=1e-9 * np.abs(lacking).max())
+
+
+def test_an_observer_answers_forces_as_its_response_says() -> None:
+    """Of different bandwidths on vehicle and joints, while the robot moves and with it the mass matrix."""
+    robot, model = load_robot("bluerov2_alpha5"), dynamics("bluerov2_alpha5")
+    bandwidth = np.repeat([3.0, 4.0], [robot.n_vehicle, robot.n_joints])
+    law = ObserverLaw(bandwidth=bandwidth, limit=np.full(robot.n_v, 1e3), dt=DT)
+    observe, response = observer_function(law, model, robot), response_function(model.symbolic, law)
+    tool = ca.Function("tool", [x := ca.SX.sym("q", robot.n_q)], [load_force(model.symbolic, x, ca.SX(3, 1))[:, 0]])
+    (q, v, _), ones, zeros = scene(robot, 5), np.ones(robot.n_v), np.zeros(3)
+    known, answer = [np.zeros(robot.n_v), v, 1.0], 2 * [np.zeros((robot.n_v, COLUMNS))]
+    for _ in range(400):
+        push = 5.0 * np.array(tool(q)).ravel()
+        tau = model.inverse_dynamics(q, v, -0.5 * v) - push
+        known = [*observe(q, v, tau, *known)]
+        answer = [*response(q, v, zeros, zeros, ones, *answer)]
+        q, v = pin.integrate(robot.model, q, DT * v), v - 0.5 * DT * v
+    found, expected = np.array(known[0]).ravel(), 5.0 * np.array(answer[0])[:, 1]
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+    assert np.abs(expected - push).max() > 1e-4 * np.abs(push).max()
+
+
+def observer_function(law: ObserverLaw, model: Dynamics, robot: Robot) -> ca.Function:
+    q, n = ca.SX.sym("q", robot.n_q), robot.n_v
+    v, tau, estimate, v_hat = (ca.SX.sym(name, n) for name in ("v", "tau", "estimate", "v_hat"))
+    follows = ca.SX.sym("follows")
+    before = Observed(estimate=estimate, lead=ca.SX(n, 1), v_hat=v_hat, follows=follows)
+    after = law.after(before, model.symbolic, q, v, tau, ca.SX.ones(n))
+    return ca.Function("observer", [q, v, tau, estimate, v_hat, follows], [after.estimate, after.v_hat, after.follows])

@@ -1,0 +1,135 @@
+"""What the tool carries, learnt in simulation and set beside the truth of the plant."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from math import isnan
+from pathlib import Path
+
+import numpy as np
+import pytest
+from actuators.hovering import DT, Hover, run
+
+from uvms_ocp.control.load.learner import LoadEstimate
+from uvms_ocp.control.load.learning import LoadLearning
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.export import export_controller
+from uvms_ocp.model.files.description import TrimBody
+from uvms_ocp.record import Record
+from uvms_ocp.report.summary import summarize
+from uvms_ocp.scenarios.reach import reach
+
+ROBOTS = ("girona_maris7_full", "bluerov2_alpha5")
+CALM = Hover(load=LoadLearning(), duration=46.0, stays=30.0, noise=False, current=0.0, gusts=0.0)
+ROUGH = replace(CALM, noise=True, current=0.3, gusts=0.03, seed=1)
+TWO_KG = {"load": 2.0 * 9.81, "float": (2.0 - 1.2 * 0.998) * 9.81}
+"""[N] net weight of two kilograms, and of those with 1.2 l."""
+PAYLOADS = {"load": (2.0, 0.0), "float": (2.0, 1.2e-3), "none": (0.0, 0.0)}
+
+
+@lru_cache
+def learnt(robot: str, payload: str, *, rough: bool) -> list[LoadEstimate]:
+    """At each tick: at rest for 30 s, then on the move."""
+    return run(replace(ROUGH if rough else CALM, robot=robot, payload=PAYLOADS[payload])).learnt
+
+
+def at(found: list[LoadEstimate], t: float) -> LoadEstimate:
+    return found[round(t / DT)]
+
+
+@pytest.mark.parametrize("rough", [False, True])
+@pytest.mark.parametrize("payload", TWO_KG)
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_after_30_s_the_net_weight_of_two_kilograms_is_known_within_a_tenth(
+    robot: str, payload: str, rough: bool
+) -> None:
+    load, true = at(learnt(robot, payload, rough=rough), 30.0), TWO_KG[payload]
+    assert abs(load.weight - true) < 0.1 * true
+    assert abs(load.weight - true) < 2.0 * load.weight_error
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_a_mass_is_undetermined_until_the_robot_has_accelerated(robot: str) -> None:
+    found = learnt(robot, "float", rough=False)
+    still, moved = at(found, 30.0), found[-1]
+    assert isnan(still.mass)
+    assert abs(moved.mass - 2.0) < 2.0 * moved.mass_error < 1.0
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_with_noise_in_a_gusty_current_the_mass_is_within_its_interval_once_it_is_determined(robot: str) -> None:
+    found = [load for load in learnt(robot, "load", rough=True)[:: round(1 / DT)] if not isnan(load.mass)]
+    assert found
+    assert all(abs(load.mass - 2.0) < 2.0 * load.mass_error for load in found)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_without_a_payload_nothing_is_learnt_beyond_its_interval(robot: str) -> None:
+    for load in learnt(robot, "none", rough=True)[:: round(1 / DT)]:
+        assert abs(load.weight) < 2.0 * load.weight_error
+        assert isnan(load.mass) or abs(load.mass) < 2.0 * load.mass_error
+
+
+@pytest.fixture(scope="module")
+def runs() -> dict[str, Record]:
+    """Of one mission with two kilograms, by what is made of the load."""
+    kinds = {"none": None, "learnt": LoadLearning(feed_forward=False), "carried": LoadLearning()}
+    plain = reach(payload=TrimBody(name="load", link="tool", position=(0.0, 0.0, 0.0), mass=2.0, volume=0.0))
+    return {name: replace(plain, load=load).run() for name, load in kinds.items()}
+
+
+def test_learning_alone_changes_nothing_of_the_run(runs: dict[str, Record]) -> None:
+    for name in ("q", "thrust", "torque", "disturbance"):
+        np.testing.assert_array_equal(runs["learnt"][name], runs["none"][name])
+
+
+def test_a_weight_that_follows_the_arm_disturbs_the_vehicle_less(runs: dict[str, Record]) -> None:
+    errors = {}
+    for name, record in runs.items():
+        learnt_already = record["t"] > 5.0
+        errors[name] = np.abs(record["v"] - record["command"])[learnt_already, 3:6].mean()
+    assert errors["carried"] < 0.6 * errors["none"]
+
+
+def test_the_record_has_the_load_and_the_report_tells_it(runs: dict[str, Record]) -> None:
+    record, report = runs["carried"], summarize(runs["carried"])
+    for name in ("weight", "weight_error", "mass", "mass_error"):
+        assert record[f"load_{name}"].shape == record["t"].shape
+    assert report["load"]["weight_n"] == pytest.approx(2.0 * 9.81, rel=0.1)
+    assert report["load"]["weight_error_n"] == record["load_weight_error"][-1]
+    assert summarize(runs["none"])["load"] is None
+
+
+def test_pre_flight_says_what_is_learnt_and_where_nothing_can_be() -> None:
+    def said(**options: object) -> list[str]:
+        return [item.text for item in reach(learn_load=True, **options).check().findings if item.check == "load"]
+
+    assert "is learnt" in said()[0]
+    assert "use the dynamic plant" in said(plant="kinematic")[0]
+    assert "observer" in said(observer=False)[0]
+    assert not reach(learn_load=True, observer=False).check().accepted
+
+
+def test_a_controller_that_learns_a_load_has_no_form_in_c(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="no form in C: load LoadLearning"):
+        export_controller(reach(learn_load=True, duration=0.1), tmp_path / "controller")
+
+
+def test_a_measurement_that_is_no_number_is_forgotten() -> None:
+    controller = reach(learn_load=True).controller()
+    robot, learner = controller.kinematic.robot, controller.learner
+    q, v, estimate = np.array(robot.configuration()), np.zeros(robot.n_v), np.zeros(robot.n_v)
+    share, nothing, spoilt = np.ones(robot.n_v), np.full(robot.n_v, np.nan), 301
+    for k in range(800):
+        learner.carry(q, nothing if k == spoilt else v, estimate)
+        if k != spoilt:  # where no force was possible
+            learner.learn(q, v, estimate, share, True)
+    assert np.isfinite(estimate).all()
+    assert np.isfinite(learner.filter.x).all()
+    assert learner.load.weight_error < 2.0
+
+
+def test_what_cannot_be_learnt_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="disturbance observer"):
+        reach(learn_load=True, observer=False).controller()

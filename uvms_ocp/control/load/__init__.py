@@ -1,0 +1,1 @@
+"""What the tool carries, learnt from what the disturbance observer finds."""
