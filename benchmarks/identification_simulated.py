@@ -1,7 +1,7 @@
 """Identification of vehicles whose numbers are known: ``python benchmarks/identification_simulated.py``.
 
-Vehicles with drawn numbers are driven by steps and chirps, seen by noisy sensors, and identified from where all of them were
-drawn. Writes identification_simulated.csv and identification_simulated.md.
+Vehicles with drawn numbers are driven by a designed excitation, again and again, seen by noisy sensors, and identified from
+where all of them were drawn. Writes identification_simulated.csv and identification_simulated.md.
 """
 
 from __future__ import annotations
@@ -11,41 +11,49 @@ from math import erf, sqrt
 from time import process_time
 
 import numpy as np
-from drawn_vehicles.driving import RATE, VELOCITY, VERTICAL, drawn, recorded, vehicle
+from drawn_vehicles.driving import NOISE, RATE, VELOCITY, VERTICAL, drawn, limits, recorded, vehicle
 from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.identification.answers.numbers import INTERVAL, KNOWN, SIZES, Number, numbers, values_of
-from uvms_ocp.identification.methods.output_error import Noise
+from uvms_ocp.identification.excitation.assignment import Assignment
+from uvms_ocp.identification.excitation.design import Effort, Excitation, designed, led
 from uvms_ocp.identification.methods.rollout import Rollout
 from uvms_ocp.identification.methods.search import Search, searched
 from uvms_ocp.identification.methods.stretch import Prepared
 from uvms_ocp.identification.models.stage import Vehicle, stage_of
 
-ROBOTS, DURATION = 20, 300.0
-"""[-], [s]."""
-NOISE = Noise(velocity=VELOCITY, rate=RATE, vertical=VERTICAL, process=0.02, start=0.05)
-SEARCH = Search(step=0.01)
-"""Steps of 0.02 s move lags by 1 ms, which is more than five minutes leave open."""
+ROBOTS, RECORDINGS, DURATION = 20, 5, 60.0
+"""[-], [-] of each, [s] of one."""
+SEARCH = Search(step=0.005)
+"""Longer steps move delays by more than five minutes leave open: by their square over eight lags."""
 PROSE = """
-{robots} vehicles like a BlueROV2 without its arm, with drawn numbers, {duration:g} s of steps and chirps each. Sensors have a
-noise of {velocity:g} m/s, {rate:g} rad/s and {vertical:g} in the vertical, at ten samples a second; thrusters have a lag, and
-commands and velocities a delay, which are drawn too. A number is called determined where its standard error is below
+{robots} vehicles like a BlueROV2 without its arm, with drawn numbers, and {recordings} recordings of {duration:g} s of each, all
+with the same excitation: one that was designed for the vehicle as it is believed to be, for a pool of {pool} m, in which {inside}
+of the others stay too. Sensors have a noise of {velocity:g} m/s, {rate:g} rad/s and {vertical:g} in the vertical, ten times a
+second; thrusters have a lag, and commands and velocities a delay, which are drawn too. Beliefs of a number have {robots} parts
+that are equally likely, and one vehicle in each. A number is called determined where its standard error is below
 {known:.0f} % of its size, lengths and times relative to {length:g} cm and {time:g} ms. Of these, {covered:.0f} % lie within
-their {share:.0f} % intervals, with a median error of
-{error:.1f} %; {open} of {n} numbers are called undetermined in half of the vehicles or more. A vehicle takes {seconds:.0f} s of a
-processor in the median.
+their {share:.0f} % intervals, with a median error of {error:.1f} %; {open} of {n} numbers are called undetermined in half of the
+vehicles or more{named}. A vehicle takes {seconds:.0f} s of a processor in the median.
+
+Numbers of one vehicle are not independent of each other: all forces and masses are known but for a factor, which priors alone
+tell. Squares of errors, weighed by the information, are {weighed:.2f} times what is expected of them, by vehicle from
+{least:.2f} to {most:.2f}.
 """
 
 
-def identified(one: Vehicle, rollout: Rollout, seed: int, duration: float) -> list[Row]:
-    """A row for each number of one vehicle, driven for a duration [s]."""
+def identified(one: Vehicle, rollout: Rollout, truth: np.ndarray, driven: Excitation, seed: int) -> list[Row]:
+    """A row for each number of one vehicle with unknowns truth (n,) [as `Unknowns.start`]."""
     rng = np.random.default_rng(seed)
-    truth = drawn(one, rng)
-    prepared, begun = Prepared.of(recorded(one, rollout.stage, truth, rng, duration), one), process_time()
-    estimate = searched(one, [prepared], NOISE, rollout, SEARCH)
-    taken, pairs = process_time() - begun, zip(numbers(one, estimate), values_of(one, truth), strict=True)
-    return [{"robot": seed, **_row(told, float(wanted)), "status": estimate.status.value, "time [s]": taken}
-            for told, wanted in pairs]  # fmt: skip
+    names = [f"drawn{k}" for k in range(RECORDINGS)]
+    found = [recorded(one, rollout.stage, truth, rng, driven.commands, name) for name in names]
+    begun = process_time()
+    estimate = searched(one, [Prepared.of(each, one) for each in found], NOISE, rollout, SEARCH)
+    taken, off = process_time() - begun, estimate.shared - truth
+    same = {"robot": seed, "status": estimate.status.value, "time [s]": taken,
+            "weighed": float(off @ estimate.information @ off) / len(off)}  # fmt: skip
+    pairs = zip(numbers(one, estimate), values_of(one, truth), strict=True)
+    return [{**_row(told, float(wanted)), **same} for told, wanted in pairs]
 
 
 def _row(told: Number, truth: float) -> Row:
@@ -87,34 +95,51 @@ def _error(rows: Sequence[Row]) -> float | None:
 
 
 def main() -> None:
-    """Draw, drive and identify."""
+    """Design, draw, drive and identify."""
     _, run = begin(parser_of(__doc__))
-    robots, duration = (2, 40.0) if run.quick else (ROBOTS, DURATION)
-    one = vehicle()
+    one, robots = vehicle(), 2 if run.quick else ROBOTS
+    given = Assignment(vehicle=one, limits=limits(one), duration=6.0 if run.quick else DURATION, noise=NOISE)
     rollout = Rollout(stage_of(one))
-    rows = [row for seed in range(robots) for row in identified(one, rollout, seed, duration)]
-    summary, known = by_unknown(rows), [row for row in rows if row["determined"]]
-    prose = PROSE.format(
-        robots=robots,
-        duration=duration,
-        velocity=VELOCITY,
-        rate=RATE,
-        vertical=VERTICAL,
-        covered=_inside(known),
-        known=100.0 * KNOWN,
-        length=1e2 * SIZES["m"],
-        time=1e3 * SIZES["s"],
-        share=100.0 * erf(INTERVAL / sqrt(2.0)),
-        error=_error(known),
-        open=sum(row["determined [%]"] <= 50.0 for row in summary),
-        n=len(summary),
-        seconds=float(np.median([row["time [s]"] for row in rows])),
-    )
+    driven = designed(given, rollout, Effort(iterations=(2, 2, 2), starts=1) if run.quick else None)
+    truths = drawn(one, np.random.default_rng(0), robots)
+    rows = [row for k, truth in enumerate(truths) for row in identified(one, rollout, truth, driven, k)]
+    states = [led(given, rollout, driven.commands, truth) for truth in truths]
+    inside = sum(not given.limits.beyond(each, margin=0.0)[0].any() for each in states)
+    summary = by_unknown(rows)
     form = {"unknown": "", **dict.fromkeys([name for name in summary[0] if name != "unknown"], ".1f")}
     title, name = "Identification of simulated vehicles", "identification_simulated"
+    prose = PROSE.format(**told(given, rows, summary), robots=robots, inside=inside)
     run.write(
         Report(name=name, title=title, prose=prose, tables=[Table(rows=summary, columns=form)], data={name: rows})
     )
+
+
+def told(given: Assignment, rows: Sequence[Row], summary: Sequence[Row]) -> dict[str, object]:
+    """Figures of the prose."""
+    known = [row for row in rows if row["determined"]]
+    weighed = [row["weighed"] for row in rows if row["unknown"] == rows[0]["unknown"]]
+    open_ones = [str(row["unknown"]) for row in summary if row["determined [%]"] <= 50.0]
+    return {
+        "recordings": RECORDINGS,
+        "duration": given.duration,
+        "pool": " x ".join(f"{side:g}" for side in given.limits.pool[1] - given.limits.pool[0]),
+        "velocity": VELOCITY,
+        "rate": RATE,
+        "vertical": VERTICAL,
+        "covered": _inside(known),
+        "known": 100.0 * KNOWN,
+        "length": 1e2 * SIZES["m"],
+        "time": 1e3 * SIZES["s"],
+        "share": 100.0 * erf(INTERVAL / sqrt(2.0)),
+        "error": _error(known),
+        "open": len(open_ones),
+        "named": f" ({', '.join(open_ones)})" if open_ones else "",
+        "n": len(summary),
+        "seconds": float(np.median([row["time [s]"] for row in rows])),
+        "weighed": float(np.mean(weighed)),
+        "least": min(weighed),
+        "most": max(weighed),
+    }
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ import pickle
 import pytest
 
 from uvms_ocp.control.receding.workers import WorkerStatus
+from uvms_ocp.identification.excitation.design import DesignStatus
 from uvms_ocp.identification.methods.output_error import FitStatus
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.planning.soft_collision import PlanStatus
@@ -17,7 +18,7 @@ from uvms_ocp.status import AdvisedStatus
 
 MEMBERS = [
     status
-    for kind in (FitStatus, Status, NlpStatus, OcpStatus, PlanStatus, StageQpStatus, WorkerStatus)
+    for kind in (DesignStatus, FitStatus, Status, NlpStatus, OcpStatus, PlanStatus, StageQpStatus, WorkerStatus)
     for status in kind
 ]
 

@@ -59,6 +59,7 @@ ALONE = tuple(
         "faults",
         "gates",
         "hierarchy",
+        "identification_excitation",
         "identification_simulated",
         "nmpc_levels",
         "notebooks",

@@ -1,1 +1,1 @@
-"""In: recordings, and what is to be learnt from them. Out: what is doubtful about them, and a calibrated robot."""
+"""In: what is to be learnt, and recordings. Out: commands that show it, what is doubtful, and a calibrated robot."""

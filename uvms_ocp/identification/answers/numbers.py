@@ -76,9 +76,13 @@ class _Entry:
 
 def numbers(vehicle: Vehicle, estimate: Estimate, together: float = 1.0) -> tuple[Number, ...]:
     """Every number that depends on a shared unknown. together: [-] samples that miss alike, as in `certainties`."""
-    entries, values, slopes = _entries(vehicle, estimate.shared)
-    sigmas = _deviations(slopes, covariance(vehicle, estimate, together))
-    believed = _deviations(slopes, prior_covariance(vehicle))
+    return numbers_at(vehicle, estimate.shared, covariance(vehicle, estimate, together))
+
+
+def numbers_at(vehicle: Vehicle, shared: np.ndarray, C: np.ndarray) -> tuple[Number, ...]:
+    """The same at unknowns shared (n,) [as `Unknowns.start`] with a covariance C (n, n) [unknowns^2]."""
+    entries, values, slopes = _entries(vehicle, shared)
+    sigmas, believed = _deviations(slopes, C), _deviations(slopes, prior_covariance(vehicle))
     return tuple(
         Number(
             quantity=entry.quantity,
@@ -92,6 +96,15 @@ def numbers(vehicle: Vehicle, estimate: Estimate, together: float = 1.0) -> tupl
         )
         for entry, value, sigma, prior in zip(entries, values, sigmas, believed, strict=True)
     )
+
+
+def slopes_of(vehicle: Vehicle, shared: np.ndarray) -> tuple[list[tuple[str, str]], np.ndarray]:
+    """Quantities and names of the same numbers, and their slopes (m, n) [units of numbers, per unknown].
+
+    At unknowns shared (n,) [as `Unknowns.start`].
+    """
+    entries, _, slopes = _entries(vehicle, shared)
+    return [(one.quantity, f"{one.quantity} {one.entry}".strip()) for one in entries], slopes
 
 
 def number_of(vehicle: Vehicle, one: Number) -> Callable[[np.ndarray], tuple[float, np.ndarray]]:

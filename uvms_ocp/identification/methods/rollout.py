@@ -56,7 +56,7 @@ class Rollout:
 
     def __init__(self, stage: Stage) -> None:
         self.stage = stage
-        self._step, self._slope = compile_function(stage.step), compile_function(stage.slope)
+        self.step, self.slope = compile_function(stage.step), compile_function(stage.slope)
         self._many: dict[tuple[str, int, int], ca.Function] = {}
 
     def seen(self, stretches: Sequence[Stretch], starts: Sequence[Start], p: np.ndarray, *, slopes: bool) -> list[Seen]:
@@ -98,7 +98,7 @@ class _Run:
             np.repeat(p, n, axis=0).T,
             np.repeat([one.step for one in stretches], n)[None],
         )
-        after = rollout.many("step", rollout._step, n, len(p))(np.array(x0).T, *self._given)
+        after = rollout.many("step", rollout.step, n, len(p))(np.array(x0).T, *self._given)
         states = np.asarray(after).T.reshape(len(p), n, -1)
         self._x = np.concatenate([np.array(x0)[:, None], states], axis=1)
 
@@ -130,19 +130,15 @@ class _Run:
         """(m, n + 1, n_x, n_p + 9)"""
         m, n, stage = len(self._stretches), self._n, self._stage
         before = self._x[:, :-1].reshape(-1, stage.n_x).T
-        found = self._rollout.many("slope", self._rollout._slope, 0, m * n)(before, *self._given)
+        found = self._rollout.many("slope", self._rollout.slope, 0, m * n)(before, *self._given)
         widths = stage.n_x, stage.n_p, stage.n_u
         A, B, C = (_blocks(np.asarray(one), width, m, n) for one, width in zip(found, widths, strict=True))
-        S = np.zeros((m, n + 1, stage.n_x, stage.n_p + N_START))
         for k, one in enumerate(self._stretches):
             d, dd = self._delays[k]
             slope = -one.commands.mean_slope(one.edges - d[0, 0])
             B[k] += np.einsum("nij,nj->ni", C[k], slope)[:, :, None] * dd[0]
-            S[k, 0] = self._start_slope(k)
-        for j in range(n):
-            S[:, j + 1] = A[:, j] @ S[:, j]
-            S[:, j + 1, :, : stage.n_p] += B[:, j]
-        return S
+        first = np.array([self._start_slope(k) for k in range(m)])
+        return np.moveaxis(chained(np.moveaxis(A, 1, 0), np.moveaxis(B, 1, 0), first), 0, 1)
 
     def _past(self, k: int) -> np.ndarray:
         """Edges of the commands before the start."""
@@ -178,6 +174,19 @@ class _Run:
         place = np.maximum((one.t[sensor] - late - one.edges[0]) / one.step, 0.0)
         index = np.clip(place.astype(int), 0, self._n - 1)
         return index, place - index
+
+
+def chained(A: np.ndarray, B: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """(n + 1, ..., n_x, k) [any] ``S_next = A S + B``, B for the first n_p columns only, those of unknowns.
+
+    A: (n, ..., n_x, n_x) [any], B: (n, ..., n_x, n_p) [any], first: (..., n_x, k) [any].
+    """
+    S = np.empty((len(A) + 1, *first.shape))
+    S[0], n_p = first, B.shape[-1]
+    for k, (a, b) in enumerate(zip(A, B, strict=True)):
+        S[k + 1] = a @ S[k]
+        S[k + 1, ..., :n_p] += b
+    return S
 
 
 def turn_slope(quaternion: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from uvms_ocp.identification.methods.stretch import Prepared
 from uvms_ocp.identification.models.stage import Vehicle
 
 _COARSER = 10.0  # noise of the first search, which is to find the way and not the place
+_COARSE = 4.0  # times the steps with which most of the way is gone: few of the fine ones, which take long, are left
 _ROUGH_STEP, _ROUGH_STRETCH = 0.05, 1.0  # [s]
 _ROUGH_ITERATIONS, _ROUGH_TOLERANCE = 20, 1e-3
 
@@ -37,8 +38,10 @@ def searched(
     chosen = search or Search()
     rough = _error(vehicle, recordings, _rough(noise), rollout, _ROUGH_STEP, _ROUGH_STRETCH)
     near = rough.solve(rough.start(), iterations=_ROUGH_ITERATIONS, tolerance=_ROUGH_TOLERANCE)
-    error = _error(vehicle, recordings, noise, rollout, chosen.step, chosen.stretch)
-    return error.solve(error.start(near.shared), iterations=chosen.iterations)
+    for step in (min(_COARSE * chosen.step, _ROUGH_STEP), chosen.step):
+        error = _error(vehicle, recordings, noise, rollout, step, chosen.stretch)
+        near = error.solve(error.start(near.shared), iterations=chosen.iterations)
+    return near
 
 
 def _rough(noise: Noise) -> Noise:

@@ -1,0 +1,141 @@
+"""Designed excitation against steps and chirps by hand: ``python benchmarks/identification_excitation.py``.
+
+All of one length, within the same limits of thrust and the same pool. Standard errors are compared as the information has them,
+and as fits of simulated recordings have them. Writes identification_excitation.csv and identification_excitation.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from time import process_time
+
+import numpy as np
+from drawn_vehicles.by_hand import BY_HAND, largest
+from drawn_vehicles.driving import LEARNT, NOISE, drawn, limits, recorded, vehicle
+from recording.report import Report, Row, Table, begin, parser_of
+
+from uvms_ocp.identification.answers.numbers import KNOWN, Number, numbers, values_of
+from uvms_ocp.identification.excitation.assignment import Assignment
+from uvms_ocp.identification.excitation.design import DesignStatus, Effort, Excitation, designed
+from uvms_ocp.identification.methods.rollout import Rollout
+from uvms_ocp.identification.methods.search import Search, searched
+from uvms_ocp.identification.methods.stretch import Prepared
+from uvms_ocp.identification.models.stage import stage_of
+
+DURATION, VEHICLES = 60.0, 8
+"""[s] of a recording; [-] whose recordings are fitted."""
+DESIGNED = "designed"
+"""A kind of excitation."""
+SCALED = ("mass", "gain")
+"""Quantities that are known here: with the motion alone, forces and masses are known but for a common factor."""
+PROSE = """
+A vehicle like a BlueROV2 without its arm, from rest, for {duration:g} s, with {thrust:g} N of each thruster, {slew:g} N/s,
+and a pool of {pool} m. Mass and gains of the thrusters are known: motions tell forces and masses but for a common factor, and
+how well that is known is the same for every excitation. All else of the vehicle is learnt. By hand are steps of full thrust of
+one axis after the other, chirps likewise, and drawn steps of all axes with chirps beside them, flown with a spring that keeps
+the vehicle in the pool, and as large as the pool allows.
+
+Of {n} numbers that are determined (standard error below {known:.0f} % of their size), the design has {median:.2f} times the
+standard error of the best of these, number by number, in the median, and {most:.2f} times in the worst, {worst}; {half:.0f} %
+have at most half. Against each of them alone: {alone}.
+
+Fits of simulated recordings, of {vehicles} vehicles with drawn numbers that nobody knew when commands were made: errors of the
+same numbers have a root mean square of {fitted:.2f} times those after "{best}", the best by hand, in the median over the
+numbers.
+
+The design takes {seconds:.0f} s of a processor. The root mean square of thrust is {roots}. Whether they stay in the pool, as
+simulated: {inside}.
+"""
+
+
+def main() -> None:
+    """Design, compare, simulate and fit."""
+    _, run = begin(parser_of(__doc__))
+    given, rollout = assignment(6.0 if run.quick else DURATION)
+    vehicles, begun = 2 if run.quick else VEHICLES, process_time()
+    found = {DESIGNED: designed(given, rollout, Effort(iterations=(2, 2, 2), starts=1) if run.quick else None)}
+    seconds = process_time() - begun
+    found |= {name: largest(given, rollout, name) for name in BY_HAND}
+    table = compared(found)
+    best = min(BY_HAND, key=lambda name: float(np.median([row[name] for row in table])))
+    fits = fitted(given, rollout, {kind: found[kind] for kind in (DESIGNED, best)}, vehicles)
+    rows = [{**row, "fitted": fits[row["number"]]} for row in table]
+    title, name = "Excitation of a vehicle that is identified", "identification_excitation"
+    prose = PROSE.format(**told(given, found, rows), seconds=seconds, best=best, vehicles=vehicles)
+    form = {"number": "", **dict.fromkeys((*found, "fitted"), ".2f")}
+    run.write(Report(name=name, title=title, prose=prose, tables=[Table(rows=rows, columns=form)], data={name: rows}))
+
+
+def assignment(duration: float) -> tuple[Assignment, Rollout]:
+    """The vehicle and its pool, for recordings of some duration [s]."""
+    one = vehicle({name: status for name, status in LEARNT.items() if name not in SCALED})
+    return Assignment(vehicle=one, limits=limits(one), duration=duration, noise=NOISE), Rollout(stage_of(one))
+
+
+def compared(found: Mapping[str, Excitation]) -> list[Row]:
+    """Standard errors [%] of what the design determines, by each kind of excitation."""
+    chosen = [each.name for each in found[DESIGNED].numbers if each.determined]
+    by_kind = {kind: {each.name: each for each in one.numbers} for kind, one in found.items()}
+    return [{"number": name, **{kind: _share(told[name]) for kind, told in by_kind.items()}} for name in chosen]
+
+
+def _share(one: Number) -> float:
+    return 100.0 * one.sigma / one.size
+
+
+def fitted(given: Assignment, rollout: Rollout, found: Mapping[str, Excitation], n: int) -> dict[str, float]:
+    """Root mean square error after the design, over that by hand, of each number, as n drawn vehicles have it."""
+    truths = drawn(given.vehicle, np.random.default_rng(0), n)
+    squares = {
+        kind: np.mean([_errors(given, rollout, truth, one, seed) ** 2 for seed, truth in enumerate(truths)], axis=0)
+        for kind, one in found.items()
+    }
+    ratio = np.sqrt(squares[DESIGNED] / next(part for kind, part in squares.items() if kind != DESIGNED))
+    return dict(zip([each.name for each in found[DESIGNED].numbers], ratio.tolist(), strict=True))
+
+
+def _errors(given: Assignment, rollout: Rollout, truth: np.ndarray, one: Excitation, seed: int) -> np.ndarray:
+    """(m,) [-] of all numbers, by their sizes."""
+    recording = recorded(given.vehicle, rollout.stage, truth, np.random.default_rng(seed), one.commands)
+    estimate = searched(given.vehicle, [Prepared.of(recording, given.vehicle)], NOISE, rollout, Search(step=0.005))
+    pairs = zip(numbers(given.vehicle, estimate), values_of(given.vehicle, truth), strict=True)
+    return np.array([(told.value - wanted) / told.size for told, wanted in pairs])
+
+
+def told(given: Assignment, found: Mapping[str, Excitation], rows: Sequence[Row]) -> dict[str, object]:
+    """Figures of the prose."""
+    ratio = np.array([row[DESIGNED] / min(row[name] for name in BY_HAND) for row in rows])
+    sides = given.limits.pool[1] - given.limits.pool[0]
+    return {
+        "duration": given.duration,
+        "thrust": given.limits.thrust.max(),
+        "slew": given.limits.slew,
+        "pool": " x ".join(f"{side:g}" for side in sides),
+        "n": len(rows),
+        "known": 100.0 * KNOWN,
+        "median": np.median(ratio),
+        "most": ratio.max(),
+        "worst": rows[int(ratio.argmax())]["number"],
+        "half": 100.0 * (ratio <= 0.5).mean(),
+        "alone": _ratios(rows, list(BY_HAND)),
+        "fitted": np.median([row["fitted"] for row in rows]),
+        "roots": ", ".join(f"{_root(one):.1f} N ({name})" for name, one in found.items()),
+        "inside": ", ".join(f"{name}: {_inside(one)}" for name, one in found.items()),
+    }
+
+
+def _ratios(rows: Sequence[Row], names: Sequence[str]) -> str:
+    ratios = {name: [row[DESIGNED] / row[name] for row in rows] for name in names}
+    return ", ".join(f"{name} {np.median(one):.2f} (worst {max(one):.2f})" for name, one in ratios.items())
+
+
+def _root(one: Excitation) -> float:
+    return float(np.sqrt((one.commands.values**2).mean()))
+
+
+def _inside(one: Excitation) -> str:
+    return "yes" if one.status is DesignStatus.INSIDE else "no"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,201 @@
+"""Designed commands keep to thrust and pool, and tell more than what the search begins with."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from driven import known, vehicle_of
+from typer.testing import CliRunner
+
+from uvms_ocp.cli import app
+from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.identification.excitation.assignment import Assignment
+from uvms_ocp.identification.excitation.confines import Limits
+from uvms_ocp.identification.excitation.course import Courses
+from uvms_ocp.identification.excitation.design import DesignStatus, Effort, Excitation, designed, excitation_of
+from uvms_ocp.identification.excitation.history import History, multisine
+from uvms_ocp.identification.excitation.keeping import kept_inside
+from uvms_ocp.identification.excitation.objective import Objective
+from uvms_ocp.identification.methods.output_error import Noise, OutputError
+from uvms_ocp.identification.methods.rollout import Rollout
+from uvms_ocp.identification.methods.stretch import Stretch
+from uvms_ocp.identification.models.stage import stage_of
+from uvms_ocp.identification.parameters.status import Free, Prior
+from uvms_ocp.identification.recordings.recording import Channel
+from uvms_ocp.identification.recordings.sampling import Held
+from uvms_ocp.identification.recordings.storage import stored_recording
+
+LIMITS = Limits(
+    thrust=np.outer([20.0, 20.0, 20.0, 2.0, 2.0, 2.0], [-1.0, 1.0]),
+    pool=np.array([[-1.5, -1.0, -0.8], [1.5, 1.0, 0.8]]),
+    slew=40.0,
+    tilt=0.4,
+)
+NOISE = Noise(velocity=0.01, rate=0.01, vertical=0.005)
+EFFORT = Effort(step=0.1, knots=0.5, starts=1, iterations=(15, 10, 10))
+
+
+@cache
+def rollout() -> Rollout:
+    return Rollout(stage_of(assignment().vehicle))
+
+
+def assignment(**other: object) -> Assignment:
+    learnt = {name: Free() for name in ("added_mass", "quadratic_drag", "lag", "delay")}
+    one = vehicle_of(known().learning(**learnt, velocity_delay=Prior(sigma=0.3)))
+    return replace(Assignment(vehicle=one, limits=LIMITS, duration=8.0, noise=NOISE), **other)
+
+
+@cache
+def found() -> Excitation:
+    return designed(assignment(), rollout(), EFFORT)
+
+
+def objective(given: Assignment) -> Objective:
+    courses = Courses(rollout(), given.unknowns, 0.1, given.still)
+    return Objective(given.aim(), given.limits, History.of(4.0, 0.5, 0.1, courses.delay), courses)
+
+
+def test_the_slope_of_the_objective_is_that_of_its_value() -> None:
+    rng, narrow = np.random.default_rng(1), replace(LIMITS, pool=LIMITS.pool / 50, tilt=0.02)
+    one = objective(assignment(limits=narrow))
+    knots = LIMITS.thrust[:, 1] * multisine(rng, one.history.n_knots, 6, 3.0)
+    _, slope = one.value(knots, 10.0)
+    along = rng.normal(size=knots.shape)
+    ahead, back = (one.value(knots + e * along, 10.0)[0] for e in (1e-4, -1e-4))
+    assert (slope * along).sum() == pytest.approx((ahead - back) / 2e-4, rel=1e-5)
+
+
+def test_the_information_is_what_output_error_finds_in_a_recording() -> None:
+    given, commands = assignment(), found().commands
+    held, t = Held(commands), 0.1 * np.arange(81)
+    nothing = tuple(np.zeros((len(t), 3)) for _ in range(3))
+    stretch = Stretch(
+        recording="a",
+        edges=0.1 * np.arange(81),
+        commands=held,
+        joints=np.zeros((0, 80)),
+        t=(t, t, t),
+        seen=nothing,
+        q=np.array([0.0, 0, 0, 0, 0, 0, 1]),
+        v=np.zeros(6),
+    )
+    # Starts that are known, and losses without outliers, are what a design takes for granted.
+    error = OutputError(given.vehicle, [stretch], replace(NOISE, start=1e-9, outliers=1e12), rollout())
+    wanted = error.solve(error.start(), iterations=0).information - np.diag(1.0 / given.vehicle.shared.sigma**2)
+    told = found().information
+    late = given.vehicle.shared.names.index("velocity_delay")
+    kept = np.delete(np.arange(len(told)), late)  # it interpolates between samples, which the design does not
+    np.testing.assert_allclose(
+        told[np.ix_(kept, kept)], wanted[np.ix_(kept, kept)], rtol=0.05, atol=0.02 * wanted.max()
+    )
+
+
+def test_commands_keep_to_thrust_and_slew_from_rest() -> None:
+    told = found().commands.values
+    assert not told[0].any()
+    assert (told >= LIMITS.thrust[:, 0]).all()
+    assert (told <= LIMITS.thrust[:, 1]).all()
+    assert np.abs(np.diff(told, axis=0)).max() <= LIMITS.slew * EFFORT.step * (1 + 1e-12)
+
+
+def test_the_vehicle_stays_in_the_pool_and_upright() -> None:
+    one = found()
+    assert one.status is DesignStatus.INSIDE
+    assert (one.states[:, :3] >= LIMITS.pool[0]).all()
+    assert (one.states[:, :3] <= LIMITS.pool[1]).all()
+    qx, qy = one.states[:, 3:5].T
+    assert np.arccos(1.0 - 2.0 * (qx**2 + qy**2)).max() <= LIMITS.tilt
+
+
+def test_a_push_in_one_direction_leaves_the_pool_and_is_told_so() -> None:
+    pushing = np.tile([20.0, 0, 0, 0, 0, 0], (80, 1))
+    one = excitation_of(assignment(), rollout(), Channel(t=0.1 * np.arange(80), values=pushing))
+    assert one.states[:, 0].max() > LIMITS.pool[1, 0]
+    assert one.status is DesignStatus.OUTSIDE
+
+
+def test_a_design_tells_more_than_steps_of_full_thrust() -> None:
+    given, t = assignment(), 0.1 * np.arange(80)
+    steps = np.where(
+        (t[:, None] // 1.2).astype(int) % 6 == np.arange(6), np.where(t[:, None] % 1.2 < 0.6, 1.0, -1.0), 0
+    )
+    flown = kept_inside(given, rollout(), steps, 0.1)
+    plain = excitation_of(given, rollout(), Channel(t=t, values=flown))
+    ratios = [ours.sigma / theirs.sigma for ours, theirs in zip(found().numbers, plain.numbers, strict=True)]
+    assert np.median(ratios) < 0.7
+
+
+def test_what_matters_is_known_better_where_nothing_else_does() -> None:
+    given = assignment(matter=("quadratic_drag surge",))
+    name = [each.name for each in found().numbers].index("quadratic_drag surge")
+    one = designed(given, rollout(), EFFORT)
+    assert one.numbers[name].sigma < found().numbers[name].sigma
+
+
+def test_what_earlier_recordings_tell_counts() -> None:
+    given = assignment(known=found().information)
+    twice = excitation_of(given, rollout(), found().commands)
+    free = [k for k, each in enumerate(twice.numbers) if each.quantity == "added_mass"]
+    for k in free:
+        assert twice.numbers[k].sigma == pytest.approx(found().numbers[k].sigma / np.sqrt(2.0), rel=0.05)
+
+
+def test_a_number_that_there_is_not_is_named() -> None:
+    with pytest.raises(NameNotFound, match="quadratic_drag surge"):
+        assignment(matter=("wings",)).aim()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"thrust": np.ones((6, 2))}, "without 0 inside"),
+        ({"pool": np.zeros((2, 3))}, "without 0 inside"),
+        ({"thrust": np.ones(6)}, r"\(n_u, 2\)"),
+        ({"tilt": 2.0}, "tilt from 0"),
+        ({"margin": 1.0}, "margin from 0"),
+    ],
+)
+def test_limits_that_do_not_hold_a_vehicle_at_rest_are_refused(wrong: dict[str, object], said: str) -> None:
+    with pytest.raises(InvalidInput, match=said):
+        replace(LIMITS, **wrong)
+
+
+def test_limits_of_other_actuators_are_refused() -> None:
+    with pytest.raises(InvalidInput, match="allowed: 6"):
+        assignment(limits=replace(LIMITS, thrust=LIMITS.thrust[:4]))
+
+
+def test_no_time_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="duration = 0"):
+        assignment(duration=0.0)
+
+
+SETTINGS = """
+robot: bluerov2_alpha5
+arm: taken off
+hull: [[-0.25, -0.2, -0.15], [0.25, 0.2, 0.15]]
+learn: {added_mass: {}}
+"""
+
+
+def test_a_command_writes_what_thrusters_are_told_and_what_it_will_tell(tmp_path: Path) -> None:
+    (tmp_path / "my.yaml").write_text(SETTINGS)
+    words = ["excite", str(tmp_path / "my.yaml"), "--duration", "3", "--share", "0.25", "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    told = stored_recording(tmp_path / "out/excitation.csv").channel("thrust").values
+    assert told.shape == (30, 8)
+    assert 0.0 < np.abs(told).max() <= 10.0
+    assert "| added_mass yaw | 0.222 |" in (tmp_path / "out/report.md").read_text()
+
+
+def test_a_design_for_wrenches_asks_for_thrusters(tmp_path: Path) -> None:
+    (tmp_path / "my.yaml").write_text(SETTINGS + "commands: wrench\n")
+    result = CliRunner().invoke(app, ["excite", str(tmp_path / "my.yaml"), "--out", str(tmp_path / "out")])
+    assert isinstance(result.exception, InvalidInput)
+    assert "commands: thrust" in str(result.exception)
