@@ -82,9 +82,9 @@ def main() -> None:
         maker, variations = (brief_case1, BRIEF) if run.quick else (noisy_case1, VARIATIONS)
         runs, workers = (4, 1) if run.quick else (given.runs, given.workers)
         campaign = Campaign(scenario=maker, variations=variations, runs=runs)
-        begun = perf_counter()
         campaign.run(folder / "campaign", workers=workers)
-        took = f"It took {perf_counter() - begun:.0f} s with {workers} workers."
+        times = read_table(folder / "campaign")["wall_s"]
+        took = f"The runs took {times.sum():.0f} s of the workers' time, {workers} at a time."
         if not run.quick:
             one, two = (throughput(variations, min(100, runs), Path(temporary, f"workers{n}"), n) for n in (1, 2))
             took += (

@@ -1,23 +1,30 @@
 """Identification of an AUV from its pool recordings: ``python benchmarks/identification_tauv.py FOLDER``.
 
 Every recording is predicted by a vehicle identified on the others: open loop over all of it, its start fitted on the first
-2 s, and horizon by horizon. Writes identification_tauv.csv and identification_tauv.md.
+2 s, and horizon by horizon. Beside them stands what bounds such predictions. Writes identification_tauv.csv and
+identification_tauv.md.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 
 import numpy as np
+from driven_auv.bounds import MEMORY, WINDOW, filtered, measured_twice, n_coefficients
 from driven_auv.recordings import CHANNELS, MOVING, judged, read_recordings
 from driven_auv.vehicle import vehicle
 from recording.report import Report, Row, Table, begin, parser_of
 
+from uvms_ocp.identification.answers.fitted import Fitted
+from uvms_ocp.identification.answers.left_out import without
+from uvms_ocp.identification.answers.nulls import still
 from uvms_ocp.identification.answers.predictions import Predicted, Predictor, fit, rolled_out
 from uvms_ocp.identification.methods.output_error import Estimate, Noise, OutputError
 from uvms_ocp.identification.methods.rollout import Rollout
+from uvms_ocp.identification.methods.search import Search
 from uvms_ocp.identification.methods.stretch import RATE_WINDOW, Prepared
 from uvms_ocp.identification.models.stage import Vehicle, stage_of
 from uvms_ocp.identification.parameters.status import Prior
@@ -26,7 +33,10 @@ from uvms_ocp.identification.recordings.doubts import doubts
 STEP, HORIZONS = 0.1, (5.0, 20.0)
 NOISE = Noise(velocity=0.03, rate=0.06, vertical=0.1)
 STAGES = ((15.0, 8), (None, 12))
-ALL, SEEN, OWN, PRIOR, STILL = "all of it", "all of it, seen", "all of it, seen, own heave", "prior", "nothing moves"
+DRIFT = {"wrench_offset": Prior(sigma=1.0, only=("heave",))}
+"""What a recording has for itself while the others are identified."""
+ALL, OWN, ALONE, PRIOR, STILL = "all of it", "all of it, seen", "all of it, seen alone", "prior", "nothing moves"
+FORCE, FILTER, TWICE = "heave force found", "any filter, seen", "position's derivative"
 WANTED = {"surge": 60.0, "sway": 55.0, "heave": 65.0, "yaw rate": 50.0}
 """[%] asked for over whole recordings."""
 WANTED_SOON = 75.0
@@ -41,8 +51,17 @@ Asked for over whole recordings: {wanted}. Over {short:g} s: {asked:g} in each.
 
 ## What bounds it
 
-A vehicle that has seen all recordings is the best that this model can do: its row is "{seen}". With a constant heave force for
-every recording besides, "{own}", it says how far recordings differ among themselves: forces {forces} N.
+Forces in heave differ between recordings: with the same command the vehicle sinks in one and hovers in another. Vehicles are
+identified with a constant heave force for every recording besides, {forces} N; a recording that is predicted has none. Where it
+is found from the first {known:g} s too, as a part of the state, predictions say "{force}".
+
+- "{seen}": a vehicle that has seen all recordings, with these forces, the best that one vehicle can do. Over {short:g} s, with
+  the force found, it has no more than "{soon}".
+- "{alone}": a vehicle identified on the predicted recording alone: the best that this model can do.
+- "{filter}": no vehicle, but a linear filter for each channel with {coefficients} coefficients, of {memory:g} s of what eight
+  thrusters were told and of what of it was beyond their dead zone, fitted to the very recordings that it is judged on.
+- "{twice}": the measured velocity by the derivative of the measured position, smoothed over {smoothing:g} s, at the lag at which
+  both agree best: what is left is noise of the one or the other.
 
 ## Doubts about the recordings
 
@@ -70,8 +89,19 @@ class Bench:
         return estimate
 
     def predictor(self, shared: np.ndarray) -> Predictor:
-        """With unknowns shared (n,) [as they are]."""
-        return Predictor(vehicle=self.vehicle, rollout=self.rollout, shared=shared, noise=NOISE)
+        """With unknowns shared (n,) [as they are], and with what a recording has for itself."""
+        return Predictor(vehicle=self.vehicle, rollout=self.rollout, shared=shared, noise=NOISE, own=True)
+
+    def fitted(self, estimate: Estimate, iterations: int) -> Fitted:
+        """An estimate from whole recordings, and how others are found beside it."""
+        return Fitted(
+            vehicle=self.vehicle,
+            rollout=self.rollout,
+            prepared=self.prepared,
+            noise=NOISE,
+            search=Search(step=STEP, stretch=inf, iterations=iterations),
+            estimate=estimate,
+        )
 
 
 def bench(folder: Path, *, quick: bool, **learnt: Prior) -> Bench:
@@ -93,22 +123,48 @@ def _fit(channel: str, seen: np.ndarray, predicted: np.ndarray) -> float | None:
     return fit(seen, predicted) if seen.std() > MOVING[channel] else None
 
 
-def still(predicted: Predicted) -> Predicted:
-    """The same times with a vehicle that stays where it is."""
-    resting = tuple(np.zeros_like(values) for values in predicted.rows[:2])
-    return Predicted(t=predicted.t, rows=(*resting, predicted.seen[2]), seen=predicted.seen)
-
-
-def left_out(one: Bench, shared: np.ndarray, *, quick: bool) -> list[Row]:
+def left_out(one: Bench, drifting: Bench, everything: Estimate, *, quick: bool) -> list[Row]:
     """Every recording, predicted by what the others tell; the search begins where all of them together end."""
-    rows = []
-    for held in one.prepared:
-        others = [each for each in one.prepared if each is not held]
-        found = one.predictor(one.trained(others, shared, ((None, 1 if quick else 8),)).shared)
+    rows, fitted = [], drifting.fitted(everything, 1 if quick else 8)
+    for held in drifting.prepared:
+        found = without(fitted, held).shared
         name, (whole,) = held.recording.name, held.stretches(STEP)
-        rows.append(row(name, ALL, found.of(whole)))
-        rows += [row(name, f"{horizon:g} s", found.over(held, STEP, horizon)) for horizon in HORIZONS]
+        rows.append(row(name, ALL, one.predictor(found).of(whole)))
+        rows += _by_horizon(held, one.predictor(found), "")
+        rows += _by_horizon(held, drifting.predictor(found), f", {FORCE}")
     return rows
+
+
+def _by_horizon(held: Prepared, predictor: Predictor, how: str) -> list[Row]:
+    return [
+        row(held.recording.name, f"{horizon:g} s{how}", predictor.over(held, STEP, horizon)) for horizon in HORIZONS
+    ]
+
+
+def seen_soon(one: Bench, shared: np.ndarray) -> list[Row]:
+    """Every recording over the shortest horizon, by unknowns shared (n,) [as they are] that it was used for."""
+    return [each for held in one.prepared for each in _by_horizon(held, one.predictor(shared), f", {FORCE}, seen")[:1]]
+
+
+def alone(one: Bench, shared: np.ndarray, *, quick: bool) -> list[Row]:
+    """Every recording, predicted by what it tells itself."""
+    rows = []
+    for each in one.prepared:
+        found = one.trained([each], shared, ((None, 1 if quick else 15),))
+        rows += in_sample(Bench(vehicle=one.vehicle, rollout=one.rollout, prepared=(each,)), found, ALONE)
+        rows += _by_horizon(each, one.predictor(found.shared), ", seen alone")[:1]
+    return rows
+
+
+def bounds(one: Bench) -> list[Row]:
+    """What no vehicle has to be known for."""
+    names = [each.recording.name for each in one.prepared]
+    pairs = zip(names, filtered(one.prepared, STEP), strict=True)
+    rows: list[Row] = [{"recording": name, "prediction": FILTER, **fits} for name, fits in pairs]
+    return rows + [
+        {"recording": each.recording.name, "prediction": TWICE, **measured_twice(each.recording)}
+        for each in one.prepared
+    ]
 
 
 def in_sample(one: Bench, estimate: Estimate, kind: str) -> list[Row]:
@@ -127,7 +183,7 @@ def nulls(one: Bench) -> list[Row]:
     for each in one.prepared:
         (whole,) = each.stretches(STEP)
         predicted = prior.of(whole)
-        rows += [row(each.recording.name, PRIOR, predicted), row(each.recording.name, STILL, still(predicted))]
+        rows += [row(each.recording.name, PRIOR, predicted), row(each.recording.name, STILL, still(whole, prior.known))]
     return rows
 
 
@@ -157,6 +213,12 @@ def prose(one: Bench, drifting: Estimate) -> str:
     return PROSE.format(
         n=len(one.prepared),
         length=_length(one),
+        force=FORCE,
+        filter=FILTER,
+        coefficients=n_coefficients(),
+        memory=MEMORY,
+        twice=TWICE,
+        smoothing=WINDOW,
         known=one.predictor(one.vehicle.shared.start).known,
         least=MOVING["surge"],
         turning=MOVING["yaw rate"],
@@ -164,8 +226,9 @@ def prose(one: Bench, drifting: Estimate) -> str:
         wanted=", ".join(f"{name} {least:g}" for name, least in WANTED.items()),
         short=HORIZONS[0],
         asked=WANTED_SOON,
-        seen=SEEN,
-        own=OWN,
+        seen=OWN,
+        soon=f"{HORIZONS[0]:g} s, {FORCE}, seen",
+        alone=ALONE,
         forces=f"{min(forces):.2g} to {max(forces):.2g}",
         doubts=_doubts(one),
     )
@@ -177,18 +240,17 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="of the recordings")
     given, run = begin(parser)
     stages = tuple((duration, 1 if run.quick else iterations) for duration, iterations in STAGES)
-    one = bench(given.folder, quick=run.quick)
-    other = bench(given.folder, quick=run.quick, wrench_offset=Prior(sigma=2.0, only=("heave",)))
-    everything = one.trained(one.prepared, None, stages)
-    drifting = other.trained(other.prepared, everything.shared, stages[1:])
-    rows = left_out(one, everything.shared, quick=run.quick)
-    rows += in_sample(one, everything, SEEN) + in_sample(other, drifting, OWN) + nulls(one)
+    one, drifting = bench(given.folder, quick=run.quick), bench(given.folder, quick=run.quick, **DRIFT)
+    everything = drifting.trained(drifting.prepared, None, stages)
+    rows = left_out(one, drifting, everything, quick=run.quick) + in_sample(drifting, everything, OWN)
+    rows += seen_soon(drifting, everything.shared) + alone(drifting, everything.shared, quick=run.quick)
+    rows += bounds(one) + nulls(one)
     table = Table(rows=medians(rows), columns={"prediction": "", **dict.fromkeys(CHANNELS, ".0f")})
     run.write(
         Report(
             name="identification_tauv",
             title="Identification of a driven AUV",
-            prose=prose(one, drifting),
+            prose=prose(one, everything),
             tables=[table],
             data={"identification_tauv": rows},
         )

@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 import uvms_ocp as uo
+from uvms_ocp.campaign import Campaign, StudyResult, table2
 from uvms_ocp.meta_values import PhaseMeta
 from uvms_ocp.preflight.findings import Finding, PreflightReport, Severity
 from uvms_ocp.run_meta import RunMeta
+from uvms_ocp.tables.fielded import in_a_row
 from uvms_ocp.tables.small_table import SmallTable
+from uvms_ocp.trajectories import min_snap
 
 EVIL = "<script>alert(1)</script>\x1b[31m"
 
@@ -39,10 +42,26 @@ def report() -> PreflightReport:
     return PreflightReport(findings=(Finding(severity=Severity.ERROR, check=EVIL, text=text),))
 
 
+def level() -> uo.Level:
+    return uo.Level(jacobian=np.eye(2), lower=[0.1, 0.1], upper=[0.2, 0.2])
+
+
 VALUES: dict[str, Callable[[], Any]] = {
     "record": record,
     "report": report,
     "mission": lambda: uo.scenarios.case1().mission,
+    "hierarchy": lambda: uo.scenarios.case1().mission.hierarchy,
+    "scenario": uo.scenarios.case1,
+    "phase": lambda: uo.scenarios.case1().mission.phases[0],
+    "limits": lambda: uo.load_robot("planar5").limits,
+    "kinematics": lambda: uo.Kinematics(uo.load_robot("planar5"), uo.load_robot("planar5").configuration()),
+    "dynamics": lambda: uo.robot_dynamics(uo.load_robot("planar5")),
+    "level": level,
+    "solution": lambda: uo.LexicographicActiveSet().solve([level()]),
+    "campaign": lambda: Campaign(scenario="case1", runs=3),
+    "study": table2,
+    "result": lambda: StudyResult(name=EVIL, title=EVIL, cases=({},), table=({"floor": EVIL, "clearance_m": 0.12345},)),
+    "curve": lambda: min_snap(np.array([[0.0], [1.0]]), [0.0, 1.0]),
 }
 
 
@@ -79,6 +98,26 @@ def test_a_robot_tells_its_joints_in_a_notebook() -> None:
     html = robot._repr_html_()
     assert all(name in html for name in robot.joint_names)
     assert repr(robot).startswith("Robot('planar5'")
+
+
+@pytest.mark.parametrize(
+    ("value", "row"),
+    [
+        (None, "-"),
+        (0.123456, "0.1235"),
+        (np.zeros(3), "[0. 0. 0.]"),
+        (np.zeros((2, 3)), "array of shape (2, 3)"),
+        ((1, 2), "1, 2"),
+        (tuple(range(10)), "0, 1, 2, 3, 4, 5, 6, 7 and 2 more"),
+        (({"a": 1}, {"a": 2}), "2 rows"),
+        ({"x": 1, "y": 2}, "x, y"),
+        (object(), "object"),
+        (table2, "table2"),
+        (np.ones(3).tolist() * 100, "1, 1, 1, 1, 1, 1, 1, 1 and 292 more"),
+    ],
+)
+def test_a_field_is_told_in_a_row(value: Any, row: str) -> None:
+    assert in_a_row(value) == row
 
 
 def test_rows_beyond_the_first_are_counted() -> None:

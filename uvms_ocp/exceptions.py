@@ -60,6 +60,13 @@ class FrameNotFound(NameNotFound):
         super().__init__("frame", given, allowed)
 
 
+class ArgumentNotFound(NameNotFound, TypeError):
+    """An argument that a call does not take."""
+
+    def __init__(self, call: str, given: str, allowed: Iterable[str]) -> None:
+        super().__init__(f"argument of {call}", given, allowed)
+
+
 class RobotDataError(InvalidInput):
     """A robot file (URDF or YAML) that is missing, broken or physically impossible."""
 

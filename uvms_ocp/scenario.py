@@ -40,10 +40,11 @@ from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.faults.fault import Fault
 from uvms_ocp.sim.faults.plant_faults import require_possible
-from uvms_ocp.sim.loop import Progress, Sensors, StateEstimator, require_few_ticks, simulate
+from uvms_ocp.sim.loop import Progress, Sensors, StateEstimator, Watch, require_few_ticks, simulate
 from uvms_ocp.sim.plant import KinematicPlant, Plant
 from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
+from uvms_ocp.tables.fielded import Fielded
 
 
 def our_controller(scenario: Scenario, guide: Guide | None = None) -> KinematicController | DynamicController:
@@ -64,8 +65,8 @@ def our_estimator(scenario: Scenario) -> StateEstimator:
 
 
 @checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Scenario:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class Scenario(Fielded):
     """Everything that one simulation needs.
 
     Raises `InvalidInput` for a start outside the joint limits or below the seafloor, for a bad period, duration, seed or
@@ -194,22 +195,24 @@ class Scenario:
             load_bandwidth=None if self.load is None else self.gains.observer_vehicle,
         )
 
-    def run(self, progress: Progress | None = None, controller: MissionController | None = None) -> Record:
+    def run(
+        self, progress: Progress | None = None, controller: MissionController | None = None, watch: Watch | None = None
+    ) -> Record:
         """Simulate until the mission is complete or `duration` is over.
 
-        controller: a fresh one, as `controller` makes them, for who wants to look into it meanwhile.
+        controller: a fresh one, for who wants to look into it meanwhile. watch: is told every tick, see `uvms_ocp.live.live`.
         """
         controller = controller or self.controller()
         kinematic, estimator = controller.kinematic, self.estimator()
         plant, sensors = struck_parts(self, self._plant(), self._sensors())
         begin = perf_counter()
         parts: dict[str, Any] = {"plant": plant, "sensors": sensors, "estimator": estimator, "controller": controller}
-        recorder = simulate(**parts, dt=self.dt, duration=self.duration, progress=progress)
+        recorder = simulate(**parts, dt=self.dt, duration=self.duration, progress=progress, watch=watch)
         wall = perf_counter() - begin
         truth = kinematic.evaluate(self._true_measurement(plant.state), recorder.last("t"))
-        at_events = self._truth_at_events(kinematic, recorder)
+        events = self._truth_at_events(kinematic, recorder)
         spread = recorder.last("q_spread") if "q_spread" in recorder else None
-        ending = Ending(q=recorder.last("q"), quantities=truth, at_events=at_events, wall_s=wall, spread=spread)
+        ending = Ending(q=recorder.last("q"), quantities=truth, at_events=events, wall_s=wall, spread=spread)
         return recorder.freeze(self._meta(controller, estimator, ending))
 
     def _truth_at_events(self, kinematic: KinematicController, recorder: Recorder) -> tuple[dict[str, float], ...]:
@@ -260,14 +263,12 @@ class Scenario:
         return WatchedSensors(self.sensors(self), self.robot, self.specs, part_name(self.sensors))
 
     def _sensor_suite(self) -> SensorSuite:
-        floor = self.environment.seafloor
-        specs = self.real_sensors or self.specs
+        floor, specs = self.environment.seafloor, self.real_sensors or self.specs
         return SensorSuite(self.robot, floor, specs, self.seed, self.altimeter_frame, self.known_faults)
 
     def _true_measurement(self, state: State) -> Measurement:
-        floor, frame = self.environment.seafloor, self.altimeter_frame
-        readings = SensorSuite(self.robot, floor, IDEAL_SENSORS, altimeter_frame=frame).read(state, 0.0)
-        return PassThrough(self.robot, IDEAL_SENSORS)(readings, 0.0)
+        suite = SensorSuite(self.robot, self.environment.seafloor, IDEAL_SENSORS, altimeter_frame=self.altimeter_frame)
+        return PassThrough(self.robot, IDEAL_SENSORS)(suite.read(state, 0.0), 0.0)
 
     def _require_above_floor(self) -> None:
         x, y, z = self.start[:3].tolist()

@@ -109,9 +109,11 @@ def measured_swing(recording: Recording, angle: int) -> Swing | None:
     """Of roll (0) or pitch (1) after the arm has stopped; None where there is none to see."""
     resting = recording.t >= rest_begins(recording)
     t, x = recording.t[resting], np.degrees(recording.attitude[resting, angle])
-    if not t.size or np.ptp(t) < _LONG_ENOUGH:
-        return None
-    t = t - t[0]
+    return swing_in(t - t[0], x) if t.size and np.ptp(t) >= _LONG_ENOUGH else None
+
+
+def swing_in(t: np.ndarray, x: np.ndarray) -> Swing | None:
+    """The damped swing that an angle (n,) [deg] at t (n,) [s] from 0 is, but for a drift; None where it is none."""
     fits = [_damped_fit(t, x, period) for period in np.arange(1.0, 5.0, 0.25)]
     cost, swing = min(fits, key=lambda fit: fit[0])
     drift = np.polyval(np.polyfit(t, x, 1), t)

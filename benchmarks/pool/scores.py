@@ -34,11 +34,12 @@ class Score:
 def compared(recording: Recording, predicted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Predicted and measured roll and pitch (m, 2) [deg] at the times of the motion capture, without their offsets."""
     at_mocap = at_times(recording.t, recording.joint_t, predicted)
-    return _without_offset(recording, at_mocap), _without_offset(recording, recording.attitude)
+    return without_offset(recording.t, at_mocap), without_offset(recording.t, recording.attitude)
 
 
-def _without_offset(recording: Recording, attitude: np.ndarray) -> np.ndarray:
-    first = recording.t <= recording.t[0] + OFFSET_TIME
+def without_offset(t: np.ndarray, attitude: np.ndarray) -> np.ndarray:
+    """Attitude (m, 2) [deg] at t (m,) [s] from one (m, 2) [rad], less its mean in the beginning."""
+    first = t <= t[0] + OFFSET_TIME
     return np.degrees(attitude - attitude[first].mean(axis=0))
 
 

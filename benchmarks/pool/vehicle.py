@@ -59,9 +59,14 @@ class PoolVehicle:
 
 def pool_vehicle() -> PoolVehicle:
     """Build the vehicle."""
-    robot, links = _pool_robot()
-    dynamics = SymbolicDynamics(model=robot.model, links=links, density=_DENSITY)
+    dynamics = pool_dynamics()
     return PoolVehicle(step=_step(_acceleration(dynamics)), righting=_righting(dynamics))
+
+
+def pool_dynamics() -> SymbolicDynamics:
+    """As the author has it."""
+    robot, links = _pool_robot()
+    return SymbolicDynamics(model=robot.model, links=links, density=_DENSITY)
 
 
 def _pool_robot() -> tuple[Robot, tuple[LinkHydrodynamics, ...]]:

@@ -26,6 +26,7 @@ ERRORS = [
     InvalidInput("wrong"),
     NameNotFound("robot", "nautilus", ["girona"]),
     exceptions.FrameNotFound("tol", ["tool"]),
+    exceptions.ArgumentNotFound("load_robot", "varient", ["variant"]),
     exceptions.RobotDataError("robot.urdf", "broken"),
     OutputError("no room"),
     OutputError(errno.ENOSPC, "full", "record.npz"),

@@ -16,10 +16,12 @@ import pytest
 from public_surface import Call, surface
 from valid_calls import EXPENSIVE, POOL, REFUSES, STARRED, owner_of, right_arguments, robot, scenario
 
-from uvms_ocp.exceptions import InvalidInput, UvmsError
+import uvms_ocp as uo
+from uvms_ocp.exceptions import ArgumentNotFound, InvalidInput, UvmsError
 from uvms_ocp.model.state import Command, Reading, Readings
 from uvms_ocp.sim import UniformCurrent
 from uvms_ocp.solvers import Icat
+from uvms_ocp.tasks import MinimumAltitude
 
 CALLS = surface()
 WORDS = {
@@ -147,6 +149,20 @@ def test_what_runs_at_every_tick_looks_at_ranges_and_axes_of_what_it_does_not_re
         POOL["KinematicPlant"]().step(Command(v=np.zeros(robot().n_v)), -0.1)
     with pytest.raises(InvalidInput, match=r"^Mission.idle: gates has shape \(2,\); give \(9,\)$"):
         scenario().mission.idle(scenario().mission.start(), np.zeros(2))
+
+
+@pytest.mark.parametrize(
+    ("call", "right"),
+    [
+        (uo.load_robot, "variant"),
+        (MinimumAltitude, "threshold"),
+        (uo.Phase, "transitions"),
+        (uo.Scenario, "environment"),
+    ],
+)
+def test_a_misspelled_name_of_an_argument_is_answered_with_the_nearest(call: Any, right: str) -> None:
+    with pytest.raises(ArgumentNotFound, match=f"Did you mean '{right}'"):
+        call(**{right[:-2] + right[-1]: 1.0})
 
 
 def test_arrays_that_do_not_fit_together_are_both_named() -> None:

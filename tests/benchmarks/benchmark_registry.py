@@ -85,6 +85,11 @@ BENCHMARKS = (
     Benchmark(script="nmpc", files=("nmpc", "nmpc_ticks")),
     Benchmark(script="ocp_priorities", files=("ocp_priorities", "ocp_toys")),
     Benchmark(script="hinsdale_replay", files=("hinsdale_replay",), variable="UVMS_OCP_POOL_RECORDINGS"),
+    Benchmark(
+        script="identification_hinsdale",
+        files=("identification_hinsdale", "identification_hinsdale_swings"),
+        variable="UVMS_OCP_POOL_RECORDINGS",
+    ),
     Benchmark(script="identification_tauv", files=("identification_tauv",), variable="UVMS_OCP_DRIVEN_RECORDINGS"),
     *(
         Benchmark(script=script, files=(script,), option="--peers", variable="UVMS_OCP_PEERS")

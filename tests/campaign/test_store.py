@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -70,6 +71,17 @@ def test_a_folder_of_something_else_is_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("all of it")
     with pytest.raises(InvalidInput, match=r"holds thesis.txt and no campaign"):
         made(tmp_path, [1])
+
+
+def test_sources_that_cannot_be_kept_are_told_in_one_line(tmp_path: Path) -> None:
+    made(tmp_path, [1])
+    shutil.rmtree(tmp_path / "sources")
+    (tmp_path / "sources").write_text("a file where a folder is wanted")
+    with (
+        pytest.raises(OutputError, match="cannot write there"),
+        opened(tmp_path, identity_of(WORK, 20), {"mission.py": b"x = 1"}),
+    ):
+        pass
 
 
 def test_one_process_at_a_time(tmp_path: Path) -> None:

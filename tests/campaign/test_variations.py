@@ -151,6 +151,16 @@ def test_a_mission_bears_a_delay_of_all_sensors_that_is_told(scenario: Scenario,
     assert not [alarm.text for alarm in record.meta.alarms if "suspect" in alarm.text]
 
 
+@pytest.mark.parametrize("dt", [0.02, 0.005])
+def test_a_mission_bears_20_ms_of_delay_that_nobody_told_of(scenario: Scenario, dt: float) -> None:
+    late = varied(
+        replace(scenario, dt=dt), [Variation("sensors.untold_delay", Uniform(0, 1))], {"sensors.untold_delay": 0.02}, 0
+    )
+    record = late.run()
+    assert record.meta.completed
+    assert not [alarm.text for alarm in record.meta.alarms if "suspect" in alarm.text]
+
+
 def test_an_offset_of_zero_and_a_factor_of_one_change_nothing_that_is_measured(scenario: Scenario) -> None:
     neutral = {"start.yaw": 0.0, "floor.z": 0.0, "goals.PC.x": 0.0, "sensors.noise": 1.0, "thrusters.limit": 1.0}
     short = replace(scenario, duration=0.2)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-EXTRAS = ("dask", "distributed", "pandas", "pyarrow", "SALib", "mcap", "foxglove_schemas_protobuf")
-RARE = ("scipy.stats", "scipy.optimize", "scipy.spatial", "matplotlib", "meshcat", *EXTRAS)
+EXTRAS = ("dask", "distributed", "pandas", "pyarrow", "SALib", "mcap", "foxglove_schemas_protobuf", "rosbags")
+RARE = ("scipy", "matplotlib", "meshcat", *EXTRAS)
 _CODE = "import sys, uvms_ocp, uvms_ocp.cli; [getattr(uvms_ocp, name) for name in dir(uvms_ocp)]; print(*sys.modules)"
 _WITHOUT = """
 import sys

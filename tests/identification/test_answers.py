@@ -68,6 +68,18 @@ def test_what_is_seen_later_changes_no_prediction() -> None:
     np.testing.assert_array_equal(*rows)
 
 
+@pytest.mark.parametrize(("own", "least", "most"), [(True, 90.0, 100.0), (False, -1e3, 60.0)])
+def test_a_force_of_one_recording_is_found_at_its_beginning_where_that_is_asked(
+    own: bool, least: float, most: float
+) -> None:
+    one = vehicle_of(known().learning(wrench_offset=Prior(sigma=10.0, only=("heave",))))
+    rollout = Rollout(stage_of(one))
+    drifting = drive(rollout.stage, np.array([8.0]), seed=0, t_end=20.0, size=(0.0,) * 6)
+    found = Predictor(vehicle=one, rollout=rollout, shared=one.shared.start, noise=NOISE, own=own)
+    predicted = found.of(Prepared.of(drifting, one).stretches(0.05)[0])
+    assert least < fit(predicted.seen[0][:, 2], predicted.rows[0][:, 2]) < most
+
+
 def test_horizons_follow_each_other() -> None:
     prepared = Prepared.of(recording(), problem()[0])
     predicted = predictor().over(prepared, 0.1, 5.0)

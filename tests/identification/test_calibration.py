@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from uvms_ocp import load_robot, without_arm
 from uvms_ocp.cli import app
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.identification.answers.scores import errors
 from uvms_ocp.identification.calibration.fitting import Calibration, calibrated
 from uvms_ocp.identification.calibration.report import report_text
 from uvms_ocp.identification.calibration.settings import Settings, read_settings
@@ -122,6 +123,40 @@ def test_the_command_writes_all_of_it(tmp_path: Path) -> None:
         "figures/residuals_0.png",
     ):
         assert (tmp_path / "out" / name).stat().st_size > 0
+
+
+def test_profiles_and_leave_one_out_come_when_they_are_asked_for(tmp_path: Path) -> None:
+    settings, parts = tmp_path / "my.yaml", [tmp_path / f"part{k}.csv" for k in range(2)]
+    settings.write_text(SETTINGS.replace("step: 0.05", "step: 0.1"))
+    one = case()[2].subject.vehicle
+    for k, path in enumerate(parts):
+        write_recording(drive(stage_of(one), one.shared.start, seed=k, noise=NOISE, t_end=16.0), path)
+    words = ["identify", str(settings), *map(str, parts), "--profiles", "--leave-one-out", "--out", str(tmp_path)]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    text = (tmp_path / "report.md").read_text()
+    assert "## Profiles" in text
+    assert "### 20 s (recordings have 13" in text
+    assert text.count("| added_mass surge |") == 2
+    assert text.count("| mass and added mass surge |") == 1
+    for name in ("profiles.png", "left_out.png"):
+        assert (tmp_path / "figures" / name).stat().st_size > 0
+
+
+def test_one_recording_is_not_left_out() -> None:
+    settings, recording, found = case()
+    with pytest.raises(InvalidInput, match="at least 2"):
+        calibrated(found.subject, settings, [recording], leave_one_out=True)
+
+
+def test_every_figure_of_a_prediction_stands_beside_those_that_know_less() -> None:
+    _, _, found = case()
+    (one,), text = found.comparisons, report_text(found)
+    row = next(line for line in text.splitlines() if line.startswith("| drive2 |"))
+    told = [f"{errors(each)[-1]:.2g}" for each in (one.calibrated, one.before, one.still, one.balance)]
+    assert f"{told[0]} ({'; '.join(told[1:])})" in row
+    for each in found.whiteness:
+        assert f"| {each.channel} | {each.size:.2g} |" in text
 
 
 def test_mistakes_in_settings_are_told_in_one_line(tmp_path: Path) -> None:

@@ -19,7 +19,10 @@ from uvms_ocp.identification.parameters.vehicle_quantities import Actuators
 from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
 
 LEARNT = ("mass", "centre_of_mass", "second_moment", "volume", "centre_of_buoyancy", "added_mass", "linear_drag")
-OTHERS = ("quadratic_drag", "gain", "reverse", "lag", "dead_zone", "dead_zone_reverse", "bias", "velocity_point")
+OTHERS = (
+    *("quadratic_drag", "gain", "reverse", "lag", "dead_zone", "dead_zone_reverse", "bias"),
+    *("velocity_point", "attitude_turn"),
+)
 
 
 def motion(dynamics: SymbolicDynamics, seed: int) -> list[np.ndarray]:
@@ -74,7 +77,7 @@ def test_a_vehicle_that_is_known_has_the_dynamics_of_its_model() -> None:
 @cache
 def built(*, n_joints: int = 0, actuators: Actuators | None = None) -> tuple[Vehicle, Stage]:
     known = declaration(actuators=actuators).learning(**dict.fromkeys((*LEARNT, *OTHERS), Free()))
-    known = known.learning(current=Free(), wrench_offset=Free())
+    known = known.learning(current=Free(), wrench_offset=Free(), attitude_offset=Free())
     own = Unknowns(known, own=True)
     one = Vehicle(
         dynamics=vehicle(n_joints), shared=Unknowns(known), own=own, actuators=actuators or Actuators(dead_zone=0.5)
@@ -148,5 +151,14 @@ def test_the_point_at_which_velocity_is_measured_moves_with_the_vehicle() -> Non
     at = np.asarray(ca.DM(one.values(ca.SX(ca.DM(p)))["velocity_point"])).ravel()
     seen = np.asarray(stage.seen(x, p)[0]).ravel()
     np.testing.assert_allclose(seen[:3], x[7:10] + np.cross(x[10:13], at), atol=1e-14)
-    np.testing.assert_allclose(seen[3:6], x[10:13])
-    np.testing.assert_allclose(seen[6:], pin.Quaternion(x[3:7]).toRotationMatrix().T @ [0, 0, 1], atol=1e-14)
+
+
+def test_a_sensor_of_attitude_that_sits_turned_sees_the_motion_in_its_own_frame() -> None:
+    one, stage = built()
+    x, _, _, p, _ = point(one, stage, 5)
+    values = one.values(ca.SX(ca.DM(p)))
+    R_BS = pin.exp3(np.asarray(ca.DM(values["attitude_turn"] + values["attitude_offset"])).ravel())
+    R_WB = pin.Quaternion(x[3:7]).toRotationMatrix()
+    seen = np.asarray(stage.seen(x, p)[0]).ravel()
+    np.testing.assert_allclose(seen[3:6], R_BS.T @ x[10:13], atol=1e-14)
+    np.testing.assert_allclose(seen[6:], (R_WB @ R_BS).T @ [0, 0, 1], atol=1e-14)

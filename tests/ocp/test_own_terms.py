@@ -34,6 +34,7 @@ from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 from uvms_ocp.tasks.pose import ToolPosition
 from uvms_ocp.viz import plot, show
+from uvms_ocp.viz.plan_figures import plan_figures
 
 SEA = Environment(seafloor=FlatSeafloor(z=-40))
 
@@ -285,6 +286,18 @@ def test_a_plan_of_a_wrench_has_nothing_to_replay(planner: Planner) -> None:
     wrench = patient(reach(planner.problem.robot, actuation=Actuation.WRENCH, n_steps=4)).plan(diagnose=False)
     with pytest.raises(InvalidInput, match=r"plan with Actuation\.THRUSTERS"):
         wrench.replay(SEA)
+
+
+def test_a_planned_wrench_is_recorded_as_one_and_names_no_thruster(planner: Planner) -> None:
+    plan = patient(reach(planner.problem.robot, actuation=Actuation.WRENCH, n_steps=4)).plan(diagnose=False)
+    record = plan.to_record()
+    assert "thrust" not in record.series
+    assert plan.peak_thrust is plan.summary()["peak_thrust"] is None
+    steps = [plan.trajectory.step_at(float(t)) for t in record["t"]]
+    assert np.array_equal(record["wrench"], plan.trajectory.thrust[steps])
+    figure = plan_figures(record)["efforts"]
+    assert [axis.get_ylabel() for axis in figure.axes[:2]] == ["force [N]", "moment [N m]"]
+    assert not any("thruster1" in text.get_text() for axis in figure.axes for text in axis.get_legend().get_texts())
 
 
 def test_a_plan_of_an_arm_without_water_is_replayed_on_a_kinematic_plant_as_it_stands(arm: Robot) -> None:

@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound, OutputError
+from uvms_ocp.identification.recordings.mapping import ChannelMapping
+from uvms_ocp.identification.recordings.recording import KINDS
 from uvms_ocp.reference import build
 from uvms_ocp.reference.build import build_reference, guide_pages, theory_pages
 from uvms_ocp.reference.links import broken_links, outside_links
@@ -68,6 +70,7 @@ def test_tables_hold_every_series_every_field_and_every_command() -> None:
     assert all(
         f"## uvms-ocp {name}\n" in pages["commands"] for name in ("run", "show", "plan mission", "export controller")
     )
+    assert all(f"| `{name}` |" in pages["channels"] for name in (*KINDS, *ChannelMapping.model_fields))
     assert "`--ghost PATH`" in pages["commands"]
     assert "[Thruster](#thruster)" in pages["robot_files"]
 

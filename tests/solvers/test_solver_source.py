@@ -57,11 +57,17 @@ def test_it_defines_one_function_and_takes_what_libm_and_memory_calls_give(tmp_p
 
 @needs_compiler
 @pytest.mark.skipif(shutil.which("nm") is None, reason="needs nm")
-def test_the_solver_of_stages_is_four_functions_that_allocate_nothing(tmp_path: Path) -> None:
+def test_the_solver_of_stages_is_five_functions_that_allocate_nothing(tmp_path: Path) -> None:
     symbols = _symbols(_compiled(stagewise_source(), tmp_path, "-O2", "-c"))
-    own = ["products", "solve_qp", "solve_whole", "stationarity"]
+    own = ["products", "solve_qp", "solve_whole", "stationarity", "steepest"]
     assert [name for kind, name in symbols if kind.isupper() and kind not in "UR"] == own
-    assert {name for kind, name in symbols if kind == "U"} <= {"sqrt", "memset", "memcpy", "__stack_chk_fail"}
+    choice = {
+        "_GLOBAL_OFFSET_TABLE_",
+        "__cpu_indicator_init",
+        "__cpu_model",
+    }  # of the registers to use, when it is loaded
+    needed = {name for kind, name in symbols if kind == "U"}
+    assert needed <= {"sqrt", "memset", "memcpy", "__stack_chk_fail"} | choice
 
 
 @needs_compiler

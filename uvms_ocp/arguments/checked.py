@@ -12,7 +12,7 @@ import numpy as np
 from uvms_ocp.arguments.annotations import kinds_of
 from uvms_ocp.arguments.extents import Range, Shape
 from uvms_ocp.arguments.kinds import Kind, Wrong
-from uvms_ocp.exceptions import InvalidInput, UvmsError
+from uvms_ocp.exceptions import ArgumentNotFound, InvalidInput, UvmsError
 
 _T = TypeVar("_T", bound=Callable[..., Any])
 _LATE = "_arguments_late"
@@ -22,7 +22,8 @@ def checked(thing: _T) -> _T:
     """A function or class whose arguments are looked at before every call: of a class, constructor and public methods.
 
     A frozen dataclass keeps copies of arrays and mappings that can no longer be written to. A function gets an array where
-    its annotation asks for one. Wrong arguments raise `InvalidInput`, in one line that names the argument.
+    its annotation asks for one. Wrong arguments raise `InvalidInput`, in one line that names the argument, and a name that
+    no argument has `ArgumentNotFound`, with the nearest.
     """
     return _class(thing, late_all=False) if isinstance(thing, type) else _before(thing, None)
 
@@ -71,7 +72,17 @@ def _extra(function: Callable[..., Any]) -> bool:
 class _Arguments:
     """What the arguments of one function may be, read from its annotations when first needed."""
 
-    __slots__ = ("_converting", "_defaults", "_function", "_kinds", "_owner", "_positional", "_shaped", "title")
+    __slots__ = (
+        "_converting",
+        "_defaults",
+        "_function",
+        "_kinds",
+        "_names",
+        "_owner",
+        "_positional",
+        "_shaped",
+        "title",
+    )
 
     def __init__(self, function: Callable[..., Any], owner: type | None) -> None:
         self._function, self._owner = function, owner
@@ -79,6 +90,7 @@ class _Arguments:
         self.title = owner.__name__ if constructor and owner else function.__qualname__
         self._positional: tuple[tuple[str, Kind], ...] = ()
         self._kinds: dict[str, Kind] | None = None
+        self._names: frozenset[str] | None = None  # that may be given; any where there is **
         self._defaults: dict[str, Any] = {}
         self._converting: frozenset[str] = frozenset()
         self._shaped: frozenset[str] = frozenset()
@@ -92,8 +104,14 @@ class _Arguments:
         return found + [(name, kinds[name], value) for name, value in kwargs.items() if name in kinds]
 
     def check(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> list[tuple[str, Kind, Any]]:
-        """The arguments, as `_of` gives them, if one of them has to be converted. Raises `InvalidInput` for a wrong one."""
+        """The arguments, as `_of` gives them, if one of them has to be converted.
+
+        Raises `InvalidInput` for a wrong one, and `ArgumentNotFound` for a name that none has.
+        """
         converts, shaped, given = False, False, self._of(args, kwargs)
+        if self._names is not None and not kwargs.keys() <= self._names:
+            unknown = next(name for name in kwargs if name not in self._names)
+            raise ArgumentNotFound(self.title, unknown, [name for name in self._defaults if name != "self"])
         for name, kind, value in given:
             if not kind.holds(value) and value is not self._defaults.get(name, _ANYTHING):
                 raise InvalidInput(f"{self.title}: {_one_line(kind.wrong(name, value))}")
@@ -124,6 +142,8 @@ class _Arguments:
         by_place = [name for name, p in parameters.items() if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
         self._positional = tuple((name, kinds.get(name, _ANYTHING)) for name in by_place)
         self._kinds = {name: kinds[name] for name, p in parameters.items() if name in kinds and p.kind not in _STARRED}
+        if not any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
+            self._names = frozenset(name for name, p in parameters.items() if p.kind is not p.VAR_POSITIONAL)
         self._converting = frozenset(name for name, kind in kinds.items() if kind.converts)
         self._shaped = frozenset(name for name, kind in kinds.items() if kind.shaped)
 

@@ -19,14 +19,15 @@ from uvms_ocp.campaign.variations.samplers import Design
 from uvms_ocp.campaign.variations.variation import Variation, require_known
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.scenario import Scenario
+from uvms_ocp.tables.fielded import Fielded
 from uvms_ocp.version import __version__
 
 _MOST_RUNS = 10_000_000
 
 
 @checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Campaign:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class Campaign(Fielded):
     """Runs of one scenario with parameters drawn anew for each.
 
     Raises `NameNotFound` for an unknown parameter or sampler, and `InvalidInput` for numbers that make no campaign.

@@ -8,6 +8,7 @@ import json
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,9 @@ from uvms_ocp.campaign.runs.work import COMPLETED, Done, Row, Work
 from uvms_ocp.campaign.store.identity import Identity, types_of
 from uvms_ocp.campaign.store.table import read_table
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.output.durable import write_durably
+from uvms_ocp.tables.fielded import Fielded, in_a_row
+from uvms_ocp.tables.small_table import SmallTable, Tabled
 from uvms_ocp.version import __version__
 
 _MOST_RUNS = 1_000_000
@@ -25,8 +29,8 @@ _SUCCESS = ("completed", "passed")  # columns of studies that tell of it
 
 
 @checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class StudyResult:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class StudyResult(Tabled):
     """Rows of all cases, and the table that sums them up."""
 
     name: str
@@ -34,22 +38,28 @@ class StudyResult:
     cases: tuple[Row, ...]
     table: tuple[Row, ...]
 
+    def _table(self) -> SmallTable:
+        head, rows = tuple(self.table[0]) if self.table else (), (row.values() for row in self.table)
+        title = f"{self.title} ({len(self.cases)} cases)"
+        return SmallTable(title=title, head=head, rows=tuple(tuple(map(in_a_row, row)) for row in rows))
+
     def to_dict(self) -> dict[str, Any]:
         """JSON values only."""
         cases, table = [dict(row) for row in self.cases], [dict(row) for row in self.table]
         return {"study": self.name, "title": self.title, "table": table, "cases": cases}
 
     def write_csv(self, path: Path) -> None:
-        """The rows of all cases as a CSV file; columns are those of the first row."""
-        with path.open("w", newline="") as file:
-            writer = csv.DictWriter(file, fieldnames=list(self.cases[0]) if self.cases else [])
-            writer.writeheader()
-            writer.writerows(self.cases)
+        """The rows of all cases as a CSV file; columns are those of the first row. Raises `OSError`."""
+        text = StringIO(newline="")
+        writer = csv.DictWriter(text, fieldnames=list(self.cases[0]) if self.cases else [])
+        writer.writeheader()
+        writer.writerows(self.cases)
+        write_durably(path, text.getvalue())
 
 
 @checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Study:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class Study(Fielded):
     """Cases are arguments of `run_case`; both go to other processes."""
 
     name: str

@@ -1,5 +1,5 @@
 """Command line: `run`, `check`, `mission`, `compare`, `campaign`, `show`, `plan`, `list`, `check-robot`, `schema`, `new-robot`,
-`new-mission`, `identify`, `export`.
+`new-mission`, `check-recording`, `identify`, `export`.
 
 Exit codes: 0 done, 1 internal error, 2 bad input or refused by pre-flight, 3 mission not completed or no plan free of
 collision.
@@ -14,8 +14,9 @@ from typing import Annotated
 
 import typer
 
-from uvms_ocp.cli import check, compare, export, identify, listing, robots, run, show
+from uvms_ocp.cli import check, compare, export, listing, robots, run, show
 from uvms_ocp.cli.campaigns import campaign, new_files
+from uvms_ocp.cli.identification import identify, recordings
 from uvms_ocp.cli.options import BAD_INPUT
 from uvms_ocp.cli.plans import plan
 from uvms_ocp.cli.printing import console_of
@@ -49,6 +50,7 @@ app.command(name="mission")(check.mission)
 app.command(name="campaign")(campaign.campaign)
 app.command(name="compare")(compare.compare_runs)
 app.command(name="show")(show.show_scene)
+app.command(name="check-recording")(recordings.check_recording)
 app.command(name="identify")(identify.identify)
 app.command(name="list")(listing.list_all)
 app.command(name="check-robot")(robots.check_robot)

@@ -15,7 +15,7 @@ from rich.table import Table
 from uvms_ocp.exceptions import plain_line
 from uvms_ocp.preflight.findings import PreflightReport, Severity
 
-_TYPED = ("figure", "parameter")  # columns of names that are typed again: never broken
+_TYPED = ("figure", "parameter", "channel")  # columns of names that are typed again: never broken
 
 
 def print_json(value: Any) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import webbrowser
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -52,6 +53,7 @@ from uvms_ocp.record import Record
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.sim.faults.notation import parse_faults
+from uvms_ocp.sim.loop import Watch
 
 Follow = Annotated[
     Path | None, typer.Option(metavar="PLAN", help="Plan of this mission, of `plan mission`; the hierarchy takes over.")
@@ -74,6 +76,9 @@ def run(
     follow: Follow = None,
     out: Out = None,
     force: Annotated[bool, typer.Option("--force", help="Run even if pre-flight finds errors.")] = False,
+    live: Annotated[
+        bool, typer.Option("--live", help="Show it in the browser meanwhile, no faster than the clock.")
+    ] = False,
     n: Annotated[int | None, typer.Option(metavar="N", help="Number of missions of a study.")] = None,
     as_json: Json = False,
 ) -> None:
@@ -82,15 +87,15 @@ def run(
     What is left out is as the scenario has it.
 
     \f
-    Raises `InvalidInput` for what pre-flight refuses, unless forced, for --n with a scenario, and for --follow with a study or
-    another mission's plan.
+    Raises `InvalidInput` for what pre-flight refuses, unless forced, for --n with a scenario, for --live with a study, and for
+    --follow with a study or another mission's plan.
     """
     console = console_of(stderr=as_json)
     options = given(robot=robot, hydrodynamics=hydrodynamics, plant=plant, current=current, seabed=seabed)
     options |= given(noise=noise, seed=seed, duration=duration)
     if name in STUDIES:
-        if follow is not None:
-            raise InvalidInput(f"{name} is a study of many missions: leave out --follow")
+        if follow is not None or live:
+            raise InvalidInput(f"{name} is a study of many missions: leave out --follow and --live")
         chosen = given(n=n, force=force or None, solver=solver, fault=fault or None)
         make_study(name, options | chosen, console, out=out, as_json=as_json)
         return
@@ -101,7 +106,7 @@ def run(
     plan = None if follow is None else _plan_of(scenario, follow)
     parts = (label(name), plant_name(scenario.plant), solver_name(scenario.solver), *(("followed",) if plan else ()))
     others = {key: value for key, value in options.items() if key != "plant"}
-    report = produce(scenario, out or default_folder(parts, others), console, force=force, plan=plan)
+    report = produce(scenario, out or default_folder(parts, others), console, force=force, plan=plan, live=live)
     if as_json:
         print_json(report)
     if not report["completed"]:
@@ -109,9 +114,17 @@ def run(
 
 
 def produce(
-    scenario: Scenario, out: Path, console: Console, *, force: bool = True, plan: MissionPlan | None = None
+    scenario: Scenario,
+    out: Path,
+    console: Console,
+    *,
+    force: bool = True,
+    plan: MissionPlan | None = None,
+    live: bool = False,
 ) -> dict[str, Any]:
     """Run a scenario, by a plan if given, write all that comes of it into a folder, print a summary; returns its report.
+
+    live: show it in the browser meanwhile.
 
     Raises `InvalidInput` for what pre-flight refuses, unless forced.
     """
@@ -121,7 +134,8 @@ def produce(
         if not (preflight.accepted or force):
             text = f"pre-flight refuses {scenario.name} ({len(preflight.errors)} errors)"
             raise InvalidInput(f"{text}; --force runs it all the same")
-        record = _simulate(scenario, plan, console)
+        with _watched(scenario, console) if live else nullcontext() as watch:
+            record = _simulate(scenario, plan, console, watch)
         report = summarize(record) | {"preflight": preflight.to_dict()}
         with claim.staged() as staging:
             share(
@@ -140,7 +154,20 @@ def _plan_of(scenario: Scenario, place: Path) -> MissionPlan:
     return plan
 
 
-def _simulate(scenario: Scenario, plan: MissionPlan | None, console: Console) -> Record:
+@contextmanager
+def _watched(scenario: Scenario, console: Console) -> Iterator[Watch]:
+    """What shows a run in the browser while it goes on."""
+    from uvms_ocp.live import live
+
+    with console.status("drawing"):
+        view = live(scenario)
+    with view:
+        console.print(f"{view.address} shows it", highlight=False)
+        webbrowser.open(view.address)
+        yield view
+
+
+def _simulate(scenario: Scenario, plan: MissionPlan | None, console: Console, watch: Watch | None) -> Record:
     """Run with a progress bar that names the phase and what it waits for; what is compiled before."""
     with _bar(console) as bar:
         task = bar.add_task("", total=scenario.duration, waiting="")
@@ -154,7 +181,7 @@ def _simulate(scenario: Scenario, plan: MissionPlan | None, console: Console) ->
                     done = scenario.duration if command.finished else t
                     bar.update(task, completed=done, description=_title(phase.name, phase.title), waiting=waiting)
 
-            return scenario.run(show, controller)
+            return scenario.run(show, controller, watch)
 
 
 @contextmanager

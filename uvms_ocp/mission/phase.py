@@ -11,6 +11,7 @@ import numpy as np
 from uvms_ocp.arguments import Shape, checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.mission.conditions import Condition, Transition
+from uvms_ocp.tables.fielded import Fielded
 
 GoalFunctions: TypeAlias = tuple[tuple[Callable[[float], np.ndarray], bool], ...]
 """Of each task, highest priority first: its goal at a time [s] as `Task.reference` gives it, and whether that time is the
@@ -18,8 +19,8 @@ time since the start of the phase."""
 
 
 @checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Phase:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class Phase(Fielded):
     """One action: the external activation of each task, and what ends it.
 
     Raises `InvalidInput` where the transitions are not a tuple, and for an activation outside [0, 1].

@@ -46,7 +46,7 @@ def plan_mission(
     *,
     duration: Positive | None = None,
     margins: Margins | None = None,
-    step: Positive = 0.8,
+    step: Positive = 1.0,
     options: NlpOptions | None = None,
 ) -> MissionPlan:
     """The whole mission of a scenario as one problem with free durations: goals first, then the least energy.

@@ -14,11 +14,12 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
 from uvms_ocp.model.water.coefficients import links_in_water
 from uvms_ocp.model.water.hydrodynamics import STILL_WATER, Water
+from uvms_ocp.tables.fielded import Fielded
 
 
 @late
-@dataclass(frozen=True, slots=True, eq=False)
-class Dynamics:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Dynamics(Fielded):
     """Equations of motion ``M a + C v + D v + g = tau``; see `SymbolicDynamics` for the terms.
 
     Water moves as one, or link by link in the order of ``symbolic.links``.

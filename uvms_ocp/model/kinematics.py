@@ -9,14 +9,15 @@ import pinocchio as pin
 
 from uvms_ocp.arguments import late
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.tables.fielded import Fielded
 
 STEEP = 0.1
 """[-] cosine of a beam's tilt below which its range says nothing about the height."""
 
 
 @late
-@dataclass(frozen=True, slots=True, eq=False)
-class Kinematics:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Kinematics(Fielded):
     """A robot at a configuration; its existence proves that q is valid.
 
     Raises InvalidInput, as `Robot.check_configuration`.

@@ -12,6 +12,7 @@ import pinocchio as pin
 from uvms_ocp.arguments import checked
 from uvms_ocp.arguments.frozen import read_only
 from uvms_ocp.model.files.description import RobotDescription
+from uvms_ocp.tables.fielded import Fielded
 
 _UNLIMITED = 1e12  # Pinocchio writes the largest float where a URDF has no limit
 
@@ -43,8 +44,8 @@ class Joint:
 
 
 @checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Limits:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class Limits(Fielded):
     """Actuator and position limits, infinite where there is none; read-only arrays."""
 
     position_lower: np.ndarray

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-import scipy.linalg
 
 from uvms_ocp.model.files.description import Thruster
 from uvms_ocp.model.robot import Robot
@@ -71,6 +70,8 @@ def unactuated_axes(robot: Robot) -> tuple[int, ...]:
 
 def unreachable_axes(B: np.ndarray) -> tuple[int, ...]:
     """`unactuated_axes` of a thruster matrix B (6, n_thrusters) [-, m]."""
+    import scipy.linalg  # a tenth of a second
+
     null_space = left_null_space(B)
     _, _, order = scipy.linalg.qr(null_space.T, mode="economic", pivoting=True)
     return tuple(sorted(int(axis) for axis in order[: null_space.shape[1]]))

@@ -136,9 +136,13 @@ class Plan(Tabled):
         return sum(level.iterations for level in self.levels)
 
     @property
-    def peak_thrust(self) -> float:
-        """[N] Largest of any thruster."""
-        return float(np.abs(self.trajectory.thrust).max(initial=0.0))
+    def peak_thrust(self) -> float | None:
+        """[N] Largest of any thruster; `None` where a wrench was planned."""
+        return None if self._of_axes else float(np.abs(self.trajectory.thrust).max(initial=0.0))
+
+    @property
+    def _of_axes(self) -> bool:
+        return self.trajectory.of_wrench and bool(self.robot.n_vehicle)
 
     def powers(self) -> tuple[np.ndarray, np.ndarray]:
         """Electrical power of every thruster (N, n_thrusters) and of every joint (N, n_joints) at the steps [W].

@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.arguments import Shape, checked
+from uvms_ocp.arguments import Shape, checked, trusted
 from uvms_ocp.arrays import Indices
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
@@ -75,6 +75,10 @@ class Trajectory:
     def step_at(self, t: float) -> int:
         """The step that holds time t [s]."""
         return int(intervals_of(self.t, t))
+
+
+made_trajectory = trusted(Trajectory)
+"""Without a look at its arguments, of arrays that belong to it."""
 
 
 def intervals_of(times: np.ndarray, t: np.ndarray | float) -> Indices:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import lapack
 
 from uvms_ocp.arrays import Array, Mask
 
@@ -55,6 +54,8 @@ class BlockTridiagonal:
 
     def cholesky(self) -> BlockCholesky | None:
         """The factor, or None where the matrix is not positive definite."""
+        from scipy.linalg import lapack  # a tenth of a second, which only those pay who plan
+
         factors, couplings = [], []
         block = self.diagonal[0]
         for j in range(len(self.diagonal)):
@@ -87,6 +88,8 @@ class BlockCholesky:
 
         It turns white noise into samples of the covariance that is the inverse matrix.
         """
+        from scipy.linalg import lapack
+
         x = np.empty_like(right)
         for j in range(len(self.factors) - 1, -1, -1):
             row = right[j] - (self.couplings[j] @ x[j + 1] if j < len(self.couplings) else 0.0)
@@ -94,6 +97,8 @@ class BlockCholesky:
         return x
 
     def _forward(self, right: Array) -> Array:
+        from scipy.linalg import lapack
+
         y = np.empty_like(right)
         for j, factor in enumerate(self.factors):
             row = right[j] - (self.couplings[j - 1].T @ y[j - 1] if j else 0.0)

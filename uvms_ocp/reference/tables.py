@@ -8,13 +8,15 @@ from typing import Any
 import typer.main
 
 from uvms_ocp.cli import app
+from uvms_ocp.identification.recordings.mapping import ChannelMapping
+from uvms_ocp.identification.recordings.recording import KINDS, Kind
 from uvms_ocp.model.files.description import RobotDescription
 from uvms_ocp.tables.series_table import series_markdown
 
 
 def generated_pages() -> dict[str, str]:
     """Markdown by the name of the page."""
-    return {"robot_files": _robot_files(), "series": _series(), "commands": _commands()}
+    return {"robot_files": _robot_files(), "series": _series(), "channels": _channels(), "commands": _commands()}
 
 
 def _table(head: tuple[str, ...], rows: Iterator[tuple[str, ...]]) -> str:
@@ -32,6 +34,24 @@ def _series() -> str:
         "what follows. Quantities of tasks are there by their names too, such as `T.position_error`.\n\n"
         f"{series_markdown()}\n"
     )
+
+
+def _channels() -> str:
+    rows = (
+        (f"`{name}`", ", ".join(kind.columns) or "one for each", kind.unit, kind.frame or "-", _taken(kind))
+        for name, kind in KINDS.items()
+    )
+    told = _fields(ChannelMapping.model_json_schema())
+    return (
+        "# Channels of a recording\n\nWhat a `uvms_ocp.identification.recordings.recording.Recording` may have, each with times "
+        "of its own.\n\n"
+        + _table(("channel", "columns", "unit", "frame", "between samples"), rows)
+        + f"\n\n## A channel in a mapping\n\n{told}\n"
+    )
+
+
+def _taken(kind: Kind) -> str:
+    return "a command, held" if kind.command else "measured, interpolated"
 
 
 def _robot_files() -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.special import gammaincinv
 
 from uvms_ocp.record import Record
 from uvms_ocp.report.series import quantities_at
@@ -35,6 +34,8 @@ def norm_bound(told: float, spread: float) -> float:
     """
     if spread == 0.0:
         return told
+    from scipy.special import gammaincinv  # a tenth of a second
+
     variance = spread**2 / 3.0
     mean, half = spread**2 + told**2, variance * (3.0 * variance + 2.0 * told**2)  # of the square; half its variance
     of_chi_squared = 2.0 * gammaincinv(0.5 * mean**2 / half, CHANCE)

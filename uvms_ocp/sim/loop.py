@@ -26,6 +26,8 @@ Controller = Callable[[Measurement, float], Command]
 """Measurement and time [s] to a command."""
 Progress = Callable[[float, Command], None]
 """Told the time [s] and the command of a tick."""
+Watch = Callable[[float, State, Command], None]
+"""Told the time [s], the true state and the command of a tick, which it must leave as they are."""
 
 MOST_TICKS = 4_000_000
 """Of a run: its record keeps every tick, about 2.4 kB each, in memory until it is written."""
@@ -41,11 +43,12 @@ def simulate(
     dt: Positive,
     duration: Positive,
     progress: Progress | None = None,
+    watch: Watch | None = None,
 ) -> Recorder:
     """Run until the command says finished or `duration` [s] is over; one row per tick, before its step.
 
-    dt [s] is the control period. `progress` is called after every tick with the time and the command. Raises
-    `InvalidInput` for more ticks than ordinary memory holds.
+    dt [s] is the control period. `progress` is called after every tick with the time and the command, `watch` with the true
+    state too. Raises `InvalidInput` for more ticks than ordinary memory holds.
     """
     require_few_ticks(duration, dt)
     recorder, trusts = Recorder(), _Trusts()
@@ -62,6 +65,8 @@ def simulate(
         recorder.append(row)
         if progress is not None:
             progress(t, command)
+        if watch is not None:
+            watch(t, plant.state, command)
         if command.finished:
             break
         plant.step(command, dt)

@@ -11,6 +11,8 @@ import numpy as np
 from uvms_ocp.exceptions import InvalidInput, NotInstalled, OutputError
 from uvms_ocp.run_meta import read_meta, write_meta
 from uvms_ocp.tables.series_table import SERIES, column_names, column_units
+from uvms_ocp.untrusted.parquet_file import require_numbers
+from uvms_ocp.untrusted.regular_file import require_regular
 
 VERSION = "1"
 """Of the files."""
@@ -68,11 +70,13 @@ def from_parquet(path: Path) -> tuple[dict[str, np.ndarray], Any]:
     """Series by name and metadata of a file of `to_parquet`. Raises `InvalidInput` for another file, `NotInstalled`."""
     pa = _arrow()
     try:
-        table = pa.parquet.read_table(path, partitioning=None)
-        own = table.schema.metadata or {}
-        if own.get(_KEY) != VERSION.encode():
-            raise InvalidInput(f"{path}: no record of version {VERSION}; give a file that Record.to_parquet wrote")
-        return _series(table), read_meta(own[b"meta"].decode())
+        require_regular(path)
+        with pa.parquet.ParquetFile(path) as file:
+            own = file.schema_arrow.metadata or {}
+            if own.get(_KEY) != VERSION.encode():
+                raise InvalidInput(f"{path}: no record of version {VERSION}; give a file that Record.to_parquet wrote")
+            require_numbers(file, path, file.schema_arrow.names)
+            return _series(file.read()), read_meta(own[b"meta"].decode())
     except (OSError, KeyError, ValueError, pa.ArrowException) as error:
         if isinstance(error, InvalidInput):
             raise

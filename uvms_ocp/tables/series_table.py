@@ -74,7 +74,7 @@ SERIES: Mapping[str, SeriesKind] = {
     "tick_time": _of("time that the layer of velocities took", "()", "s"),
     "freshness": _of("which measurements are fresh enough", "()", "-"),
     "disturbance": _of("generalized force that is not explained", "(n_v,)", _FORCE, "B"),
-    "wrench": _of("generalized force asked of the thrusters", "(6,)", _WRENCH, "B"),
+    "wrench": _of("generalized force asked of the thrusters, or planned", "(6,)", _WRENCH, "B"),
     "unreachable": _of("part of it that they cannot give", "(6,)", _WRENCH, "B"),
     "saturated": _of("whether any thruster is at its limit", "()", "-"),
     "thruster_share": _of("share of its thrust that each is believed to give", "(n_thrusters,)", "-"),

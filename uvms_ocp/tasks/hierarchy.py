@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.tables.small_table import SmallTable, Tabled
 from uvms_ocp.tasks.task import Task
 
 
 @checked
-class Hierarchy:
+class Hierarchy(Tabled):
     """Tasks from the highest priority to the lowest.
 
     Without `order` the classes decide (`TaskClass`), ties keep the given order. `order` names every task once, highest
@@ -32,6 +33,10 @@ class Hierarchy:
             self.tasks = tuple(sorted(tasks, key=lambda task: task.task_class))
         else:
             self.tasks = _ordered(tasks, order)
+
+    def _table(self) -> SmallTable:
+        rows = tuple((str(k + 1), task.name, task.label, type(task).__name__) for k, task in enumerate(self.tasks))
+        return SmallTable(title="Hierarchy, highest priority first", head=("", "task", "type", "class"), rows=rows)
 
     @property
     def names(self) -> tuple[str, ...]:

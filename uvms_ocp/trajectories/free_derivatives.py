@@ -13,7 +13,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import lapack
 
 from uvms_ocp.arrays import Array, Indices, Mask
 from uvms_ocp.exceptions import InvalidInput
@@ -172,6 +171,8 @@ def _band(pieces: Pieces, rows: Indices, free: Mask) -> Array:
 
 def _factorised(band: Array, width: int) -> Array:
     stacked = band.reshape(-1, width + 1).T
+    from scipy.linalg import lapack  # a tenth of a second, which only those pay who plan
+
     factor, info = lapack.dpbtrf(stacked, lower=1, overwrite_ab=1)
     if info:
         node = (info - 1) // band.shape[1]
@@ -184,5 +185,7 @@ def _factorised(band: Array, width: int) -> Array:
 def _back_substituted(factor: Array, slope: Array) -> Array:
     b, n_nodes, n_axes = slope.shape
     stacked = np.asfortranarray(slope.transpose(1, 0, 2).reshape(-1, n_axes))
+    from scipy.linalg import lapack
+
     solution, _ = lapack.dpbtrs(factor, stacked, lower=1, overwrite_b=1)
     return solution.reshape(n_nodes, b, n_axes).transpose(1, 0, 2)

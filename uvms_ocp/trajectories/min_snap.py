@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.arguments import checked
 from uvms_ocp.arrays import Array, Mask
+from uvms_ocp.tables.fielded import Fielded
 from uvms_ocp.trajectories.free_derivatives import (
     Pieces,
     coefficients,
@@ -41,8 +42,8 @@ class CostGradients:
 
 
 @checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class MinSnap:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class MinSnap(Fielded):
     """A minimum-derivative trajectory and the data of its nodes."""
 
     trajectory: PiecewisePolynomial

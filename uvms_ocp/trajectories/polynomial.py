@@ -20,6 +20,7 @@ from uvms_ocp.arguments import Count, Finite, checked, late
 from uvms_ocp.arguments.frozen import read_only
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput, OutputError
+from uvms_ocp.tables.fielded import Fielded
 from uvms_ocp.untrusted.array_file import read_arrays
 from uvms_ocp.validation import shown
 
@@ -27,8 +28,8 @@ _EXTREMUM_GRID = np.linspace(0.0, 1.0, 65)
 
 
 @checked
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PiecewisePolynomial:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class PiecewisePolynomial(Fielded):
     """A curve ``t -> R^n_axes`` made of polynomials; as a callable it is a ``Reference``, ``t -> (value, rate)``.
 
     Raises `InvalidInput` for wrong shapes, NaN, or breaks that do not increase (the first offending index is named).

@@ -80,10 +80,10 @@ def opened(folder: Path, identity: Identity, sources: Mapping[str, bytes]) -> It
         with in_one_line(folder):
             folder.mkdir(parents=True, exist_ok=True)
             stack.enter_context(locked(folder / STORE))
-        claim_identity(folder, identity)
-        for name, content in sources.items():
-            if not (folder / SOURCES / name).exists():
-                _write_whole(folder / SOURCES / name, content)
+            claim_identity(folder, identity)
+            for name, content in sources.items():
+                if not (folder / SOURCES / name).exists():
+                    _write_whole(folder / SOURCES / name, content)
         found = CampaignFolder(folder, identity)
         try:
             yield found
@@ -92,6 +92,7 @@ def opened(folder: Path, identity: Identity, sources: Mapping[str, bytes]) -> It
 
 
 def _write_whole(path: Path, content: bytes) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
+    with in_one_line(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as file:
         file.write(content)

@@ -79,7 +79,7 @@ def _indices(design: Design) -> Any:
     try:
         from SALib.sample import sobol
     except ImportError:
-        raise NotInstalled("the sampler indices", "uvms-ocp[campaign]") from None
+        raise NotInstalled("the sampler indices", '"uvms-ocp[campaign]"') from None
     base = design.runs // (design.parameters + 2)
     return sobol.sample(problem, base, calc_second_order=False, seed=design.seed)
 

@@ -47,7 +47,7 @@ def mission(
     within: Annotated[
         float | None, typer.Option(metavar="S", help="Longest duration [s]; default: that of the greedy mission.")
     ] = None,
-    step: Annotated[float, typer.Option(metavar="S", help="Step of the horizon [s].")] = 0.8,
+    step: Annotated[float, typer.Option(metavar="S", help="Step of the horizon [s].")] = 1.0,
     time_limit: Annotated[float, typer.Option(metavar="S", help="Time limit of each solve [s].")] = OPTIONS.time_limit,
     nlp: Annotated[str, typer.Option(help=f"Solver: {' or '.join(PLUGINS)}.")] = OPTIONS.plugin,
     out: Out = None,

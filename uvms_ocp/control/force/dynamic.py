@@ -100,7 +100,7 @@ class DynamicController:
         self._robot = robot
         laws = _laws(robot, dynamics, gains, health, kinematic.dt)
         late = DeadTimes() if sensors is None else dead_times(sensors)
-        self._tick = ForceTick(laws, borne_by(late, vehicle=gains.vehicle, joints=gains.joints))
+        self._tick = ForceTick(laws, borne_by(late, vehicle=gains.vehicle, joints=gains.joints, dt=kinematic.dt))
         self.memory = memory = self._tick.memory
         """All that the layer of forces knows, a `ForceMemory`."""
         # Parts of it are made anew whenever they are asked for.

@@ -15,6 +15,8 @@ from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
 
 _MOST_DEAD = 0.2
 """[-] bandwidth times dead time: with observer and estimator in the loop, that of Case 1 holds at 0.2 and breaks at 0.3."""
+_OWN = 1.5
+"""[-] control periods of dead time beside that of the sensors: half a one, as commands are held, and one that nobody told of."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -85,9 +87,10 @@ def dead_times(specs: SensorSpecs) -> DeadTimes:
     )
 
 
-def borne_by(late: DeadTimes, *, vehicle: float, joints: float) -> Borne:
-    """Of loops with the bandwidths vehicle [1/s] and joints [1/s]."""
-    return Borne(vehicle=_share(vehicle, late.vehicle), joints=_share(joints, late.joints), joints_late=late.joints)
+def borne_by(late: DeadTimes, *, vehicle: float, joints: float, dt: float) -> Borne:
+    """Of loops with the bandwidths vehicle [1/s] and joints [1/s], closed once in dt [s]."""
+    shares = (_share(vehicle, late.vehicle + _OWN * dt), _share(joints, late.joints + _OWN * dt))
+    return Borne(vehicle=shares[0], joints=shares[1], joints_late=late.joints)
 
 
 def _soonest(*specs: SensorSpec | None) -> float:

@@ -5,7 +5,7 @@ Mass and added mass of an axis weigh the same in most motions: their sum is ofte
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import casadi as ca
@@ -22,7 +22,7 @@ KNOWN = 0.1
 INTERVAL = 1.96
 """[-] standard errors to either side, in which 95 % lie."""
 TOTAL = "mass and added mass"
-SIZES = {"m": 0.05, "s": 0.05, "m/s": 0.05, "N, N m": 1.0}
+SIZES = {"m": 0.05, "s": 0.05, "rad": 0.05, "m/s": 0.05, "N, N m": 1.0}
 """[unit] of numbers that may be zero; others are compared with themselves."""
 _XYZ = ("x", "y", "z")
 
@@ -94,6 +94,21 @@ def numbers(vehicle: Vehicle, estimate: Estimate, together: float = 1.0) -> tupl
     )
 
 
+def number_of(vehicle: Vehicle, one: Number) -> Callable[[np.ndarray], tuple[float, np.ndarray]]:
+    """One of `numbers`, as it depends on the unknowns (n,): its value [unit], or logarithm where it is positive; its slope."""
+    theta = ca.SX.sym("theta", len(vehicle.shared.start))
+    pairs = _pairs(vehicle, theta)
+    (value,) = (each for entry, each in pairs if (entry.quantity, entry.entry) == (one.quantity, one.entry))
+    told = ca.log(value) if one.positive else value
+    function = ca.Function("number", [theta], [told, ca.densify(ca.jacobian(told, theta))])
+    return lambda shared: _evaluated(function, shared)
+
+
+def _evaluated(function: ca.Function, shared: np.ndarray) -> tuple[float, np.ndarray]:
+    value, slope = function(shared)
+    return float(value), np.asarray(slope).ravel()
+
+
 def values_of(vehicle: Vehicle, shared: np.ndarray) -> np.ndarray:
     """(m,) [units of `numbers`] of the same numbers at other unknowns shared (n,) [as `Unknowns.start`]."""
     return _entries(vehicle, shared)[1]
@@ -106,13 +121,17 @@ def _deviations(slopes: np.ndarray, C: np.ndarray) -> np.ndarray:
 def _entries(vehicle: Vehicle, shared: np.ndarray) -> tuple[list[_Entry], np.ndarray, np.ndarray]:
     """With values (m,) and their slopes (m, n)."""
     theta = ca.SX.sym("theta", len(shared))
-    quantities = vehicle.shared.values(theta)
-    pairs = [*_of_quantities(vehicle, quantities), *_totals(quantities)]
+    pairs = _pairs(vehicle, theta)
     stacked = ca.vertcat(*(value for _, value in pairs))
     function = ca.Function("numbers", [theta], [ca.densify(stacked), ca.densify(ca.jacobian(stacked, theta))])
     values, slopes = (np.asarray(one) for one in function(shared))
     chosen = np.flatnonzero(np.abs(slopes).sum(axis=1))
     return [pairs[k][0] for k in chosen], values.ravel()[chosen], slopes[chosen]
+
+
+def _pairs(vehicle: Vehicle, theta: ca.SX) -> list[tuple[_Entry, ca.SX]]:
+    quantities = vehicle.shared.values(theta)
+    return [*_of_quantities(vehicle, quantities), *_totals(quantities)]
 
 
 def _of_quantities(vehicle: Vehicle, quantities: dict[str, ca.SX]) -> Iterator[tuple[_Entry, ca.SX]]:

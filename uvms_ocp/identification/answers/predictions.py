@@ -63,12 +63,15 @@ class Predictor:
     """By which starts are fitted."""
     known: float = 2.0
     """[s] of the beginning of a stretch, from which its start is found; nothing later is looked at."""
+    own: bool = False
+    """Whether what a recording has for itself is found there too, and not taken as the declaration has it."""
 
     def of(self, stretch: Stretch) -> Predicted:
-        """Predict a whole stretch. What recordings have for themselves is as the declaration has it."""
+        """Predict a whole stretch."""
         error = OutputError(self.vehicle, [stretch.first(self.known)], self.noise, self.rollout)
         found = error.solve(error.start(self.shared), iterations=_ITERATIONS, frozen=True)
-        return rolled_out(self.rollout, stretch, found.starts[0], self.shared, self.vehicle.own.start)
+        own = found.own[stretch.recording] if self.own else self.vehicle.own.start
+        return rolled_out(self.rollout, stretch, found.starts[0], self.shared, own)
 
     def over(self, prepared: Prepared, step: float, horizon: float) -> Predicted:
         """Predict a recording horizon by horizon [s], in steps of `step` [s], each from what was known before it."""

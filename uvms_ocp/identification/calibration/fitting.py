@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.identification.answers.certainty import Open, correlated, left_open
+from uvms_ocp.identification.answers.fitted import Fitted
+from uvms_ocp.identification.answers.left_out import LeftOut, left_out
+from uvms_ocp.identification.answers.nulls import Balance, still
 from uvms_ocp.identification.answers.numbers import Number, numbers
-from uvms_ocp.identification.answers.predictions import Predicted, Predictor, rolled_out
+from uvms_ocp.identification.answers.predictions import Predicted
+from uvms_ocp.identification.answers.profiles import Profile, profiles
+from uvms_ocp.identification.answers.whiteness import Whiteness, whiteness
 from uvms_ocp.identification.calibration.settings import Settings
 from uvms_ocp.identification.calibration.subject import Subject
 from uvms_ocp.identification.methods.output_error import Estimate, Noise
@@ -28,6 +33,14 @@ class Comparison:
     calibrated: Predicted
     before: Predicted
     """By the vehicle as it was declared."""
+    still: Predicted
+    """By one that stays as it was seen first."""
+    balance: Predicted
+    """By one that stays where weight and buoyancy turn the calibrated vehicle no further."""
+    left: Predicted
+    """Stretch by stretch, as the search has left it."""
+    whiteness: tuple[Whiteness, ...]
+    """Of what is left."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -41,46 +54,86 @@ class Calibration:
     """Combinations of unknowns that the recordings do not determine."""
     together: float
     """[-] samples that miss alike: intervals are wider by its root than white residuals would have them."""
+    whiteness: tuple[Whiteness, ...]
+    """Of what is left of all recordings."""
     comparisons: tuple[Comparison, ...]
     doubts: tuple[str, ...]
+    profiles: tuple[Profile, ...] = ()
+    """Of the numbers that are determined, where they were asked for."""
+    left_out: tuple[LeftOut, ...] = ()
+    """Every recording, predicted by what the others tell, where that was asked for."""
 
 
-def calibrated(subject: Subject, settings: Settings, recordings: Sequence[Recording]) -> Calibration:
-    """Identify. Raises InvalidInput for no recordings or equal names, and NameNotFound for a channel that is missing."""
-    names = [one.name for one in recordings]
-    if not names or len(set(names)) < len(names):
-        raise InvalidInput(f"recordings {names} given; allowed: one at least, each with a name of its own")
-    vehicle, noise = subject.vehicle, Noise(**settings.noise.model_dump())
-    prepared, rollout = [Prepared.of(one, vehicle) for one in recordings], Rollout(stage_of(vehicle))
-    search = Search(step=settings.step, stretch=settings.stretch)
-    estimate = searched(vehicle, prepared, noise, rollout, search)
-    seen = _in_sample(rollout, prepared, estimate, settings)
-    together = correlated(seen, noise)
-    predictors = [
-        Predictor(vehicle=vehicle, rollout=rollout, shared=shared, noise=noise)
-        for shared in (estimate.shared, vehicle.shared.start)
-    ]
+def calibrated(
+    subject: Subject,
+    settings: Settings,
+    recordings: Sequence[Recording],
+    *,
+    profiled: bool = False,
+    leave_one_out: bool = False,
+    tell: Callable[[str], None] = lambda _: None,
+) -> Calibration:
+    """Identify; with profiles and leave-one-out, which take longer, if wanted; tell is told what is being done.
+
+    Raises InvalidInput for no recordings, one alone to be left out, or equal names, and NameNotFound for a channel that is
+    missing.
+    """
+    _require(recordings, leave_one_out)
+    fitted = _fitted(subject, settings, recordings)
+    left = fitted.left()
+    together = correlated(left, fitted.noise)
+    told = numbers(subject.vehicle, fitted.estimate, together)
     return Calibration(
         subject=subject,
-        estimate=estimate,
-        numbers=numbers(vehicle, estimate, together),
-        open=left_open(vehicle, estimate, together),
+        estimate=fitted.estimate,
+        numbers=told,
+        open=left_open(subject.vehicle, fitted.estimate, together),
         together=together,
-        comparisons=tuple(_comparison(one, predictors, settings.step) for one in prepared),
+        whiteness=whiteness(left, fitted.noise),
+        comparisons=_comparisons(fitted),
         doubts=tuple(f"{one.name}: {doubt}" for one in recordings for doubt in doubts(one)),
+        profiles=tuple(profiles(fitted, told, together, tell)) if profiled else (),
+        left_out=tuple(left_out(fitted, tell=tell)) if leave_one_out else (),
     )
 
 
-def _comparison(one: Prepared, predictors: Sequence[Predictor], step: float) -> Comparison:
-    (whole,) = one.stretches(step)
-    after, before = (predictor.of(whole) for predictor in predictors)
-    return Comparison(name=one.recording.name, calibrated=after, before=before)
+def _require(recordings: Sequence[Recording], leave_one_out: bool) -> None:
+    names = [one.name for one in recordings]
+    if not names or len(set(names)) < len(names):
+        raise InvalidInput(f"recordings {names} given; allowed: one at least, each with a name of its own")
+    if leave_one_out and len(names) < 2:
+        raise InvalidInput(f"recordings {names} given; leave-one-out needs at least 2")
 
 
-def _in_sample(rollout: Rollout, prepared: Sequence[Prepared], estimate: Estimate, settings: Settings) -> Predicted:
-    """What is left of all stretches, by which samples are found to miss alike."""
-    stretches = [part for one in prepared for part in one.stretches(settings.step, settings.stretch)]
-    pairs, own = zip(stretches, estimate.starts, strict=True), estimate.own
-    return Predicted.joined(
-        [rolled_out(rollout, one, start, estimate.shared, own[one.recording]) for one, start in pairs]
+def _fitted(subject: Subject, settings: Settings, recordings: Sequence[Recording]) -> Fitted:
+    vehicle, noise = subject.vehicle, Noise(**settings.noise.model_dump())
+    prepared, rollout = tuple(Prepared.of(one, vehicle) for one in recordings), Rollout(stage_of(vehicle))
+    search = Search(step=settings.step, stretch=settings.stretch)
+    return Fitted(
+        vehicle=vehicle,
+        rollout=rollout,
+        prepared=prepared,
+        noise=noise,
+        search=search,
+        estimate=searched(vehicle, prepared, noise, rollout, search),
+    )
+
+
+def _comparisons(fitted: Fitted) -> tuple[Comparison, ...]:
+    balance = Balance.of(fitted.vehicle)
+    return tuple(_comparison(fitted, balance, one) for one in fitted.prepared)
+
+
+def _comparison(fitted: Fitted, balance: Balance, one: Prepared) -> Comparison:
+    (whole,) = one.stretches(fitted.search.step)
+    after, before = fitted.predictor(), fitted.predictor(fitted.vehicle.shared.start)
+    left = fitted.left(one.recording.name)
+    return Comparison(
+        name=one.recording.name,
+        calibrated=after.of(whole),
+        before=before.of(whole),
+        still=still(whole, after.known),
+        balance=balance.of_stretch(whole, fitted.estimate.shared),
+        left=left,
+        whiteness=whiteness(left, fitted.noise),
     )

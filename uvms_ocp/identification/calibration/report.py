@@ -1,24 +1,25 @@
-"""A calibration in words: numbers, what is not determined, and how well recordings are predicted."""
+"""A calibration in words: numbers, how sure they are, what is not determined, and how well recordings are predicted."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
-
-from uvms_ocp.identification.answers.numbers import KNOWN
-from uvms_ocp.identification.answers.predictions import Predicted, fit
+from uvms_ocp.identification.answers.advice import advice
+from uvms_ocp.identification.answers.numbers import KNOWN, Number
+from uvms_ocp.identification.answers.profiles import Profile
+from uvms_ocp.identification.answers.whiteness import LEVEL
 from uvms_ocp.identification.calibration.fitting import Calibration
+from uvms_ocp.identification.calibration.predicted_tables import fits, left_out_tables
 from uvms_ocp.identification.calibration.variant import IN_FILE
-from uvms_ocp.identification.parameters.vehicle_quantities import AXES
 
-_STILL = 1e-3  # [m/s, rad/s] deviation below which a channel has no fit
+_TINY = 1e-6  # [-] chance that is not told more exactly
 _TOLD = 6  # combinations, the worst first
 
 
 def report_text(one: Calibration) -> str:
     """Markdown."""
-    parts = ["# Calibration", *_numbers(one), *_open(one), *_fits(one), "", "## Doubts about the recordings", ""]
+    parts = ["# Calibration", *_numbers(one), *_profiles(one), *_open(one), *_white(one), *fits(one.comparisons)]
+    parts += [*left_out_tables(one.left_out), "", "## Doubts about the recordings", ""]
     return "\n".join([*parts, *(f"- {doubt}" for doubt in one.doubts or ("none",))]) + "\n"
 
 
@@ -29,10 +30,30 @@ def _numbers(one: Calibration) -> Iterator[str]:
     yield "\n| number | value | unit | standard error | 95 % interval | determined | in the file |"
     yield "|---|---:|---|---:|---|---|---|"
     for each in one.numbers:
-        least, most = each.interval
         words = "yes" if each.determined else "no", "yes" if each.quantity in IN_FILE else "no"
-        told = f"{each.value:.4g} | {each.unit} | {each.sigma:.2g} | {least:.4g} to {most:.4g}"
+        told = f"{each.value:.4g} | {each.unit} | {each.sigma:.2g} | {_ends(each.interval)}"
         yield f"| {each.name} | {told} | {words[0]} | {words[1]} |"
+
+
+def _profiles(one: Calibration) -> Iterator[str]:
+    if not one.profiles:
+        return
+    yield "\n## Profiles\n"
+    yield "Each number that is determined was held at one and two standard errors to either side, and more where its"
+    yield "interval did not close, while all others were fitted anew: the interval does not rely on linearity."
+    yield "\n| number | unit | by standard errors | by profile | |"
+    yield "|---|---|---|---|---|"
+    for each in one.profiles:
+        yield _profile(each, each.number)
+
+
+def _profile(one: Profile, told: Number) -> str:
+    word = "differs" if one.differs else ""
+    return f"| {told.name} | {told.unit} | {_ends(told.interval)} | {_ends(one.interval)} | {word} |"
+
+
+def _ends(interval: tuple[float, float]) -> str:
+    return f"{interval[0]:.4g} to {interval[1]:.4g}"
 
 
 def _open(one: Calibration) -> Iterator[str]:
@@ -41,20 +62,15 @@ def _open(one: Calibration) -> Iterator[str]:
         yield "None."
     for each in one.open[:_TOLD]:
         shares = " ".join(f"{share:+.2f} {name}" for name, share in each.shares)
-        yield f"- {shares}: standard error {min(each.sigma, 1e3):.2g} without priors"
+        yield f"- {shares}: standard error {min(each.sigma, 1e3):.2g} without priors. To determine it: {advice(each)}."
 
 
-def _fits(one: Calibration) -> Iterator[str]:
-    yield "\n## Fits of whole recordings, in percent, from commands alone\n"
-    yield "Recordings were seen by the search: predictions of others are worse. In brackets: before the calibration. A vehicle"
-    yield "that does not move has 0 or less.\n"
-    yield "| recording | " + " | ".join(AXES) + " |"
-    yield "|---" * (1 + len(AXES)) + "|"
-    for each in one.comparisons:
-        cells = zip(_by_axis(each.calibrated), _by_axis(each.before), strict=True)
-        yield f"| {each.name} | " + " | ".join(f"{after} ({before})" for after, before in cells) + " |"
-
-
-def _by_axis(predicted: Predicted) -> list[str]:
-    pairs = [(predicted.seen[k][:, i], predicted.rows[k][:, i]) for k in range(2) for i in range(3)]
-    return [f"{fit(*pair):.0f}" if np.std(pair[0]) > _STILL else "-" for pair in pairs]
+def _white(one: Calibration) -> Iterator[str]:
+    yield "\n## What the search has left\n"
+    yield f"Residuals of all stretches. Where the model says all that there is they are white: p is above {LEVEL:g} (Ljung and"
+    yield "Box's test), one sample at a time misses, and the size is 1, in standard deviations of the noise as given.\n"
+    yield "| channel | size | samples that miss alike | p | white |"
+    yield "|---|---:|---:|---:|---|"
+    for each in one.whiteness:
+        word, p = "yes" if each.white else "no", f"{each.p:.2g}" if each.p > _TINY else f"below {_TINY:g}"
+        yield f"| {each.channel} | {each.size:.2g} | {each.together:.3g} | {p} | {word} |"

@@ -2,7 +2,7 @@
 
 Every stretch begins where it likes; where it ends may differ from where the next one begins, at the price of process noise.
 Unknowns of single recordings, and starts, are eliminated recording by recording, so that a step costs little more than the
-simulation. The loss is quadratic near zero and linear beyond `Noise.outliers` standard deviations, by weights.
+simulation.
 """
 
 from __future__ import annotations
@@ -12,15 +12,16 @@ from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
-from scipy.sparse import csc_matrix
-from scipy.sparse.linalg import splu
 
+from uvms_ocp.identification.methods.loss import loss, weighted
+from uvms_ocp.identification.methods.point import Point, difference
+from uvms_ocp.identification.methods.pull import Pull
 from uvms_ocp.identification.methods.rollout import N_START, Rollout, Seen, Start, turn_slope
 from uvms_ocp.identification.methods.stretch import Stretch
 from uvms_ocp.identification.models.stage import N_Q, N_V, Vehicle
-from uvms_ocp.model.spatial import quaternion_conjugate, quaternion_log, quaternion_multiply
 from uvms_ocp.status import AdvisedStatus
 
+_NEARLY_NONE = 1e-9  # of damping
 _Inverse = Callable[[np.ndarray], np.ndarray]
 
 
@@ -68,16 +69,6 @@ class Estimate:
     iterations: int
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Point:
-    """Values of all unknowns."""
-
-    shared: np.ndarray
-    own: tuple[np.ndarray, ...]
-    starts: tuple[tuple[Start, ...], ...]
-    """Of the stretches of each recording."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Block:
     """Normal equations of one recording, its local unknowns apart."""
@@ -91,53 +82,97 @@ class _Block:
     """(n, n_local)"""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Expansion:
+    """A point, and the problem to second order there."""
+
+    point: Point
+    blocks: list[_Block]
+
+
 class OutputError:
     """A problem: a vehicle, stretches of recordings and noise. Stretches of a recording follow each other."""
 
-    def __init__(self, vehicle: Vehicle, stretches: Sequence[Stretch], noise: Noise, rollout: Rollout) -> None:
-        self._vehicle, self._noise, self._rollout = vehicle, noise, rollout
+    def __init__(
+        self, vehicle: Vehicle, stretches: Sequence[Stretch], noise: Noise, rollout: Rollout, pull: Pull | None = None
+    ) -> None:
+        self._vehicle, self._noise, self._rollout, self._pull = vehicle, noise, rollout, pull
         self._recordings = [tuple(group) for _, group in groupby(stretches, key=lambda one: one.recording)]
         self._n, self._m = len(vehicle.shared.start), len(vehicle.own.start)
         self._sigma = noise.velocity, noise.rate, noise.vertical
 
-    def start(self, shared: np.ndarray | None = None) -> _Point:
+    def start(self, shared: np.ndarray | None = None) -> Point:
         """Where the declaration has unknowns, or at shared (n,) [as `Unknowns.start`], and stretches begin as it was seen."""
         begins = tuple(tuple(Start(q=one.q, v=one.v) for one in group) for group in self._recordings)
         own = tuple(self._vehicle.own.start for _ in self._recordings)
-        return _Point(shared=self._vehicle.shared.start if shared is None else shared, own=own, starts=begins)
+        return Point(shared=self._vehicle.shared.start if shared is None else shared, own=own, starts=begins)
 
-    def solve(self, point: _Point, *, iterations: int = 20, frozen: bool = False, tolerance: float = 1e-4) -> Estimate:
-        """Levenberg and Marquardt's method. frozen: shared unknowns stay. tolerance: [-] share of the cost worth a step."""
-        damping, blocks, status, done = 1e-3, self._blocks(point), FitStatus.ITERATION_LIMIT, 0
+    def resumed(self, estimate: Estimate) -> Point:
+        """Where an estimate from the same stretches has ended."""
+        own = tuple(estimate.own[group[0].recording] for group in self._recordings)
+        left = iter(estimate.starts)
+        begins = tuple(tuple(next(left) for _ in group) for group in self._recordings)
+        return Point(shared=estimate.shared, own=own, starts=begins)
+
+    def expansion(self, point: Point) -> Expansion:
+        """At a point; one holds whatever number is pulled."""
+        return Expansion(point, self._blocks(point))
+
+    def stepped(self, expansion: Expansion) -> tuple[Point, float]:
+        """After one step of Gauss and Newton, and the cost [-] there."""
+        after = self._moved(expansion.point, expansion.blocks, _NEARLY_NONE, frozen=False)
+        return after, self._total(after, self._costs(after))
+
+    def solve(
+        self,
+        point: Point,
+        *,
+        iterations: int = 20,
+        frozen: bool = False,
+        tolerance: float = 1e-4,
+        damping: float = 1e-3,
+    ) -> Estimate:
+        """Levenberg and Marquardt's method. frozen: shared unknowns stay. tolerance: [-] share of the cost worth a step.
+
+        damping: [-] of the first step.
+        """
+        blocks, status, done = self._blocks(point), FitStatus.ITERATION_LIMIT, 0
         while done < iterations:
             done += 1
             tried = self._step(point, blocks, damping, frozen)
             if tried is None:
                 status = FitStatus.STALLED
                 break
-            after, damping = tried
-            gained = 1.0 - self._total(after, self._costs(after)) / self._total(point, [b.cost for b in blocks])
+            after, damping, cost = tried
+            gained = 1.0 - cost / self._total(point, [block.cost for block in blocks])
             point, blocks = after, self._blocks(after)
             if gained < tolerance:
                 status = FitStatus.CONVERGED
                 break
         return self._estimate(point, blocks, status, done)
 
-    def _step(self, point: _Point, blocks: list[_Block], damping: float, frozen: bool) -> tuple[_Point, float] | None:
+    def _step(
+        self, point: Point, blocks: list[_Block], damping: float, frozen: bool
+    ) -> tuple[Point, float, float] | None:
+        """Where the cost is lower, damping there, and the cost."""
         before = self._total(point, [block.cost for block in blocks])
         for _ in range(8):
             after = self._moved(point, blocks, damping, frozen)
             cost = self._total(after, self._costs(after))
             if np.isfinite(cost) and cost < before:
-                return after, max(damping / 5.0, 1e-9)
+                return after, max(damping / 5.0, _NEARLY_NONE), cost
             damping *= 8.0
         return None
 
-    def _moved(self, point: _Point, blocks: list[_Block], damping: float, frozen: bool) -> _Point:
+    def _moved(self, point: Point, blocks: list[_Block], damping: float, frozen: bool) -> Point:
         H, g, eliminated = self._reduced(point, blocks, damping)
         change = np.zeros(self._n)
         if not frozen and self._n:
-            change = -np.linalg.solve(H + damping * np.diag(np.diag(H) + 1e-9), g)
+            damped = H + damping * np.diag(np.diag(H) + 1e-9)
+            if self._pull is not None:
+                stiff, force = self._pull.normal(point.shared)
+                damped, g = damped + stiff, g + force
+            change = -np.linalg.solve(damped, g)
         shared = np.clip(
             point.shared + np.clip(change, -1.0, 1.0), self._vehicle.shared.lower, self._vehicle.shared.upper
         )
@@ -150,13 +185,16 @@ class OutputError:
             starts.append(
                 tuple(one.moved(np.clip(c, -0.5, 0.5)) for one, c in zip(point.starts[k], turns, strict=True))
             )
-        return _Point(shared=shared, own=tuple(own), starts=tuple(starts))
+        return Point(shared=shared, own=tuple(own), starts=tuple(starts))
 
     def _reduced(
-        self, point: _Point, blocks: list[_Block], damping: float
+        self, point: Point, blocks: list[_Block], damping: float
     ) -> tuple[np.ndarray, np.ndarray, list[_Inverse]]:
         """Normal equations of the shared unknowns, and what solves those of the others: a stretch knows its neighbours only."""
         weight = 1.0 / self._vehicle.shared.sigma**2
+        from scipy.sparse import csc_matrix  # a tenth of a second
+        from scipy.sparse.linalg import splu
+
         H, g = np.diag(weight), weight * (point.shared - self._vehicle.shared.start)
         inverses = []
         for block in blocks:
@@ -167,7 +205,7 @@ class OutputError:
             inverses.append(inverse)
         return H, g, inverses
 
-    def _estimate(self, point: _Point, blocks: list[_Block], status: FitStatus, done: int) -> Estimate:
+    def _estimate(self, point: Point, blocks: list[_Block], status: FitStatus, done: int) -> Estimate:
         names = [group[0].recording for group in self._recordings]
         return Estimate(
             shared=point.shared,
@@ -179,18 +217,19 @@ class OutputError:
             iterations=done,
         )
 
-    def _total(self, point: _Point, costs: Sequence[float]) -> float:
+    def _total(self, point: Point, costs: Sequence[float]) -> float:
         far = (point.shared - self._vehicle.shared.start) / self._vehicle.shared.sigma
-        return float(sum(costs) + far @ far / 2)
+        pulled = 0.0 if self._pull is None else self._pull.cost(point.shared)
+        return float(sum(costs) + far @ far / 2 + pulled)
 
-    def _costs(self, point: _Point) -> list[float]:
+    def _costs(self, point: Point) -> list[float]:
         with np.errstate(all="ignore"):
             return [self._cost(k, point, seen) for k, seen in enumerate(self._all_seen(point, slopes=False))]
 
-    def _blocks(self, point: _Point) -> list[_Block]:
+    def _blocks(self, point: Point) -> list[_Block]:
         return [self._block(k, point, seen) for k, seen in enumerate(self._all_seen(point, slopes=True))]
 
-    def _all_seen(self, point: _Point, *, slopes: bool) -> list[list[Seen]]:
+    def _all_seen(self, point: Point, *, slopes: bool) -> list[list[Seen]]:
         """By recording; stretches that have equally many steps are simulated together."""
         flat = [
             (k, stretch, start)
@@ -205,22 +244,22 @@ class OutputError:
             found |= dict(zip(chosen, self._rollout.seen(*parts, p, slopes=slopes), strict=True))
         return [[found[i] for i, (k, _, _) in enumerate(flat) if k == group] for group in range(len(self._recordings))]
 
-    def _cost(self, k: int, point: _Point, seen: list[Seen]) -> float:
-        squares = sum(_loss(r, self._noise.outliers) for rows in self._residuals(k, seen) for r in rows)
+    def _cost(self, k: int, point: Point, seen: list[Seen]) -> float:
+        squares = sum(loss(r, self._noise.outliers) for rows in self._residuals(k, seen) for r in rows)
         return float(squares + self._beginnings(k, point)[1] + sum(d @ d for d, _ in self._gaps(k, point, seen)) / 2)
 
     def _residuals(self, k: int, seen: list[Seen]) -> list[list[np.ndarray]]:
         pairs = zip(self._recordings[k], seen, strict=True)
         return [[(one.rows[j] - stretch.seen[j]) / self._sigma[j] for j in range(3)] for stretch, one in pairs]
 
-    def _beginnings(self, k: int, point: _Point) -> tuple[list[np.ndarray], float]:
+    def _beginnings(self, k: int, point: Point) -> tuple[list[np.ndarray], float]:
         """How far starts are from what was seen there, weighted, and what that costs."""
-        far = [_difference(Start(q=one.q, v=one.v), start) / self._noise.start
+        far = [difference(Start(q=one.q, v=one.v), start) / self._noise.start
                for one, start in zip(self._recordings[k], point.starts[k], strict=True)]  # fmt: skip
         own = (point.own[k] - self._vehicle.own.start) / self._vehicle.own.sigma
         return far, float(sum(one @ one for one in far) + own @ own) / 2
 
-    def _gaps(self, k: int, point: _Point, seen: list[Seen]) -> list[tuple[np.ndarray, np.ndarray]]:
+    def _gaps(self, k: int, point: Point, seen: list[Seen]) -> list[tuple[np.ndarray, np.ndarray]]:
         """Between the ends of stretches and the next ones, weighted, with their slopes with end states (9, n_x)."""
         found = []
         for one, after in zip(seen[:-1], point.starts[k][1:], strict=True):
@@ -228,10 +267,10 @@ class OutputError:
             slope = np.zeros((N_START, len(one.end)))
             slope[:N_V, N_Q : N_Q + N_V] = np.eye(N_V)
             slope[N_V:, 3:N_Q] = 4.0 * turn_slope(end.q[3:]).T
-            found.append((_difference(after, end) / self._noise.process, slope / self._noise.process))
+            found.append((difference(after, end) / self._noise.process, slope / self._noise.process))
         return found
 
-    def _block(self, k: int, point: _Point, seen: list[Seen]) -> _Block:
+    def _block(self, k: int, point: Point, seen: list[Seen]) -> _Block:
         n, m, count = self._n, self._m, len(seen)
         size = n + m + N_START * count
         H, g = np.zeros((size, size)), np.zeros(size)
@@ -242,7 +281,7 @@ class OutputError:
         for i, (one, rows) in enumerate(zip(seen, self._residuals(k, seen), strict=True)):
             places = _places(n + m, i)
             for slope, row, sigma in zip(one.slopes, rows, self._sigma, strict=True):
-                r, J = _weighted(row, slope / sigma, self._noise.outliers)
+                r, J = weighted(row, slope / sigma, self._noise.outliers)
                 H[np.ix_(places, places)] += J.T @ J
                 g[places] += J.T @ r
             begin = places[-N_START:]
@@ -258,20 +297,3 @@ class OutputError:
 
 def _places(n_p: int, stretch: int) -> np.ndarray:
     return np.concatenate([np.arange(n_p), n_p + N_START * stretch + np.arange(N_START)])
-
-
-def _difference(of: Start, to: Start) -> np.ndarray:
-    """(9,) [m/s, rad/s, rad] that moves one start to another."""
-    turn = quaternion_log(quaternion_multiply(quaternion_conjugate(of.q[3:]), to.q[3:]))
-    return np.concatenate([to.v - of.v, np.asarray(turn).ravel()])
-
-
-def _loss(r: np.ndarray, outliers: float) -> float:
-    """Pseudo-Huber's: half the squares near zero."""
-    return float((outliers**2 * (np.sqrt(1.0 + (r / outliers) ** 2) - 1.0)).sum())
-
-
-def _weighted(r: np.ndarray, J: np.ndarray, outliers: float) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals (n,) and slopes (n, k) whose squares have the gradient of the loss."""
-    root = (1.0 + (r / outliers) ** 2) ** -0.25
-    return (root * r).ravel(), (root[..., None] * J).reshape(-1, J.shape[-1])

@@ -16,7 +16,7 @@ import casadi as ca
 from uvms_ocp.identification.models.vehicle_dynamics import vehicle_dynamics
 from uvms_ocp.identification.parameters.unknowns import Unknowns
 from uvms_ocp.identification.parameters.vehicle_quantities import Actuators
-from uvms_ocp.model.spatial import cross, quaternion_to_matrix
+from uvms_ocp.model.spatial import cross, exp3, quaternion_to_matrix
 from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
 
 N_Q, N_V = 7, 6
@@ -63,7 +63,7 @@ class Stage:
     slope: ca.Function
     """``x, u, joints, p, h -> A = dx_next/dx, B = dx_next/dp, C = dx_next/du``"""
     seen: ca.Function
-    """``x, p -> y (9,), dy/dx, dy/dp``: velocity where it is measured, angular velocity, W's vertical; all in B."""
+    """``x, p -> y (9,), dy/dx, dy/dp``: velocity where it is measured, in B; angular velocity, W's vertical, as they are seen."""
     begun: ca.Function
     """``u (n_u, PAST), p -> w, dw/dp, dw/du (n_u, n_u PAST)``: what actuators give after commands of `PAST_STEP` each."""
     delays: ca.Function
@@ -145,4 +145,10 @@ def _acceleration(
 def _seen(values: dict[str, ca.SX], x: ca.SX) -> ca.SX:
     linear, angular = x[N_Q : N_Q + 3], x[N_Q + 3 : N_Q + N_V]
     vertical = quaternion_to_matrix(x[3:N_Q])[2, :].T
-    return ca.vertcat(linear + cross(angular, values["velocity_point"]), angular, vertical)
+    at_point = linear + cross(angular, values["velocity_point"])
+    return ca.vertcat(at_point, as_seen(values, angular), as_seen(values, vertical))
+
+
+def as_seen(values: dict[str, ca.SX], vector: ca.SX) -> ca.SX:
+    """A vector (3,) [any] in B, as the sensor of attitude sits that sees it."""
+    return exp3(values["attitude_turn"] + values["attitude_offset"]).T @ vector

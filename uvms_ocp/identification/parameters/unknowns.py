@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -59,6 +59,15 @@ class Unknowns:
                 x[np.flatnonzero(one.free).tolist()] = theta[first : first + n]
             found[name], first = one.coordinates.decode(x), first + n
         return found
+
+    def believed(self, about: np.ndarray, wider: float = 1.0) -> Unknowns:
+        """A copy that starts, and whose priors are, about (n,) [as start]; wider: [-] factor of their deviations."""
+        found, first = dict(self.declaration.quantities), 0
+        for name, one in self._items():
+            x, n = one.x.copy(), int(one.free.sum())
+            x[one.free] = about[first : first + n]
+            found[name], first = replace(one, x=x, sigma=wider * one.sigma), first + n
+        return Unknowns(Declaration(quantities=found), self.own)
 
     def _items(self) -> Iterator[tuple[str, Quantity]]:
         return ((name, one) for name, one in self.declaration.quantities.items() if one.own == self.own)

@@ -103,8 +103,7 @@ def vehicle_declaration(
             **_water(start, coupled, np.full(6, 0.3) if speed is None else np.asarray(speed, dtype=float)),
             **_actuation(driven),
             **_sensing(driven),
-            "current": Quantity.fixed("m/s", Reals(names=_XYZ), np.zeros(3), own=True),
-            "wrench_offset": Quantity.fixed("N, N m", Reals(names=AXES), np.zeros(6), own=True),
+            **_of_recordings(),
         }
     )
 
@@ -149,9 +148,20 @@ def _actuation(driven: Actuators) -> dict[str, Quantity]:
 
 
 def _sensing(driven: Actuators) -> dict[str, Quantity]:
+    """The sensor of attitude and its rate sits in B turned by a rotation vector, to which each recording adds its own."""
     return {
         "velocity_point": Quantity.fixed("m", Reals(names=_XYZ), np.zeros(3)),
         "velocity_delay": Quantity.fixed("s", _delay(driven), np.array([0.01 * driven.longest_delay])),
+        "attitude_turn": Quantity.fixed("rad", Reals(names=_XYZ), np.zeros(3)),
+    }
+
+
+def _of_recordings() -> dict[str, Quantity]:
+    """What each has for itself."""
+    return {
+        "current": Quantity.fixed("m/s", Reals(names=_XYZ), np.zeros(3), own=True),
+        "wrench_offset": Quantity.fixed("N, N m", Reals(names=AXES), np.zeros(6), own=True),
+        "attitude_offset": Quantity.fixed("rad", Reals(names=_XYZ), np.zeros(3), own=True),
     }
 
 

@@ -8,12 +8,25 @@
         columns: [velocity.x, velocity.y, velocity.z]
         body: FRD
 
+Messages of MCAP files and rosbag2 folders have a topic, and fields by their paths; without a time they count as measured when
+they were logged:
+
+      attitude:
+        topic: /odometry
+        time: header.stamp
+        columns: [pose.pose.orientation.x, pose.pose.orientation.y, pose.pose.orientation.z, pose.pose.orientation.w]
+      joint_positions:
+        topic: /joint_states
+        columns: ["position[shoulder]", "position[elbow]"]
+
 Frames: ``world: NED`` and ``body: FRD`` are turned to W with z up and B forward-left-up. A world with z up is taken as it is:
 where it has its x axis changes no fit.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -21,9 +34,12 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.identification.recordings.messages import holds_messages, topics_of
 from uvms_ocp.identification.recordings.recording import KINDS, Channel, Recording
+from uvms_ocp.identification.recordings.sampling import unwound
 from uvms_ocp.identification.recordings.sending_times import evenly_sent
 from uvms_ocp.identification.recordings.tables import read_columns
+from uvms_ocp.identification.recordings.topics import Wanted, message_rows
 from uvms_ocp.model.spatial import matrix_to_quaternion, quaternion_to_matrix, rpy_to_matrix
 from uvms_ocp.untrusted.yaml_file import read_yaml_as
 from uvms_ocp.validation import one_line_errors
@@ -41,9 +57,17 @@ class ChannelMapping(BaseModel):
     file: str = Field(
         default="", description="in the folder of the recording, {name} for its name; empty: the file itself"
     )
-    time: str = Field(description="column of the times")
-    time_unit: Literal["s", "ms", "us", "ns"] = "s"
-    columns: tuple[str, ...] = Field(min_length=1, description="in the order that the channel has")
+    topic: str = Field(default="", description="of the messages, in MCAP files and rosbag2 folders")
+    time: str = Field(
+        default="", description="column or field of the times; of messages, empty for when they were logged"
+    )
+    time_unit: Literal["s", "ms", "us", "ns"] = Field(
+        default="s", description="of times that are plain numbers; stamps of seconds and nanoseconds need none"
+    )
+    columns: tuple[str, ...] = Field(
+        min_length=1,
+        description="in the order that the channel has; of messages, paths such as position.x, actuators[3]",
+    )
     format: Literal["as it is", "rpy", "quaternion xyzw", "quaternion wxyz"] = Field(
         default="as it is", description="of an attitude"
     )
@@ -78,29 +102,54 @@ def mapped_recording(source: Path, mapping: Mapping, name: str = "") -> Recordin
     Times begin with the first sample of any channel. Raises NameNotFound, NotInstalled and InvalidInput.
     """
     name = name or source.name.partition(".")[0]
-    found = {key: _samples(key, one, source, name) for key, one in mapping.channels.items()}
-    start = min(t[0] for t, _ in found.values())
-    return Recording(
-        name=name,
-        channels={
-            key: Channel(t=t - start, values=values, delay=mapping.channels[key].delay)
-            for key, (t, values) in found.items()
-        },
-    )
+    rows = _rows(source, mapping, name)
+    found = {key: _samples(key, one, rows[key]) for key, one in mapping.channels.items()}
+    start = min(channel.t[0] for channel in found.values())
+    return Recording(name=name, channels={key: replace(one, t=one.t - start) for key, one in found.items()})
 
 
-def _samples(key: str, one: ChannelMapping, source: Path, name: str) -> tuple[np.ndarray, np.ndarray]:
-    path = source / one.file.format(name=name) if one.file else source
-    rows = read_columns(path, [one.time, *one.columns])
+def _rows(source: Path, mapping: Mapping, name: str) -> dict[str, np.ndarray]:
+    """Times [s] and values [as they are] (n, 1 + k) of every channel; of a file of messages all at once."""
+    found: dict[str, np.ndarray] = {}
+    by_path: dict[Path, dict[str, Wanted]] = defaultdict(dict)
+    for key, one in mapping.channels.items():
+        path = source / one.file.format(name=name) if one.file else source
+        if holds_messages(path):
+            by_path[path][key] = _wanted(key, one, path)
+        else:
+            found[key] = _table_rows(key, one, path)
+    for path, wanted in by_path.items():
+        found |= message_rows(path, wanted)
+    return found
+
+
+def _wanted(key: str, one: ChannelMapping, path: Path) -> Wanted:
+    if not one.topic:
+        raise InvalidInput(f"{path}: {key} has no topic; give one of {', '.join(topics_of(path))}")
+    return Wanted(topic=one.topic, columns=one.columns, time=one.time, unit=_UNITS[one.time_unit])
+
+
+def _table_rows(key: str, one: ChannelMapping, path: Path) -> np.ndarray:
+    if one.topic or not one.time:
+        raise InvalidInput(f"{path}: {key} is in a table; give its time, and no topic")
+    return read_columns(path, [one.time, *one.columns]) * [_UNITS[one.time_unit], *np.ones(len(one.columns))]
+
+
+def _samples(key: str, one: ChannelMapping, rows: np.ndarray) -> Channel:
     rows = rows[np.isfinite(rows).all(axis=1)]
     if one.lost == "all zero":
         rows = rows[(rows[:, 1:] != 0.0).any(axis=1)]
     if len(rows) < 2:
-        raise InvalidInput(f"{path}: fewer than two samples of {key}; leave the channel out")
-    t = rows[:, 0] * _UNITS[one.time_unit]
-    t = t if one.sent_every is None else evenly_sent(t, one.sent_every)
-    _, first = np.unique(t, return_index=True)
-    return t[first], _converted(key, one, rows[first, 1:])
+        raise InvalidInput(f"fewer than two samples of {key}; leave the channel out")
+    given = rows[:, 0]
+    t, first = np.unique(given if one.sent_every is None else evenly_sent(given, one.sent_every), return_index=True)
+    return Channel(
+        t=t,
+        values=_converted(key, one, rows[first, 1:]),
+        delay=one.delay,
+        back=float((np.maximum.accumulate(given) - given).max()),
+        repeated=len(given) - len(t),
+    )
 
 
 def _converted(key: str, one: ChannelMapping, values: np.ndarray) -> np.ndarray:
@@ -113,9 +162,7 @@ def _converted(key: str, one: ChannelMapping, values: np.ndarray) -> np.ndarray:
 
 def _quaternions(one: ChannelMapping, values: np.ndarray) -> np.ndarray:
     world, body = (_DOWN if z_down else np.eye(3) for z_down in (one.world == "NED", one.body == "FRD"))
-    found = np.array([matrix_to_quaternion(world @ R @ body) for R in _rotations(one, values)])
-    signs = np.cumprod(np.where((found[1:] * found[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))
-    return found * np.concatenate([[1.0], signs])[:, None]
+    return unwound(np.array([matrix_to_quaternion(world @ R @ body) for R in _rotations(one, values)]))
 
 
 def _rotations(one: ChannelMapping, values: np.ndarray) -> list[np.ndarray]:

@@ -57,6 +57,10 @@ class Channel:
     """(n, k) [unit of its kind], finite."""
     delay: float = 0.0
     """[s] by which its times are known to be late."""
+    back: float = 0.0
+    """[s] by which times went back in the file at most, whose samples are in order here."""
+    repeated: int = 0
+    """[-] samples left out, for another had their time."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "t", read_only(self.t, np.float64))

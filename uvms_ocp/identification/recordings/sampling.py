@@ -6,11 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.identification.recordings.recording import Channel
 from uvms_ocp.model.spatial import quaternion_to_matrix
 
 GRID = 0.05
 """[s] of uniform samples before they are smoothed."""
+_MOST = 20_000_000  # of these: 11 days
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,10 +34,12 @@ class Held:
 
     def mean(self, edges: np.ndarray) -> np.ndarray:
         """Means (m - 1, k) [unit of the channel] between edges (m,) [s]: smooth in these, whatever the samples do."""
-        known, values = self.channel.known_t, self.channel.values
-        index = self._index(edges)
-        total = self._whole[index] + values[index] * (edges - known[index])[:, None]
-        return np.asarray(np.diff(total, axis=0) / np.diff(edges)[:, None])
+        return np.asarray(np.diff(self.total(edges), axis=0) / np.diff(edges)[:, None])
+
+    def total(self, t: np.ndarray) -> np.ndarray:
+        """Integral (m, k) [unit of the channel times s] from the first sample to t (m,) [s]."""
+        index = self._index(t)
+        return self._whole[index] + self.channel.values[index] * (t - self.channel.known_t[index])[:, None]
 
     def mean_slope(self, edges: np.ndarray) -> np.ndarray:
         """Rate (m - 1, k) [unit of the channel per s] of these means where all edges (m,) [s] move together."""
@@ -49,14 +53,23 @@ class Held:
 def smoothed(t: np.ndarray, values: np.ndarray, window: float, derivative: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Uniform times (m,) [s] and there, by local quadratics over `window` [s], values or their derivative (m, k) [any].
 
-    t: (n,) [s] and values: (n, k) [any] of the samples, interpolated between them.
+    t: (n,) [s] and values: (n, k) [any] of the samples, interpolated between them. Raises InvalidInput for times that are
+    too far apart or too near to each other.
     """
     from scipy.signal import savgol_filter  # half a second, which few need
 
+    if not 2 * window < t[-1] - t[0] < GRID * _MOST:
+        raise InvalidInput(f"times from {t[0]:g} to {t[-1]:g} s given; allowed: {2 * window:g} s to {GRID * _MOST:g} s")
     grid = np.arange(t[0], t[-1], GRID)
     uniform = np.column_stack([np.interp(grid, t, column) for column in values.T])
     length = max(3, round(window / GRID) // 2 * 2 + 1)
     return grid, savgol_filter(uniform, length, 2, deriv=derivative, delta=GRID, axis=0)
+
+
+def unwound(quaternions: np.ndarray) -> np.ndarray:
+    """The same attitudes (n, 4) [-] by those quaternions (n, 4) [-] of the two for each that do not jump."""
+    signs = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))
+    return quaternions * np.concatenate([[1.0], signs])[:, None]
 
 
 def angular_rate(attitude: Channel, window: float) -> tuple[np.ndarray, np.ndarray]:

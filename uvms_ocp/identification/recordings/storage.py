@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +35,11 @@ def _labels(name: str, channel: Channel) -> tuple[str, ...]:
     return (*(f"{name}.{column}" for column in own), f"{name}.delay")
 
 
+def is_stored(names: Collection[str]) -> bool:
+    """Whether a table with columns of these names is one of ours."""
+    return _TIME in names
+
+
 def stored_recording(path: Path) -> Recording:
     """Read what `write_recording` has written. Raises InvalidInput for another file, and NotInstalled."""
     names = column_names(path)
@@ -42,7 +48,7 @@ def stored_recording(path: Path) -> Recording:
         match = _COLUMN.match(column)
         if match:
             found.setdefault(match[1], []).append(column)
-    if _TIME not in names or not found:
+    if not is_stored(names) or not found:
         raise InvalidInput(f"{path}: no recording of ours; give a mapping of its columns")
     return Recording(
         name=path.name.partition(".")[0],

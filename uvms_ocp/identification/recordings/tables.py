@@ -13,10 +13,13 @@ from typing import IO, Any
 import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound, NotInstalled, UvmsError
+from uvms_ocp.untrusted.parquet_file import require_numbers
 from uvms_ocp.untrusted.regular_file import require_regular
 
 MOST_ROWS = 5_000_000
 """[-] of a file: 14 hours at 100 Hz."""
+LONGEST_LINE = 1 << 20
+"""[-] characters: a packed file may have one that fills any memory."""
 _COMMENT = "#"
 
 
@@ -33,7 +36,8 @@ def column_names(path: Path) -> tuple[str, ...]:
     """Of a table. Raises InvalidInput for what is none, and NotInstalled."""
     require_regular(path)
     if path.suffix == ".parquet":
-        return tuple(_parquet(path).schema_arrow.names)
+        with _parquet(path) as file:
+            return tuple(file.schema_arrow.names)
     with _opened(path) as file:
         return tuple(name.strip() for name in next(csv.reader(_rows_of(file)), []))
 
@@ -42,7 +46,7 @@ def _from_csv(path: Path, wanted: Sequence[str]) -> np.ndarray:
     with _opened(path) as file:
         rows = csv.reader(_rows_of(file))
         places = _places(path, next(rows, []), wanted)
-        return np.array(list(_numbers(rows, places)), dtype=float).reshape(-1, len(wanted))
+        return np.fromiter(_numbers(rows, places), dtype=float).reshape(-1, len(wanted))
 
 
 @contextmanager
@@ -62,7 +66,11 @@ def _opened(path: Path) -> Iterator[IO[str]]:
 
 
 def _rows_of(file: IO[str]) -> Iterator[str]:
-    return (line for line in file if not line.startswith(_COMMENT))
+    for line in iter(lambda: file.readline(LONGEST_LINE), ""):
+        if len(line) == LONGEST_LINE:
+            raise InvalidInput(f"{getattr(file, 'name', '')}: a line of more than {LONGEST_LINE >> 20} MB")
+        if not line.startswith(_COMMENT):
+            yield line
 
 
 def _places(path: Path, header: Sequence[str], wanted: Sequence[str]) -> list[int]:
@@ -73,33 +81,37 @@ def _places(path: Path, header: Sequence[str], wanted: Sequence[str]) -> list[in
     return [names.index(name) for name in wanted]
 
 
-def _numbers(rows: Iterable[list[str]], places: Sequence[int]) -> Iterable[list[float]]:
+def _numbers(rows: Iterable[list[str]], places: Sequence[int]) -> Iterator[float]:
+    """One row after the other."""
     for number, row in enumerate(rows):
         if number >= MOST_ROWS:
             raise InvalidInput(f"more than {MOST_ROWS} rows; give recordings one by one")
         if row:
-            yield [float(row[place]) if row[place].strip() else np.nan for place in places]
+            yield from [float(row[place]) if row[place].strip() else np.nan for place in places]
 
 
 def _from_parquet(path: Path, wanted: Sequence[str]) -> np.ndarray:
-    file = _parquet(path)
-    _places(path, file.schema_arrow.names, wanted)
-    table = file.read(columns=list(wanted))
-    return np.column_stack([table.column(name).to_numpy().astype(float) for name in wanted])
+    with _parquet(path) as file:
+        require_numbers(file, path, wanted)
+        table = file.read(columns=list(wanted))
+        return np.column_stack([table.column(name).to_numpy().astype(float) for name in wanted])
 
 
-def _parquet(path: Path) -> Any:
+@contextmanager
+def _parquet(path: Path) -> Iterator[Any]:
     try:
         from pyarrow import ArrowException, parquet
     except ImportError:
         raise NotInstalled("reading Parquet", "pyarrow") from None
     try:
-        file = parquet.ParquetFile(path)
-    except (ArrowException, OSError) as error:
+        with parquet.ParquetFile(path) as file:
+            if file.metadata.num_rows > MOST_ROWS:
+                raise InvalidInput(f"{path}: more than {MOST_ROWS} rows; give recordings one by one")
+            yield file
+    except UvmsError:
+        raise
+    except (ArrowException, OSError, ValueError) as error:
         raise InvalidInput(f"{path}: no Parquet file ({' '.join(str(error).split())[:200]})") from None
-    if file.metadata.num_rows > MOST_ROWS:
-        raise InvalidInput(f"{path}: more than {MOST_ROWS} rows; give recordings one by one")
-    return file
 
 
 def write_columns(path: Path, columns: Mapping[str, np.ndarray]) -> None:

@@ -22,10 +22,11 @@ from uvms_ocp.model.symbolic.tree import BodyMotions, SymbolicModel, function
 from uvms_ocp.model.symbolic.wet_links import WaterCoefficients, WetLink, wet_link
 from uvms_ocp.model.water import hydrodynamics as water
 from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics
+from uvms_ocp.tables.fielded import Fielded
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class SymbolicDynamics:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class SymbolicDynamics(Fielded):
     """Dynamics of a kinematic tree with water on some of its links.
 
     Velocity u and acceleration ``Du_Dt = du/dt + (u . grad) u`` of the water are (3, n_links) in W, one column per link,

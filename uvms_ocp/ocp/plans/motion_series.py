@@ -31,8 +31,9 @@ def sample_times(duration: float) -> Array:
 def motion_series(robot: Robot, trajectory: Trajectory, powers: Powers, t: Array, q: Array) -> dict[str, Array]:
     """Series of a record at times t (n,) [s], where the configurations are q (n, n_q) [m, rad].
 
-    ``thrust`` (n, n_thrusters), ``torque`` (n, n_joints) are those of the steps; ``thruster_energy`` (n, n_thrusters) and
-    ``joint_energy`` (n,) [J] what was taken so far; ``tool`` (n, 7) [m, -] the pose X_WT where there is a tool.
+    ``thrust`` (n, n_thrusters), or ``wrench`` (n, n_vehicle) of `Actuation.WRENCH`, and ``torque`` (n, n_joints) are those of
+    the steps; ``thruster_energy`` (n, n_thrusters) and ``joint_energy`` (n,) [J] what was taken so far; ``tool`` (n, 7) [m, -]
+    the pose X_WT where there is a tool.
     """
     states = [trajectory.state_at(robot.model, float(moment)) for moment in t]
     steps = [trajectory.step_at(float(moment)) for moment in t]
@@ -41,7 +42,7 @@ def motion_series(robot: Robot, trajectory: Trajectory, powers: Powers, t: Array
     if robot.has_frame(TOOL):
         series[TOOL] = tool_series(robot, q)
     return series | {
-        "thrust": trajectory.thrust[steps],
+        "wrench" if trajectory.of_wrench and robot.n_vehicle else "thrust": trajectory.thrust[steps],
         "torque": trajectory.torque[steps],
         "thruster_energy": thrusters,
         "joint_energy": joints.sum(axis=1),

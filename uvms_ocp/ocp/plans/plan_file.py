@@ -73,7 +73,8 @@ class PlanValues(MetaValue):
     duration: Number
     energy: float | None
     """[J]"""
-    peak_thrust: Number
+    peak_thrust: float | None
+    """[N]"""
     iterations: int
     solve_time: Number
     levels: tuple[LevelValues, ...]

@@ -37,6 +37,12 @@ class Binding:
         return 2 * cost / self.strength
 
 
+def is_held(point: NlpPoint) -> bool:
+    """Whether anything holds the end of a level at all."""
+    multipliers = (point.x_multipliers, point.row_multipliers)
+    return any(own is not None and bool(own.any()) for own in multipliers)
+
+
 def bindings(
     transcription: Transcription, problem: OcpProblem, point: NlpPoint, level: int, cost: float
 ) -> list[Binding]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.problem import OcpPhase, OcpProblem
-from uvms_ocp.ocp.reasons.binding import bindings
+from uvms_ocp.ocp.reasons.binding import bindings, is_held
 from uvms_ocp.ocp.reasons.phase_one import PhaseOne, phase_one
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
@@ -164,7 +164,7 @@ class Court:
         point = result.points[missed]
         if point.row_multipliers is None or np.isnan(point.row_multipliers).any():
             return ""  # not known
-        cost = float(self.transcription.costs(point.x, self.p)[missed])
+        cost = float(self.transcription.costs(point.x, self.p)[missed]) if is_held(point) else 0.0
         found = bindings(self.transcription, self.problem, point, missed, cost)
         if not found:
             return "; no limit, constraint or level above holds it back: the robot does not get nearer"

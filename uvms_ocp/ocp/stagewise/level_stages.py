@@ -49,12 +49,14 @@ class LevelStages:
         return np.concatenate(numbers)
 
     def _linearization(self) -> BoundCalls:
+        """One function for all stages, then the other: so each stays where code is read from."""
         memory, calls = self.memory, BoundCalls()
         for i, stage in enumerate(memory.stages):
             if stage.step:
                 calls.add(memory.motion_linear, [memory.z[i], memory.z[i + 1]], [memory.gaps[i], self.qp.dynamics[i]])
             elif i + 1 < len(memory.stages):
                 self._turn(i)
+        for i, stage in enumerate(memory.stages):
             function = memory.function(stage)
             if function is not None:
                 values = memory.row_memory(i)[:-1]
@@ -79,7 +81,7 @@ class LevelStages:
 
     @cached_property
     def _curve(self) -> BoundCalls:
-        """One function for all stages, then the other: so each stays where code is read from."""
+        """Function by function as well."""
         memory, own, calls = self.memory, self.multipliers, BoundCalls()
         found = [
             (i, function) for i, stage in enumerate(memory.stages) if (function := memory.function(stage)) is not None
@@ -96,12 +98,13 @@ class LevelStages:
 
     def bend(self, last: Found | None) -> None:
         """Curvature with the multipliers of the last QP; none without one, and for Gauss and Newton."""
-        self._bends = last is not None and self.memory.whole.problem.hessian is HessianKind.EXACT
-        if last is None or not self._bends:
-            self.qp.flat["H"][:] = 0.0
-        else:
+        bends = last is not None and self.memory.whole.problem.hessian is HessianKind.EXACT
+        if last is not None and bends:
             self.multipliers.take(last)
             self._curve()
+        elif self._bends:
+            self.qp.flat["H"][:] = 0.0
+        self._bends = bends
 
     # --- values -----------------------------------------------------------------------------------
 
@@ -184,5 +187,5 @@ class LevelStages:
 
     def steepest(self) -> float:
         """Largest entry of the gradient of the cost."""
-        pairs = zip(self.qp.J, self.memory.residual_parts(self.level), strict=True)
-        return max((float(np.abs(r @ J).max(initial=0.0)) for J, r in pairs), default=0.0)
+        self.qp.flat["r"][:] = self.memory.residuals(self.level)
+        return self._solver.steepest(self.qp)

@@ -10,8 +10,9 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.functions import BufferedFunction
 from uvms_ocp.ocp.problem import OcpProblem
-from uvms_ocp.ocp.trajectory import Trajectory, has_thrusters
+from uvms_ocp.ocp.trajectory import Trajectory, has_thrusters, made_trajectory
 from uvms_ocp.ocp.transcription.stage import StageModel
 
 
@@ -75,9 +76,9 @@ class VariableLayout:
         return np.array([self.columns(k) for k in range(self.N + 1)])
 
     @cached_property
-    def _inputs(self) -> ca.Function:
+    def _inputs(self) -> BufferedFunction:
         """``z (n_z, N), water (3, N) -> thrust, torque`` in shares of their limits."""
-        return self.model.inputs_function.map(self.N)
+        return BufferedFunction(self.model.inputs_function.map(self.N))
 
     def nodes(self, x: ca.MX, h: ca.MX) -> NodeVariables:
         """Columns of the variables x (n_x,); h (N,) [s]: lengths of the steps where they are no variables."""
@@ -155,14 +156,15 @@ class VariableLayout:
         Z[used] = x[self.all_columns[used]]
         steps = Z[:-1, layout.h] if self.free else np.diff(problem.nominal_times())
         Z[:-1, layout.h] = steps
-        inputs = self._inputs(Z[:-1].T, problem.currents.T)
-        thrust, torque = (np.array(part).T for part in inputs)
-        return Trajectory(
-            t=np.concatenate([[0.0], np.cumsum(steps)]),
-            q=Z[:, layout.q],
-            v=Z[:, layout.v],
-            a=Z[:-1, layout.a],
-            thrust=thrust * actuators.thrust_unit,
-            torque=torque * actuators.torque_unit,
-            of_wrench=not has_thrusters(self.model.problem),
-        )
+        thrust, torque = (part.reshape(-1, self.N).T for part in self._inputs(Z[:-1].T, problem.currents.T))
+        parts = {
+            "t": np.concatenate([[0.0], np.cumsum(steps)]),
+            "q": Z[:, layout.q].copy(),
+            "v": Z[:, layout.v].copy(),
+            "a": Z[:-1, layout.a].copy(),
+            "thrust": thrust * actuators.thrust_unit,
+            "torque": torque * actuators.torque_unit,
+        }
+        for part in parts.values():
+            part.flags.writeable = False
+        return made_trajectory(**parts, of_wrench=not has_thrusters(self.model.problem))

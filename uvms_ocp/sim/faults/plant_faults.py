@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import scipy.linalg
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.assembly.trim import with_trim
@@ -59,6 +58,8 @@ def joined_velocity(before: np.ndarray, after: np.ndarray, v: np.ndarray, locked
     The momentum of the robot is then that of robot and load. before, after: mass matrices (n_v, n_v)
     [kg, kg m, kg m2]; v (n_v,) [m/s, rad/s]. locked: entries [-] that are and stay at 0.
     """
+    import scipy.linalg  # a tenth of a second, for the few that take hold of something
+
     free = [i for i in range(len(v)) if i not in locked]
     joined = np.zeros(len(v))
     joined[free] = scipy.linalg.solve(after[np.ix_(free, free)], (before @ v)[free], assume_a="pos")

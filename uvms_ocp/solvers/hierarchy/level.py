@@ -14,11 +14,12 @@ from numpy.typing import ArrayLike
 from uvms_ocp.arguments import late
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.tables.fielded import Fielded
 
 
 @late
-@dataclass(frozen=True, slots=True, eq=False, init=False)
-class Level:
+@dataclass(frozen=True, slots=True, eq=False, init=False, repr=False)
+class Level(Fielded):
     """Rows ``lower <= jacobian @ v <= upper`` of one priority; an equality has ``lower == upper``.
 
     Every field but ``jacobian`` may be omitted or given as a scalar for all rows; arrays are read-only.

@@ -16,6 +16,7 @@ from uvms_ocp.solvers.hierarchy.certificate import certificate
 from uvms_ocp.solvers.hierarchy.gated_rows import residual
 from uvms_ocp.solvers.hierarchy.level import Level
 from uvms_ocp.status import AdvisedStatus
+from uvms_ocp.tables.fielded import Fielded
 
 
 class Status(AdvisedStatus):
@@ -70,8 +71,8 @@ class Status(AdvisedStatus):
 
 
 @checked
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Solution:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
+class Solution(Fielded):
     """Velocity that solves a hierarchy of levels."""
 
     v: Annotated[Array, Shape("n")]

@@ -20,7 +20,8 @@ from typing import Protocol, runtime_checkable
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.arguments import Bound, checked
+from uvms_ocp.arguments import Bound, checked, trusted
+from uvms_ocp.arguments.frozen import read_only
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.nlp.level_solver import Deadline, LevelSolver, NlpPoint, Outcome
 from uvms_ocp.solvers.nlp.nlp_options import STAGEWISE
@@ -259,18 +260,21 @@ class _Run:
     ) -> LexicographicResult:
         values = self._nlp.rows_at(best.point.x, self._p)
         pairs: zip[tuple[LevelRows, np.ndarray]] = zip(self._levels, values, strict=True)
-        return LexicographicResult(
-            x=best.point.x,
+        return _made(
+            x=read_only(best.point.x),
             status=max(statuses, key=_severity),
             level_status=statuses,
-            values=values,
-            residuals=tuple(level.distance(y) for level, y in pairs),
+            values=tuple(map(read_only, values)),
+            residuals=tuple(read_only(level.distance(y)) for level, y in pairs),
             iterations=iterations,
             anticipated=anticipated,
             violation=best.violation,
             points=points,
             solve_time=perf_counter() - self._begin,
         )
+
+
+_made = trusted(LexicographicResult)
 
 
 _ORDER = tuple(NlpStatus)

@@ -5,8 +5,18 @@ a row of data; what comes of them is overwritten or never read. */
 
 #define PADDED(n) (((n) + 3) & ~3)
 
+/* What takes most time is compiled twice: for any processor, and for those whose registers hold four numbers, which is looked at
+when the library is loaded. The operations are the same in the same order: results do not depend on the processor. */
+#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__gnu_linux__)
+#define WIDE __attribute__((target_clones("avx2", "default")))
+#define INLINE static inline __attribute__((always_inline))
+#else
+#define WIDE
+#define INLINE static inline
+#endif
+
 /* c += a' b for the rows k of a (4 numbers each) and b. */
-static inline void block_product(int n, const double *restrict a, int lda, const double *restrict b, int ldb,
+INLINE void block_product(int n, const double *restrict a, int lda, const double *restrict b, int ldb,
                                  double c[restrict 4][4]) {
   double c0[4], c1[4], c2[4], c3[4];
   for (int j = 0; j < 4; ++j) c0[j] = c[0][j], c1[j] = c[1][j], c2[j] = c[2][j], c3[j] = c[3][j];
@@ -23,15 +33,16 @@ static inline void block_product(int n, const double *restrict a, int lda, const
 /* A row of a Gram matrix, and its weight. */
 typedef struct {
   const double *row;
-  double weight;
+  double weight, part[4]; /* the last: weight * row[i..] of the block that is looked at */
+  int first;              /* column with an entry */
 } WeightedRow;
 
-/* c += sum of weight * row[i..]' row[j..]. */
-static inline void block_gram(int n, const WeightedRow *restrict rows, int i, int j, double c[restrict 4][4]) {
+/* c += sum of part' row[j..]. */
+INLINE void block_gram(int n, const WeightedRow *restrict rows, int j, double c[restrict 4][4]) {
   double c0[4] = {0}, c1[4] = {0}, c2[4] = {0}, c3[4] = {0};
   for (int k = 0; k < n; ++k) {
-    const double *restrict a = rows[k].row + i, *restrict b = rows[k].row + j, w = rows[k].weight;
-    const double a0 = w * a[0], a1 = w * a[1], a2 = w * a[2], a3 = w * a[3];
+    const double *restrict a = rows[k].part, *restrict b = rows[k].row + j;
+    const double a0 = a[0], a1 = a[1], a2 = a[2], a3 = a[3];
     for (int l = 0; l < 4; ++l) c0[l] += a0 * b[l];
     for (int l = 0; l < 4; ++l) c1[l] += a1 * b[l];
     for (int l = 0; l < 4; ++l) c2[l] += a2 * b[l];
@@ -41,15 +52,15 @@ static inline void block_gram(int n, const WeightedRow *restrict rows, int i, in
 }
 
 /* NaN wins, so that it is noticed. */
-static double larger_of(double a, double b) { return a != a || a > b ? a : b; }
+INLINE double larger_of(double a, double b) { return a != a || a > b ? a : b; }
 
-static double largest_of(int n, const double *a) {
+INLINE double largest_of(int n, const double *a) {
   double most = 0.0;
   for (int i = 0; i < n; ++i) most = larger_of(most, fabs(a[i]));
   return most;
 }
 
-static inline double dot(int n, const double *restrict a, const double *restrict b) {
+INLINE double dot(int n, const double *restrict a, const double *restrict b) {
   double s[4] = {0};
   int k = 0;
   for (; k + 4 <= n; k += 4)
@@ -59,14 +70,14 @@ static inline double dot(int n, const double *restrict a, const double *restrict
 }
 
 /* y += t a. */
-static inline void add_multiple(int n, double t, const double *restrict a, double *restrict y) {
+INLINE void add_multiple(int n, double t, const double *restrict a, double *restrict y) {
   for (int k = 0; k < n; ++k) y[k] += t * a[k];
 }
 
 /* M += A' diag(weight) A below the diagonal, blocks of columns without an entry left out; A (m, n), M (n, n) padded.
 
 Rows of weight 0 cost nothing, rows of one entry next to nothing. weight may be 0 for ones; rows: room for 2 m. */
-static void add_gram(int m, int n, const double *A, const double *weight, double *restrict M, WeightedRow *rows) {
+WIDE static void add_gram(int m, int n, const double *A, const double *weight, double *restrict M, WeightedRow *rows) {
   const int ld = PADDED(n);
   WeightedRow *dense = rows, *here = rows + m;
   int n_dense = 0;
@@ -82,20 +93,23 @@ static void add_gram(int m, int n, const double *A, const double *weight, double
     if (first == last)
       M[first * ld + first] += w * row[first] * row[first];
     else
-      dense[n_dense].row = row, dense[n_dense].weight = w, ++n_dense;
+      dense[n_dense].row = row, dense[n_dense].weight = w, dense[n_dense].first = first, ++n_dense;
   }
   for (int i = 0; i < n; i += 4) {
-    int n_here = 0;
+    int n_here = 0, first = i;
     for (int k = 0; k < n_dense; ++k) {
       const double *row = dense[k].row;
       int any = 0;
       for (int l = i; l < n && l < i + 4; ++l) any |= row[l] != 0.0;
-      if (any) here[n_here++] = dense[k];
+      if (!any) continue;
+      here[n_here].row = row;
+      for (int l = 0; l < 4; ++l) here[n_here].part[l] = dense[k].weight * row[i + l];
+      ++n_here, first = dense[k].first < first ? dense[k].first : first;
     }
     if (!n_here) continue;
-    for (int j = 0; j <= i; j += 4) {
+    for (int j = first & ~3; j <= i; j += 4) {
       double c[4][4];
-      block_gram(n_here, here, i, j, c);
+      block_gram(n_here, here, j, c);
       for (int p = 0; p < 4; ++p)
         for (int q = 0; q < 4; ++q) M[(i + p) * ld + j + q] += c[p][q];
     }
@@ -106,7 +120,7 @@ static void add_gram(int m, int n, const double *A, const double *weight, double
 they leave of the first `state` rows stands there, both triangles of it.
 
 inverse (n) gets 1 / L_kk. Where a pivot is rounding only it is damped. Returns 1 where one is negative, 2 for NaN. */
-static int eliminate(int n, int state, double least, double *restrict M, double *restrict inverse) {
+WIDE static int eliminate(int n, int state, double least, double *restrict M, double *restrict inverse) {
   const int ld = PADDED(n);
   for (int end = n; end > state; end -= 4) {
     const int top = end - 4 > state ? end - 4 : state;
@@ -145,7 +159,7 @@ static int eliminate(int n, int state, double least, double *restrict M, double 
 
 /* M += F' P F below the diagonal: F (m, n) has few entries, P (m, m) both triangles in rows of ld_P numbers, M (n, n) is padded;
 PF: room for 2 n PADDED(m). */
-static void add_transformed(int m, int n, const double *F, const double *P, int ld_P, double *restrict M, double *restrict PF) {
+WIDE static void add_transformed(int m, int n, const double *F, const double *P, int ld_P, double *restrict M, double *restrict PF) {
   const int ld = PADDED(n), ld_T = PADDED(m);
   double *T = PF + n * ld_T;
   for (int i = 0; i < n * ld_T; ++i) T[i] = 0.0;

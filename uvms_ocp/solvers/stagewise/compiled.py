@@ -110,6 +110,7 @@ class CompiledCore:
         self._work["loose"][:] = may_be_fixed(shape)
         self._loaded: StageQp | None = None
         self._found = np.zeros(3)
+        self._found_address = _address(self._found)
         self._now, self._other = (_residuals(n, m, self._n_x) for _ in range(2))
         _point(self._problem.stages, {**self._indices, **self._stage_work})
         _point(self._problem, self._work | self._table)
@@ -149,10 +150,14 @@ class CompiledCore:
     def products(self, qp: StageQp, z: Array) -> Products:
         """As `NumpyCore.products`; z (n,) [unit of z]."""
         self._load(qp, None)
-        stages = ctypes.byref(self._problem.stages)
-        self._library.products(stages, _address(z), _address(self._found))
+        self._library.products(ctypes.byref(self._problem.stages), _address(z), self._found_address)
         slope, square, change = self._found.tolist()
         return Products(slope=slope, square=square, change=change)
+
+    def steepest(self, qp: StageQp) -> float:
+        """As `NumpyCore.steepest`."""
+        self._load(qp, None)
+        return float(self._library.steepest(ctypes.byref(self._problem.stages)))
 
     def stationarity(self, qp: StageQp, near: Near) -> float:
         """As `NumpyCore.stationarity`."""
@@ -204,7 +209,7 @@ def _library() -> ctypes.CDLL | None:
     if path is None:
         return None
     library = loaded_library(path)
-    library.stationarity.restype = ctypes.c_double
+    library.stationarity.restype = library.steepest.restype = ctypes.c_double
     return library
 
 
@@ -250,7 +255,7 @@ def _stage_work(shape: StageShape) -> dict[str, Array]:
         "inverse": n,
         "W": 2 * padded(max(shape.n_x)) * most,
         "v": 2 * most,
-        "list": 4 * max(*shape.n_r, *shape.n_c),
+        "list": 14 * max(*shape.n_r, *shape.n_c),
     }
     return {name: np.zeros(size + 4) for name, size in sizes.items()} | {"fixed": np.zeros(n)}
 

@@ -102,6 +102,10 @@ class NumpyCore:
         grad, *_ = stages.evaluate(zero, near.costate, near.y[:m], near.y[m:])
         return float(np.abs(np.where(stages.fixed > 0.0, 0.0, grad)).max(initial=0.0))
 
+    def steepest(self, qp: StageQp) -> float:
+        """Largest entry [1/unit of z] of the gradient of the residuals' half square, at 0."""
+        return float(max(np.abs(r @ J).max(initial=0.0) for J, r in zip(qp.J, qp.r, strict=True)))
+
     def products(self, qp: StageQp, z: Array) -> Products:
         """At z (n,) [unit of z]."""
         parts = [z[own] for own in slices(qp.shape.n_z)]

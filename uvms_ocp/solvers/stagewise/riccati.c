@@ -17,10 +17,10 @@ typedef struct {
   double most, least;  /* the largest curvature, and one that counts as none beside it */
 } Stages;
 
-static int n_z(const Stages *s, int k) { return s->n_x[k] + s->n_u[k]; }
+INLINE int n_z(const Stages *s, int k) { return s->n_x[k] + s->n_u[k]; }
 
 /* Hessian and gradient from residual rows, Hessians and damping; of a costless QP next to nothing. */
-static void load_stages(Stages *s, int costless) {
+WIDE static void load_stages(Stages *s, int costless) {
   double most = 0.0;
   for (int k = 0; k <= s->N; ++k) {
     const int n = n_z(s, k), ld = PADDED(n), m = s->n_r[k];
@@ -45,7 +45,7 @@ static void load_stages(Stages *s, int costless) {
 }
 
 /* Factor with `weight` on constraint rows, weight_z and `all` on variables; 1 where no step is a minimum, 2 for NaN, else 0. */
-static int factor_stages(Stages *s, const double *weight, const double *weight_z, double all) {
+WIDE static int factor_stages(Stages *s, const double *weight, const double *weight_z, double all) {
   for (int k = s->N; k >= 0; --k) {
     const int n = n_z(s, k), ld = PADDED(n), after = k < s->N ? s->n_x[k + 1] : 0;
     const double *fixed = s->fixed + s->z[k];
@@ -66,14 +66,14 @@ static int factor_stages(Stages *s, const double *weight, const double *weight_z
 }
 
 /* h = P v for the state of stage k. */
-static void times_P(const Stages *s, int k, const double *v, double *h) {
+INLINE void times_P(const Stages *s, int k, const double *v, double *h) {
   const int n = s->n_x[k], ld = PADDED(n_z(s, k));
   for (int i = 0; i < n; ++i) h[i] = dot(n, s->L + s->M[k] + i * ld, v);
 }
 
 /* The step dz that minimises 1/2 dz' Q dz + g' dz along dx_+ = F dz + d, and its costates; g (z), d (x, that of stage 0 unused),
 dz (z), costate (x); g and dz, d and costate must differ. */
-static void solve_stages(Stages *s, const double *g, const double *d, double *dz, double *costate) {
+WIDE static void solve_stages(Stages *s, const double *g, const double *d, double *dz, double *costate) {
   int most = 0;
   for (int k = 0; k <= s->N; ++k) most = n_z(s, k) > most ? n_z(s, k) : most;
   double *p = s->v, *w = p + PADDED(most);
@@ -115,7 +115,7 @@ static void solve_stages(Stages *s, const double *g, const double *d, double *dz
 }
 
 /* grad = Q z + q + F' costate_+ - costate + C' y + y_z; defect = F z + b - x_+; value = C z. Returns the largest entry of Q z + q. */
-static double evaluate_stages(const Stages *s, const double *z, const double *costate, const double *y, const double *y_z,
+WIDE static double evaluate_stages(const Stages *s, const double *z, const double *costate, const double *y, const double *y_z,
                               double *grad, double *defect, double *value) {
   double most = 0.0;
   for (int k = 0; k <= s->N; ++k) {
@@ -150,7 +150,7 @@ static double evaluate_stages(const Stages *s, const double *z, const double *co
 }
 
 /* grad += C' y + y_z. */
-static void add_transposed(const Stages *s, const double *y, const double *y_z, double *grad) {
+WIDE static void add_transposed(const Stages *s, const double *y, const double *y_z, double *grad) {
   for (int k = 0; k <= s->N; ++k) {
     const int n = n_z(s, k);
     double *own = grad + s->z[k];
@@ -161,7 +161,7 @@ static void add_transposed(const Stages *s, const double *y, const double *y_z, 
 }
 
 /* value = C z. */
-static void constraint_values(const Stages *s, const double *z, double *value) {
+WIDE static void constraint_values(const Stages *s, const double *z, double *value) {
   for (int k = 0; k <= s->N; ++k)
     for (int i = 0, n = n_z(s, k); i < s->n_c[k]; ++i)
       value[s->c[k] + i] = dot(n, s->constraints + s->C[k] + (size_t)i * n, z + s->z[k]);
@@ -210,6 +210,18 @@ void products(const Stages *s, const double *z, double *restrict found) {
     }
     for (int i = 0; i < n; ++i) found[2] = fabs(s->v[i]) > found[2] ? fabs(s->v[i]) : found[2];
   }
+}
+
+/* Largest entry of J' r. */
+double steepest(const Stages *s) {
+  double most = 0.0, *h = s->v;
+  for (int k = 0; k <= s->N; ++k) {
+    const int n = n_z(s, k);
+    for (int i = 0; i < n; ++i) h[i] = 0.0;
+    for (int i = 0; i < s->n_r[k]; ++i) add_multiple(n, s->residual[s->r[k] + i], s->rows + s->J[k] + (size_t)i * n, h);
+    most = larger_of(most, largest_of(n, h));
+  }
+  return most;
 }
 
 /* Largest entry of J' r + g + F' costate_+ - costate + C' y + y_z, but for fixed variables; y of rows, then of variables. */

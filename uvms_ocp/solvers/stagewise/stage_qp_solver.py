@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from uvms_ocp.arguments import checked, late
+from uvms_ocp.arguments import changed, checked, late
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.intervals import distance
@@ -56,11 +56,16 @@ class StageQpSolver:
         """
         if qp.shape is not self.shape and qp.shape != self.shape:
             raise InvalidInput("the QP has another shape than the solver; make a solver for it")
-        options = self.options if tolerance is None else replace(self.options, tolerance=tolerance)
+        options = self.options if tolerance is None else changed(self.options, tolerance=tolerance)
         end = self._core.solve(qp, options, near)
         if explained and (end.status in _UNCLEAR or _only_rounding(qp, end)):
             end = self._judged(qp, row_table(qp), end)
         return self._found(qp, end)
+
+    @late
+    def steepest(self, qp: StageQp) -> float:
+        """Largest entry [1/unit of z] of the gradient of the residuals' half square, at 0."""
+        return self._core.steepest(qp)
 
     @late
     def error(self, qp: StageQp, near: Near) -> float:

@@ -18,7 +18,7 @@ from uvms_ocp.tables.mcap.series_messages import series_message, values_of
 from uvms_ocp.tables.mcap.shown_messages import log_messages, stamp, streams
 from uvms_ocp.tables.record_files import described, written
 from uvms_ocp.tables.series_table import column_names, column_units
-from uvms_ocp.untrusted.array_file import DENSEST, SMALL
+from uvms_ocp.untrusted.mcap_records import mcap_messages
 from uvms_ocp.untrusted.regular_file import require_regular
 
 VERSION = "1"
@@ -105,26 +105,25 @@ def from_mcap(path: Path) -> tuple[dict[str, np.ndarray], Any]:
 
 
 def _read(path: Path) -> tuple[dict[str, np.ndarray], Any]:
-    from mcap.reader import make_reader
     from mcap_protobuf.decoder import DecoderFactory
 
-    with path.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        _require_size(reader.get_summary(), path)
-        own: Mapping[str, str] = next((entry.metadata for entry in reader.iter_metadata() if entry.name == _KEY), {})
-        if own.get("version") != VERSION:
-            raise InvalidInput(f"{path}: no record of version {VERSION}; give a file that Record.to_mcap wrote")
-        found, told = defaultdict(list), {}
-        for _, channel, _, message in reader.iter_decoded_messages(log_time_order=False):
-            if "series" in channel.metadata:
-                told[channel.metadata["series"]] = channel.metadata
-                found[channel.metadata["series"]].append(message)
+    own = _metadata(path)
+    if own.get("version") != VERSION:
+        raise InvalidInput(f"{path}: no record of version {VERSION}; give a file that Record.to_mcap wrote")
+    found, told, decoders = defaultdict(list), {}, DecoderFactory()
+    for schema, channel, message in mcap_messages(path):
+        if "series" in channel.metadata:
+            told[channel.metadata["series"]] = channel.metadata
+            decode = decoders.decoder_for(channel.message_encoding, schema)
+            found[channel.metadata["series"]].append(decode(message.data))
     series = {name: values_of(rows, told[name]["dtype"], int(told[name]["axes"])) for name, rows in found.items()}
     return series, read_meta(own["meta"])
 
 
-def _require_size(summary: Any, path: Path) -> None:
-    """Raise `InvalidInput` for a file that says to unpack to far more than it is."""
-    said = sum(chunk.uncompressed_size for chunk in summary.chunk_indexes) if summary else 0
-    if said > max(SMALL, DENSEST * path.stat().st_size):
-        raise InvalidInput(f"{path}: would unpack to {said >> 20} MB; give a file that Record.to_mcap wrote")
+def _metadata(path: Path) -> Mapping[str, str]:
+    """What `to_mcap` says of the file; empty for one of others."""
+    from mcap.reader import SeekingReader
+
+    with path.open("rb") as file:
+        reader = SeekingReader(file, record_size_limit=path.stat().st_size)
+        return next((dict(entry.metadata) for entry in reader.iter_metadata() if entry.name == _KEY), {})

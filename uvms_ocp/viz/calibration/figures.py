@@ -1,8 +1,9 @@
-"""A calibration to look at: measured against predicted, what is left, and how sure its numbers are."""
+"""A calibration to look at: measured against predicted, what is left, how sure its numbers are, and what others predict."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,25 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from uvms_ocp.identification.answers.numbers import INTERVAL
+from uvms_ocp.identification.answers.predictions import Predicted
 from uvms_ocp.identification.calibration.fitting import Calibration, Comparison
 from uvms_ocp.identification.parameters.vehicle_quantities import AXES
+from uvms_ocp.viz.calibration.certainty_figures import figure_left_out, figure_profiles, figure_residuals
 from uvms_ocp.viz.series import labelled
-from uvms_ocp.viz.style import BLACK, BLUE, FADED, VERMILLION, WIDTH, RecordFigure, save_figure, shown, stacked, styled
+from uvms_ocp.viz.style import (
+    BLACK,
+    BLUE,
+    FADED,
+    GREEN,
+    VERMILLION,
+    WIDTH,
+    RecordFigure,
+    heading_legend,
+    save_figure,
+    shown,
+    stacked,
+    styled,
+)
 
 _PARTS = ("linear", "angular")
 """Of the velocity, as the sensors measure them."""
@@ -21,45 +37,50 @@ _WIDEST = 100.0  # [%] of an interval that is drawn: beyond it nothing is known
 
 
 def write_identification_figures(one: Calibration, folder: Path) -> list[Path]:
-    """As PNG into the folder: two for each recording, one for all numbers."""
+    """As PNG into the folder: two for each recording, one for all numbers, and those of what was asked for besides."""
     paths = [save_figure(figure_intervals(one), folder / "intervals.png")]
     kinds: dict[str, Callable[[Comparison], Figure]] = {"predicted": figure_predicted, "residuals": figure_residuals}
     for k, each in enumerate(one.comparisons):
         paths += [save_figure(draw(each), folder / f"{kind}_{k}.png") for kind, draw in kinds.items()]
+    if one.profiles:
+        paths.append(save_figure(figure_profiles(one.profiles), folder / "profiles.png"))
+    if one.left_out:
+        paths.append(save_figure(figure_left_out(one.left_out), folder / "left_out.png"))
     return paths
 
 
 @styled
 def figure_predicted(one: Comparison) -> Figure:
-    """Velocities, measured and predicted from commands alone."""
-    figure, axes = _by_axis(f"{shown(one.name)}: measured and predicted")
-    after, before = one.calibrated, one.before
-    for axis, sensor, column in axes:
-        axis.plot(after.t[sensor], after.seen[sensor][:, column], color=BLACK, lw=0.7, label="measured")
-        axis.plot(before.t[sensor], before.rows[sensor][:, column], color=FADED, lw=0.9, label="before")
-        axis.plot(after.t[sensor], after.rows[sensor][:, column], color=VERMILLION, lw=0.9, label="calibrated")
-    figure.axes[0].legend(loc="upper right", ncols=3)
-    return figure
-
-
-@styled
-def figure_residuals(one: Comparison) -> Figure:
-    """Predicted less measured."""
-    figure, axes = _by_axis(f"{shown(one.name)}: predicted less measured")
-    predicted = one.calibrated
-    for axis, sensor, column in axes:
-        left = predicted.rows[sensor][:, column] - predicted.seen[sensor][:, column]
-        axis.plot(predicted.t[sensor], left, color=BLUE, lw=0.7)
-    return figure
-
-
-def _by_axis(title: str) -> tuple[Figure, list[tuple[Axes, int, int]]]:
-    """A panel for each of `AXES`, with the sensor that sees it and its column there."""
-    figure, axes = stacked(len(AXES), 1.1, title)
-    panels = [(axis, *divmod(i, 3)) for i, axis in enumerate(axes)]
-    for name, (axis, sensor, _) in zip(AXES, panels, strict=True):
+    """Velocities, roll and pitch, measured and predicted from commands alone."""
+    figure, axes = stacked(len(AXES) + 2, 1.0, f"{shown(one.name)}: measured and predicted")
+    for i, (axis, name) in enumerate(zip(axes, AXES, strict=False)):
+        sensor, column = divmod(i, 3)
         axis.set_ylabel(labelled(name, "v", _PARTS[sensor]))
-    return figure, panels
+        _draw(axis, one, sensor, itemgetter((slice(None), column)))
+    for axis, name, angle in zip(axes[len(AXES) :], ("roll", "pitch"), (_roll, _pitch), strict=True):
+        axis.set_ylabel(f"{name} [deg]")
+        _draw(axis, one, 2, angle)
+    heading_legend(figure, axes[0].get_lines())
+    return figure
+
+
+def _draw(axis: Axes, one: Comparison, sensor: int, column: Callable[[np.ndarray], np.ndarray]) -> None:
+    drawn: tuple[tuple[str, Predicted, str], ...] = (
+        ("before", one.before, FADED),
+        ("at rest in balance", one.balance, GREEN),
+        ("calibrated", one.calibrated, VERMILLION),
+    )
+    axis.plot(one.calibrated.t[sensor], column(one.calibrated.seen[sensor]), color=BLACK, lw=0.7, label="measured")
+    for name, predicted, color in drawn:
+        axis.plot(predicted.t[sensor], column(predicted.rows[sensor]), color=color, lw=0.9, label=name)
+
+
+def _roll(vertical: np.ndarray) -> np.ndarray:
+    return np.asarray(np.rad2deg(np.arctan2(vertical[:, 1], vertical[:, 2])))
+
+
+def _pitch(vertical: np.ndarray) -> np.ndarray:
+    return np.asarray(np.rad2deg(-np.arcsin(np.clip(vertical[:, 0], -1.0, 1.0))))
 
 
 @styled

@@ -32,12 +32,12 @@ def posed_page(robot: Robot, q: np.ndarray, height: int) -> ScenePage:
     for joint in range(1, robot.model.njoints):
         root["robot"][joint_node(robot.model, joint)].set_transform(data.oMi[joint].homogeneous)
     log.animate({})
-    details = _STILL | robot_details(robot) | {"scenario": robot.name, "points": (places - centre).tolist()}
+    details = STILL | robot_details(robot) | {"scenario": robot.name, "points": (places - centre).tolist()}
     joints = [_joint(robot, joint, q) for joint in range(1, robot.model.njoints)]
     return build_page(log, title=robot.name, details=details | {"joints": joints, "robot": ""}, height=height)
 
 
-_STILL: dict[str, Any] = {
+STILL: dict[str, Any] = {
     "known": "",
     "duration": 0.0,
     "speed": 1,

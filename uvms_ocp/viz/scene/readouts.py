@@ -22,11 +22,11 @@ def _rows(record: Record, frames: Frames) -> Iterator[dict[str, Any]]:
     for name in record.meta.quantities:
         values = quantity(record, name)
         if values is not None and np.isfinite(values).any():
-            task, _, what = name.rpartition(".")
-            label = f"{task} {what.replace('_', ' ')}".strip()
-            yield {
-                "task": task,
-                "label": label,
-                "unit": unit_of(name).strip("-"),
-                "values": rounded(values[frames.row]),
-            }
+            yield readout(name, values[frames.row])
+
+
+def readout(name: str, values: np.ndarray) -> dict[str, Any]:
+    """JSON values: the row of a quantity with its values (n,) [its unit]."""
+    task, _, what = name.rpartition(".")
+    label = f"{task} {what.replace('_', ' ')}".strip()
+    return {"task": task, "label": label, "unit": unit_of(name).strip("-"), "values": rounded(values)}

@@ -25,7 +25,7 @@ from uvms_ocp.viz.scene.page_details import page_details
 from uvms_ocp.viz.scene.posed import posed_page
 from uvms_ocp.viz.scene.readouts import readouts
 from uvms_ocp.viz.scene.shapes import shifted
-from uvms_ocp.viz.scene.surroundings import draw_goals, draw_obstacles, draw_trails, extent
+from uvms_ocp.viz.scene.surroundings import draw_goals, draw_obstacles, draw_trails, middle
 from uvms_ocp.viz.scene.time_line import time_line
 from uvms_ocp.viz.scene.witness import witness_lines
 
@@ -96,7 +96,7 @@ def _record_of(what: Record | Plan) -> Record:
 def _page(record: Record, robot: Robot, others: Mapping[str, Record], fps: float, height: int) -> ScenePage:
     require_fit(record, robot)
     frames, ghosts = frames_of(record, robot, fps), list(ghosts_of(others, robot, fps))
-    centre = _centre(record, frames)
+    centre = middle(record, frames)
     log = CommandLog()
     root = log.visualizer()["scene"]
     root.set_transform(shifted(-centre))  # keeps 32-bit floats exact and the lights near
@@ -137,11 +137,3 @@ def _draw(
 def _ghost_trails(root: Visualizer, robot: Robot, ghost: Ghost) -> list[dict[str, Any]]:
     """Those of a ghost, which stand below its node."""
     return draw_trails(root[ghost.node]["trails"], robot, ghost.frames, (ghost.rgb, ghost.rgb))
-
-
-def _centre(record: Record, frames: Frames) -> np.ndarray:
-    """Middle (3,) [m] of all that moves and all goals, on the floor where there is one."""
-    points = extent(record, frames)
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    floor = record.meta.surroundings.floor_z
-    return np.array([middle[0], middle[1], middle[2] if floor is None else floor])

@@ -31,6 +31,14 @@ def extent(record: Record, frames: Frames) -> np.ndarray:
     return np.vstack([frames.placements[:, 1:, :3].reshape(-1, 3), obstacles, markers])
 
 
+def middle(record: Record, frames: Frames) -> np.ndarray:
+    """Middle (3,) [m] of all that moves and all goals, on the floor where there is one."""
+    points = extent(record, frames)
+    x, y, z = ((points.min(axis=0) + points.max(axis=0)) / 2).tolist()
+    floor = record.meta.surroundings.floor_z
+    return np.array([x, y, z if floor is None else floor])
+
+
 def draw_trails(
     node: Visualizer, robot: Robot, frames: Frames, colours: tuple[Colour, Colour] = _OWN_TRAILS
 ) -> list[dict[str, Any]]:

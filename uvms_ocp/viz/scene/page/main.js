@@ -70,5 +70,6 @@ viewer.set_3d_pane_size();
 look(DETAILS.start_view);
 openAtAddress();
 labelPhases();
+listen();
 window.addEventListener("resize", () => { labelPhases(); if (view.name === "mission") look("mission"); });
 requestAnimationFrame(advance);

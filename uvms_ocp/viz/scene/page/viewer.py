@@ -74,17 +74,20 @@ class ScenePage:
         return f'<iframe sandbox="allow-scripts" srcdoc="{html.escape(self.html)}" style="{style}"></iframe>'
 
 
-def build_page(log: CommandLog, *, title: str, details: Mapping[str, Any], height: int = 520) -> ScenePage:
+def build_page(
+    log: CommandLog, *, title: str, details: Mapping[str, Any], height: int = 520, live: bool = False
+) -> ScenePage:
     """Fill the page template with meshcat's viewer, the commands and `details` (JSON values) for the page's script.
 
-    The page's policy lets the viewer and the page's script run, by their hashes, and nothing else, and loads nothing.
+    The page's policy lets the viewer and the page's script run, by their hashes, and nothing else, and loads nothing; a live
+    one hears from whoever serves it.
     """
     folder = files("uvms_ocp.viz.scene.page")
     own = "".join((folder / f"{name}.js").read_text(encoding="utf-8") for name in _SCRIPTS)
     scripts = {"VIEWER": _viewer_source(), "SCRIPT": own}
     parts = {
         **scripts,
-        "POLICY": _policy(scripts.values()),
+        "POLICY": _policy(scripts.values()) + ("; connect-src 'self'" if live else ""),
         "TITLE": html.escape(plain_line(title)),
         "STYLE": (folder / "page.css").read_text(encoding="utf-8"),
         "DETAILS": _data_block(details),
@@ -95,7 +98,7 @@ def build_page(log: CommandLog, *, title: str, details: Mapping[str, Any], heigh
     return ScenePage(html=page, height=height)
 
 
-_SCRIPTS = ("stage", "camera", "legend", "time", "arrows", "joints", "main")
+_SCRIPTS = ("stage", "camera", "legend", "time", "arrows", "joints", "live", "main")
 """One after the other: the page's script."""
 _MARK = re.compile("__([A-Z]+)__")
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from uvms_ocp.cli.compiling import told_of_compiling
+from uvms_ocp.cli.identification.recordings import MappingFile, Recordings, read_recordings
 from uvms_ocp.cli.options import NOT_COMPLETED, folder
 from uvms_ocp.cli.printing import console_of, print_paths
 from uvms_ocp.exceptions import plain_line
@@ -17,9 +18,6 @@ from uvms_ocp.identification.calibration.settings import read_settings
 from uvms_ocp.identification.calibration.subject import subject_of
 from uvms_ocp.identification.calibration.variant import variant_text, whole_text
 from uvms_ocp.identification.methods.output_error import FitStatus
-from uvms_ocp.identification.recordings.mapping import mapped_recording, read_mapping
-from uvms_ocp.identification.recordings.recording import Recording
-from uvms_ocp.identification.recordings.storage import stored_recording
 from uvms_ocp.output import claimed
 
 VARIANT, WHOLE, REPORT, FIGURES = "calibrated.yaml", "hydrodynamics.yaml", "report.md", "figures"
@@ -27,11 +25,17 @@ VARIANT, WHOLE, REPORT, FIGURES = "calibrated.yaml", "hydrodynamics.yaml", "repo
 
 def identify(
     settings: Annotated[Path, typer.Argument(metavar="YAML", help="What of which robot is to be learnt.")],
-    recordings: Annotated[list[Path], typer.Argument(metavar="RECORDINGS...", help="CSV or Parquet, one or more.")],
+    recordings: Recordings,
     out: Annotated[Path, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")],
-    mapping: Annotated[
-        Path | None, typer.Option(metavar="YAML", help="Where the channels are in files of others.")
-    ] = None,
+    mapping: MappingFile = None,
+    profiles: Annotated[
+        bool,
+        typer.Option("--profiles", help="Intervals without linearity; each number takes up to a search."),
+    ] = False,
+    leave_one_out: Annotated[
+        bool,
+        typer.Option("--leave-one-out", help="Predict every recording by what the others tell; each takes a search."),
+    ] = False,
 ) -> None:
     """Identify a robot from recordings: calibrated file, report and figures.
 
@@ -40,11 +44,12 @@ def identify(
     """
     given = read_settings(settings)
     subject = subject_of(given, settings.parent)
-    found = [_recording(path, mapping) for path in recordings]
+    found = read_recordings(recordings, mapping)
     console = console_of()
-    with claimed(out, _names(len(found))) as claim:
+    with claimed(out, _names(len(found), profiles, leave_one_out)) as claim:
         with console.status("identifying") as status, told_of_compiling(status.update, console):
-            result = calibrated(subject, given, found)
+            wanted = {"profiled": profiles, "leave_one_out": leave_one_out}
+            result = calibrated(subject, given, found, **wanted, tell=status.update)
         with claim.staged() as staging:
             _write(result, [one.name for one in found], staging)
         written = claim.written()
@@ -57,12 +62,9 @@ def identify(
         raise typer.Exit(NOT_COMPLETED)
 
 
-def _recording(path: Path, mapping: Path | None) -> Recording:
-    return stored_recording(path) if mapping is None else mapped_recording(path, read_mapping(mapping))
-
-
-def _names(n: int) -> list[str]:
+def _names(n: int, profiles: bool, leave_one_out: bool) -> list[str]:
     pictures = ["intervals", *(f"{kind}_{k}" for k in range(n) for kind in ("predicted", "residuals"))]
+    pictures += [name for name, wanted in (("profiles", profiles), ("left_out", leave_one_out)) if wanted]
     return [VARIANT, WHOLE, REPORT, *(f"{FIGURES}/{name}.png" for name in pictures)]
 
 

@@ -1,0 +1,218 @@
+"""Identification of a vehicle whose arm moves: ``python benchmarks/identification_hinsdale.py FOLDER``.
+
+Nothing drives the vehicle; the measured joints are what goes in. Every recording in which the arm moves is predicted by a
+vehicle identified on the others, once by each sensor of attitude, and what both sensors say of the same motion is compared.
+Writes identification_hinsdale.csv, identification_hinsdale_swings.csv and identification_hinsdale.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pool.judging import ANGLES, apart, errors, row, still, turned_back
+from pool.learnt import KNOWN, NOISE, Learner, pool_learner
+from pool.scores import OFFSET_TIME
+from pool.sensors import IMU, MOCAP, moves, recordings_of
+from pool.swings import LARGE, swings
+from recording.report import Report, Row, Table, begin, parser_of
+
+from uvms_ocp.identification.answers.predictions import Predicted
+from uvms_ocp.identification.methods.output_error import Estimate
+from uvms_ocp.identification.methods.stretch import Prepared
+
+OTHERS, SEEN, PRIOR, STILL, APART = "left out", "seen", "the author's figures", "nothing moves", "between the sensors"
+WANTED, PERIOD, DAMPING = 0.65, 10.0, 30.0
+"""[deg] asked for in roll and pitch, [%] of a swing's period, [%] of its damping ratio."""
+PROSE = """
+{n} recordings of a BlueROV2 with a Reach Alpha 5 arm that moves (H. Kolano, UVMS-SysID-with-EAs); no thrust. Its measured
+joints drive a vehicle whose buoyancy, inertia and drag in roll and pitch, and the way in which the sensor of attitude sits in
+it, were identified on the other recordings. Of the recording that is predicted the first {known:g} s give its start and a
+constant offset of the attitude; then the mean of the first {offset:g} s is removed from both, as in the replay. The table has
+medians of the RMSE in roll and pitch. Asked for: {wanted:g} deg by the motion capture in both.
+
+## What bounds it
+
+The vehicle's own IMU and the motion capture see the same motion, and differ: "{apart}" is their RMS difference, with both
+turned as they were found to sit. The motion capture sits turned by {turn_mocap:.1f} deg about z, the IMU by {turn_imu:.1f} deg;
+markers that are mistaken for others make its attitude jump. No prediction is nearer to the motion capture than this, but by
+chance. A vehicle that has seen all recordings, "{seen}", is the best that this model can do. Where the vehicle comes to rest
+differs between recordings by {rest_imu} deg (standard deviations of the offsets in roll and pitch, by the IMU).
+
+Channels that are predicted worse than by "{still}": {worse}. By more than the sensors differ there: {beyond}.
+
+## Free swings
+
+Where the arm rests and a damped swing explains the motion that the IMU saw, {n_swings} in all, the left-out prediction is read
+in the same way. Of those of more than {large:g} deg (standard deviation) periods are off by {periods} % ({period:g} allowed) and
+damping ratios by {dampings} % ({damping:g} allowed). Of the smaller ones periods are off by {small_periods} %, and
+damping ratios by {small_damping} % in the median: motions of two axes add up in them, and little damps them.
+"""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Session:
+    """What one sensor tells."""
+
+    sensor: str
+    learner: Learner
+    prepared: tuple[Prepared, ...]
+    estimate: Estimate
+    """From all recordings."""
+    left_out: tuple[Predicted, ...]
+    """Every recording, by what the others tell."""
+
+    @property
+    def turn(self) -> float:
+        """[deg] about z at which the sensor was found to sit."""
+        return float(np.degrees(self.estimate.shared[self.learner.vehicle.shared.names.index("attitude_turn z")]))
+
+    def rows(self) -> list[Row]:
+        """One for each prediction of each recording."""
+        start = self.learner.vehicle.shared.start
+        return [
+            row(one.recording.name, self.sensor, kind, rmse)
+            for one, found in zip(self.prepared, self.left_out, strict=True)
+            for kind, rmse in (
+                (OTHERS, errors(found)),
+                (SEEN, errors(self.learner.predicted(one, self.estimate.shared))),
+                (PRIOR, errors(self.learner.predicted(one, start))),
+                (STILL, still(found)),
+            )
+        ]
+
+
+def session(folder: Path, sensor: str, *, quick: bool) -> Session:
+    """Identify by one sensor, from all recordings and from all but one; searches begin where all of them together end."""
+    learner = pool_learner(NOISE[sensor])
+    recordings = [one for one in recordings_of(folder)[sensor] if moves(one)][: 2 if quick else None]
+    prepared = tuple(Prepared.of(one, learner.vehicle) for one in recordings)
+    everything = learner.trained(prepared, iterations=2 if quick else 25)
+    return Session(
+        sensor=sensor,
+        learner=learner,
+        prepared=prepared,
+        estimate=everything,
+        left_out=tuple(_left_out(learner, prepared, held, everything, quick=quick) for held in prepared),
+    )
+
+
+def _left_out(
+    learner: Learner, prepared: Sequence[Prepared], held: Prepared, everything: Estimate, *, quick: bool
+) -> Predicted:
+    others = [one for one in prepared if one is not held]
+    found = learner.trained(others, everything.shared, 1 if quick else 15)
+    return learner.predicted(held, found.shared)
+
+
+def between(imu: Session, mocap: Session) -> list[Row]:
+    """How far the sensors are from each other."""
+    pairs = zip(imu.prepared, mocap.prepared, strict=True)
+    return [
+        row(one.recording.name, MOCAP, APART, apart(
+            turned_back(mocap.learner, other, mocap.estimate.shared), turned_back(imu.learner, one, imu.estimate.shared)
+        ))
+        for one, other in pairs
+    ]  # fmt: skip
+
+
+def medians(rows: Sequence[Row]) -> list[Row]:
+    """Over the recordings, by sensor and kind of prediction."""
+    kinds = dict.fromkeys((each["sensor"], each["prediction"]) for each in rows)
+    return [
+        {"judged by": sensor, "prediction": kind}
+        | {name: float(np.median([each[name] for each in _of(rows, sensor, kind)])) for name in COLUMNS}
+        for sensor, kind in kinds
+    ]
+
+
+COLUMNS = tuple(f"{angle} RMSE [deg]" for angle in ANGLES)
+
+
+def _of(rows: Sequence[Row], sensor: str, kind: str) -> list[Row]:
+    return [each for each in rows if (each["sensor"], each["prediction"]) == (sensor, kind)]
+
+
+def _worse(rows: Sequence[Row], *, beyond: bool) -> str:
+    """Channels that do worse than a vehicle that does not move, by more than the sensors differ or by anything."""
+    found = []
+    for sensor in (IMU, MOCAP):
+        parts = zip(_of(rows, sensor, OTHERS), _of(rows, sensor, STILL), _of(rows, MOCAP, APART), strict=True)
+        for ours, null, jitter in parts:
+            bad = [name for name in COLUMNS if ours[name] > null[name] + beyond * jitter[name]]
+            found += [f"{name.split()[0]} of {ours['recording']} by the {sensor}" for name in bad]
+    return ", ".join(found) or "none"
+
+
+def _span(values: Iterable[float]) -> str:
+    found = list(values)
+    return f"{min(found):.0f} to {max(found):.0f}" if found else "nothing"
+
+
+def _off(free: Sequence[Row], name: str, *, large: bool) -> list[float]:
+    return [each[name] for each in free if name in each and (each["size [deg]"] > LARGE) is large]
+
+
+def _middle(values: Sequence[float]) -> str:
+    return f"{np.median(np.abs(values)):.0f}" if values else "nothing"
+
+
+def prose(imu: Session, mocap: Session, rows: Sequence[Row], free: Sequence[Row]) -> str:
+    """With the figures of both sensors."""
+    offsets = np.degrees(np.std(list(imu.estimate.own.values()), axis=0))
+    return PROSE.format(
+        n=len(imu.prepared),
+        known=KNOWN,
+        offset=OFFSET_TIME,
+        wanted=WANTED,
+        apart=APART,
+        seen=SEEN,
+        still=STILL,
+        turn_mocap=mocap.turn,
+        turn_imu=imu.turn,
+        rest_imu=" and ".join(f"{value:.2f}" for value in offsets),
+        worse=_worse(rows, beyond=False),
+        beyond=_worse(rows, beyond=True),
+        n_swings=len(free),
+        large=LARGE,
+        periods=_span(_off(free, "period [%]", large=True)),
+        dampings=_span(_off(free, "damping [%]", large=True)),
+        small_periods=_span(_off(free, "period [%]", large=False)),
+        small_damping=_middle(_off(free, "damping [%]", large=False)),
+        period=PERIOD,
+        damping=DAMPING,
+    )
+
+
+def main() -> None:
+    """Identify and predict by both sensors."""
+    parser = parser_of(__doc__)
+    parser.add_argument("folder", type=Path, help="of the recordings")
+    given, run = begin(parser)
+    imu, mocap = (session(given.folder, sensor, quick=run.quick) for sensor in (IMU, MOCAP))
+    rows = [*imu.rows(), *mocap.rows(), *between(imu, mocap)]
+    free = [
+        each for one, found in zip(imu.prepared, imu.left_out, strict=True) for each in swings(one.recording, found)
+    ]
+    name = "identification_hinsdale"
+    run.write(
+        Report(
+            name=name,
+            title="Identification of a vehicle whose arm moves",
+            prose=prose(imu, mocap, rows, free),
+            tables=[
+                Table(rows=medians(rows), columns={"judged by": "", "prediction": "", **dict.fromkeys(COLUMNS, ".2f")}),
+                Table(rows=free, columns={"recording": "", "angle": "", **dict.fromkeys(SWINGS, ".3g")}),
+            ],
+            data={name: rows, f"{name}_swings": free},
+        )
+    )
+
+
+SWINGS = ("size [deg]", "period [s]", "predicted period [s]", "damping", "predicted damping")
+
+
+if __name__ == "__main__":
+    main()

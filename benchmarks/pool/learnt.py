@@ -1,0 +1,66 @@
+"""The vehicle of the pool recordings with what is learnt of it, by the package's own identification."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pool.sensors import IMU, MOCAP
+from pool.vehicle import pool_dynamics
+from uvms_ocp.identification.answers.predictions import Predicted, Predictor
+from uvms_ocp.identification.methods.output_error import Estimate, Noise, OutputError
+from uvms_ocp.identification.methods.rollout import Rollout
+from uvms_ocp.identification.methods.stretch import Prepared
+from uvms_ocp.identification.models.stage import Vehicle, stage_of
+from uvms_ocp.identification.parameters.status import Prior
+from uvms_ocp.identification.parameters.unknowns import Unknowns
+from uvms_ocp.identification.parameters.vehicle_quantities import Actuators, Start, vehicle_declaration
+
+STEP, KNOWN = 0.04, 2.0
+"""[s], [s] of the beginning from which a start and the offset of the attitude are found."""
+NOISE = {IMU: Noise(velocity=0.05, rate=0.02, vertical=0.005), MOCAP: Noise(velocity=0.05, rate=0.06, vertical=0.01)}
+_HULL = np.array([[-0.25, -0.2, -0.2], [0.25, 0.2, 0.2]])
+_TILT = ("roll", "pitch")
+LEARNT = {
+    "centre_of_buoyancy": Prior(sigma=0.1),
+    "volume": Prior(sigma=0.01),
+    "added_mass": Prior(sigma=1.0, only=_TILT),
+    "linear_drag": Prior(sigma=1.5, only=_TILT),
+    "quadratic_drag": Prior(sigma=1.5, only=_TILT),
+    "attitude_turn": Prior(sigma=0.1),
+    "attitude_offset": Prior(sigma=0.01, only=("x", "y")),
+}
+"""What is learnt, and how sure we are of where it starts: of the author's figures."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Learner:
+    """The vehicle and the recordings of one sensor, prepared for it."""
+
+    vehicle: Vehicle
+    rollout: Rollout
+    noise: Noise
+
+    def trained(self, chosen: Sequence[Prepared], shared: np.ndarray | None = None, iterations: int = 15) -> Estimate:
+        """Identified on whole recordings."""
+        stretches = [one.stretches(STEP)[0] for one in chosen]
+        error = OutputError(self.vehicle, stretches, self.noise, self.rollout)
+        return error.solve(error.start(shared), iterations=iterations, tolerance=1e-3)
+
+    def predicted(self, one: Prepared, shared: np.ndarray) -> Predicted:
+        """A whole recording, with unknowns shared (n,) [as `Unknowns.start`]."""
+        predictor = Predictor(
+            vehicle=self.vehicle, rollout=self.rollout, shared=shared, noise=self.noise, known=KNOWN, own=True
+        )
+        return predictor.of(one.stretches(STEP)[0])
+
+
+def pool_learner(noise: Noise) -> Learner:
+    """Nothing drives the vehicle."""
+    none = Actuators(names=(), wrench=np.zeros((6, 0)), allocation=np.zeros((0, 6)))
+    dynamics = pool_dynamics()
+    known = vehicle_declaration(Start.of(dynamics), _HULL, none).learning(**LEARNT)
+    vehicle = Vehicle(dynamics=dynamics, shared=Unknowns(known), own=Unknowns(known, own=True), actuators=none)
+    return Learner(vehicle=vehicle, rollout=Rollout(stage_of(vehicle)), noise=noise)

@@ -1,0 +1,59 @@
+"""Free swings: what a vehicle does where its arm rests, as it was seen and as it was predicted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+from recording.report import Row
+
+from pool.findings import swing_in
+from pool.judging import ANGLES, angles
+from uvms_ocp.identification.answers.predictions import Predicted
+from uvms_ocp.identification.recordings.recording import Recording
+from uvms_ocp.identification.recordings.sampling import smoothed
+
+_REST, _WINDOW = 0.05, 0.4  # [rad/s] below which the arm rests, [s] over which its motion is smoothed
+_SHORTEST, _SETTLED = 3.0, 0.3  # [s] of a rest, and after the arm has come to it
+SMALLEST, LARGE = 0.05, 0.2
+"""[deg] standard deviation of an angle in which a swing is looked for, and with which it is large."""
+
+
+def rests(recording: Recording) -> Iterator[tuple[float, float]]:
+    """From when to when [s] the arm rests."""
+    joints = recording.channel("joint_positions")
+    t, rates = smoothed(joints.known_t, joints.values, _WINDOW, derivative=1)
+    moving = np.abs(rates).max(axis=1) > _REST
+    edges = np.concatenate([[0], 1 + np.flatnonzero(np.diff(moving)), [len(t) - 1]])
+    for first, last in pairwise(edges):
+        if not moving[first] and t[last] - t[first] > _SHORTEST:
+            yield float(t[first]) + _SETTLED, float(t[last])
+
+
+def swings(recording: Recording, predicted: Predicted) -> list[Row]:
+    """A row for every swing that was seen, with the predicted one at the same time."""
+    rows = []
+    for begin, end in rests(recording):
+        inside = (predicted.t[2] >= begin) & (predicted.t[2] <= end)
+        t = predicted.t[2][inside]
+        for k, angle in enumerate(ANGLES):
+            found, seen = (part[inside, k] for part in angles(predicted))
+            if seen.size and seen.std() > SMALLEST:
+                rows += _row(recording.name, angle, t - t[0], seen, found)
+    return rows
+
+
+def _row(name: str, angle: str, t: np.ndarray, seen: np.ndarray, found: np.ndarray) -> list[Row]:
+    told, ours = swing_in(t, seen), swing_in(t, found)
+    if told is None:
+        return []
+    row: dict[str, object] = {"recording": name, "angle": angle, "size [deg]": float(seen.std())}
+    row |= {"period [s]": told.period, "damping": told.damping}
+    if ours is not None:
+        row |= {"predicted period [s]": ours.period, "predicted damping": ours.damping}
+        row |= {
+            "period [%]": 100 * (ours.period / told.period - 1),
+            "damping [%]": 100 * (ours.damping / told.damping - 1),
+        }
+    return [row]

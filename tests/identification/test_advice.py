@@ -1,0 +1,70 @@
+"""What recordings leave open is answered with the motion that shows it, and that motion does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+import pytest
+from driven import SIZE, drive, known, vehicle_of
+
+from uvms_ocp.identification.answers.advice import advice
+from uvms_ocp.identification.answers.certainty import Open, left_open
+from uvms_ocp.identification.methods.output_error import Noise, OutputError
+from uvms_ocp.identification.methods.rollout import Rollout
+from uvms_ocp.identification.methods.stretch import Prepared
+from uvms_ocp.identification.models.stage import Vehicle, stage_of
+from uvms_ocp.identification.parameters.status import Free
+
+
+def combination(*names: str) -> Open:
+    return Open(sigma=1.0, shares=tuple((name, 0.5) for name in names))
+
+
+@cache
+def problem() -> tuple[Vehicle, Rollout]:
+    free = Free(only=("surge", "yaw"))
+    one = vehicle_of(known().learning(added_mass=free, quadratic_drag=free, gain=Free(only=("heave",))))
+    return one, Rollout(stage_of(one))
+
+
+def left(size: Sequence[float]) -> tuple[Open, ...]:
+    one, rollout = problem()
+    recording = drive(rollout.stage, np.concatenate([one.shared.start, one.own.start]), seed=0, noise=0.005, size=size)
+    error = OutputError(one, Prepared.of(recording, one).stretches(0.1, 10.0), Noise(), rollout)
+    return left_open(one, error.solve(error.start(), iterations=3))
+
+
+def test_what_did_not_move_is_to_be_driven_and_then_is_known() -> None:
+    told = [advice(one) for one in left((0.0, 0.0, 10.0, 0.0, 0.0, 0.0))]
+    assert sorted(text[: len("drive yaw fast")] for text in told) == ["drive yaw fast", "drive yaw to a"]
+    (text,) = (advice(one) for one in left((12.0, 12.0, 0.0, 0.8, 0.8, 3.0)))
+    assert text.startswith("drive actuator heave ahead")
+    assert not left(SIZE)
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (("linear_drag surge", "quadratic_drag surge"), "drive surge at two speeds"),
+        (("added_mass heave", "mass"), "no motion in water tells"),
+        (("gain T1", "added_mass yaw", "quadratic_drag yaw"), "measure a thrust"),
+        (("mass", "volume"), "net weight"),
+        (("lag", "delay"), "record faster"),
+        (("centre_of_buoyancy x",), "in pitch"),
+        (("quadratic_drag surge from pitch",), "surge and pitch together"),
+        (("linear_drag pitch-surge",), "pitch and surge together"),
+        (("reverse T3", "dead_zone T2"), "actuator T3 astern"),
+        (("gain T4", "reverse T5"), "actuator T4 ahead with much of its force; drive actuator T5 astern"),
+    ],
+)
+def test_what_is_open_together_has_advice_of_its_own(names: tuple[str, ...], words: str) -> None:
+    assert words in advice(combination(*names))
+
+
+def test_there_is_advice_for_everything_that_recordings_share() -> None:
+    for name, one in known().quantities.items():
+        if not one.own:
+            for coordinate in one.coordinates.names:
+                assert len(advice(combination(f"{name} {coordinate}".strip()))) > 10

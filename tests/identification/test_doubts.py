@@ -1,0 +1,208 @@
+"""A fault that is put into a good recording is named, and good recordings raise no doubt."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from driven import drive, known, vehicle_of
+from motions import DOWN, changed, recorded
+
+from uvms_ocp.identification.models.stage import stage_of
+from uvms_ocp.identification.recordings.doubts import doubts
+from uvms_ocp.identification.recordings.recording import Channel, Recording
+from uvms_ocp.identification.recordings.run_records import run_recording
+from uvms_ocp.identification.recordings.sampling import rotations
+from uvms_ocp.scenarios.bluerov_inspection import bluerov_inspection
+
+Change = Callable[[np.ndarray], np.ndarray]
+FORCES, MOMENTS = slice(0, 3), slice(3, 6)
+
+
+@cache
+def driven() -> Recording:
+    """By its commands, with late thrusters, delays and noise."""
+    one = vehicle_of(known())
+    return drive(stage_of(one), one.shared.start, seed=1, noise=0.01, t_end=60.0)
+
+
+@cache
+def moved() -> Recording:
+    """All that sensors tell of smooth motion, with what an accelerometer feels and an arm that waves."""
+    rng, good = np.random.default_rng(3), recorded()
+    t, attitude = good.channels["position"].t, good.channels["attitude"]
+    noisy = {
+        name: replace(one, values=one.values + 0.002 * rng.normal(size=one.values.shape))
+        for name, one in good.channels.items()
+    }
+    felt = 9.81 * rotations(attitude, t)[:, 2] + 0.05 * rng.normal(size=(len(t), 3))
+    f = np.array([0.4, 0.7, 1.1])
+    angles, rates = np.sin(f * t[:, None]), f * np.cos(f * t[:, None])
+    more = {"specific_force": felt, "joint_positions": angles, "joint_velocities": rates}
+    channels = {**noisy, "attitude": attitude, **{name: Channel(t=t, values=values) for name, values in more.items()}}
+    return replace(good, channels=channels)
+
+
+def told(recording: Recording) -> str:
+    return "; ".join(map(str, doubts(recording)))
+
+
+def with_values(recording: Recording, name: str, change: Change) -> Recording:
+    return changed(recording, name, values=change(recording.channels[name].values))
+
+
+def with_times(recording: Recording, name: str, change: Change) -> Recording:
+    return changed(recording, name, t=change(recording.channels[name].t))
+
+
+def test_good_recordings_raise_no_doubt() -> None:
+    assert told(driven()) == ""
+    assert told(moved()) == ""
+
+
+@pytest.mark.parametrize("noise", [False, True])
+def test_a_run_of_our_own_raises_no_doubt(noise: bool) -> None:
+    record = bluerov_inspection(noise=noise, seed=1, duration=15.0).run()
+    recording = run_recording(record, "run")
+    assert {"position", "attitude", "linear_velocity", "joint_positions", "thrust"} <= recording.channels.keys()
+    assert told(recording) == ""
+
+
+VALUES: list[tuple[str, Change, str]] = [
+    ("position", lambda x: x @ DOWN, "position: z is .*NED|position: its rate .*NED"),
+    ("position", lambda x: x[:, [1, 0, 2]] * [1, 1, -1], r"position: its rate fits .* \(y, x, -z\): NED against ENU"),
+    ("position", lambda x: 1000 * x, "position: up to .* is it in mm"),
+    ("position", lambda x: 1000 * x, "linear_velocity: 0.001 times .* the other in mm"),
+    ("linear_velocity", lambda x: x[:, [2, 1, 0]], r"linear_velocity: its axes fit .* \(z, y, x\)"),
+    ("linear_velocity", lambda x: x * [1, -1, 1], r"linear_velocity: its axes fit .* \(x, -y, z\)"),
+    ("linear_velocity", lambda x: 1000 * x, "linear_velocity: 1e.03 times .* in mm"),
+    ("angular_velocity", lambda x: x[:, [1, 0, 2]], r"angular_velocity: its axes fit .* \(y, x, z\)"),
+    ("angular_velocity", np.degrees, "angular_velocity: 58 times .* in degrees"),
+    ("angular_velocity", lambda x: x * [1, 1e-9, 1], "angular_velocity: dead: y"),
+    ("specific_force", lambda x: x @ DOWN, r"specific_force: points down .* \(FRD\)"),
+    ("specific_force", lambda x: x[:, [2, 1, 0]], "specific_force: .* axes swapped"),
+    ("specific_force", lambda x: x / 9.81, "specific_force: .* in g"),
+    ("specific_force", lambda x: x - [0, 0, 9.81], "specific_force: .* gravity taken out"),
+    ("joint_positions", np.degrees, "joint_positions: .* in deg"),
+    ("joint_velocities", np.degrees, "joint_velocities: 58 times .* in degrees"),
+    ("joint_velocities", lambda x: x[:, [1, 0, 2]], "joint_velocities: 0 fits the rate of position 1"),
+    ("joint_velocities", lambda x: x * [1, -1, 1], "joint_velocities: 1 fits minus the rate of position 1"),
+    ("joint_velocities", lambda x: x * [1, 1, 0], "joint_velocities: dead: 2"),
+    ("joint_positions", lambda x: x * [1, 0, 1], "joint_positions: dead: 1"),
+]
+
+
+@pytest.mark.parametrize(("name", "change", "text"), VALUES)
+def test_axes_signs_units_and_dead_columns_are_named(name: str, change: Change, text: str) -> None:
+    found = told(with_values(moved(), name, change))
+    assert re.search(text, found), found
+
+
+def test_a_recording_that_is_ned_throughout_is_told_by_gravity() -> None:
+    """Position, attitude and velocities agree with each other, turned as they are all together."""
+    turned = {"position": lambda x: x @ DOWN, "attitude": lambda x: x * [1, -1, -1, 1]}
+    turned |= dict.fromkeys(("linear_velocity", "angular_velocity", "specific_force"), turned["position"])
+    found = moved()
+    for name, change in turned.items():
+        found = with_values(found, name, change)
+    text = told(found)
+    assert "its axes fit" not in text
+    assert re.search(r"attitude: .* z down in W \(NED\)", text), text
+
+
+def test_an_accelerometer_proves_a_world_whose_zero_is_not_the_surface() -> None:
+    above = with_values(moved(), "position", lambda x: x + np.array([0, 0, 5.0]))
+    assert told(above) == ""
+    del (channels := dict(above.channels))["specific_force"]
+    assert "position: z is" in told(replace(above, channels=channels))
+
+
+TIMES: list[tuple[str, Change, str]] = [
+    ("linear_velocity", lambda t: t + 0.3, "linear_velocity: 0.30 s late against the rate of the position"),
+    ("angular_velocity", lambda t: t - 0.4, "angular_velocity: 0.40 s early against the rate of the attitude"),
+    ("joint_velocities", lambda t: t + 0.5, "joint_velocities: 0.50 s late against the rate of the positions"),
+    ("linear_velocity", lambda t: t + 0.7 * (t > 20.0), "linear_velocity: its clock .* a jump"),
+    (
+        "linear_velocity",
+        lambda t: t + 30.0 * (t > 20.0),
+        "linear_velocity: 1 gaps, the longest 30.* a clock that was set",
+    ),
+    ("position", lambda t: 1e3 * t, "position: 50 s between samples: the unit of its times"),
+    ("position", lambda t: 1e-9 * t, "position: .* s between samples: the unit of its times"),
+    ("attitude", lambda t: 1e9 * t, "attitude: .* s between samples: the unit of its times"),
+    ("attitude", lambda t: t + 1.7e9 * (t > 0.0), "attitude: 1 gaps, .* a clock that was set"),
+]
+
+
+@pytest.mark.parametrize(("name", "change", "text"), TIMES)
+def test_clocks_that_differ_or_jump_are_named(name: str, change: Change, text: str) -> None:
+    found = told(with_times(moved(), name, change))
+    assert re.search(text, found), found
+
+
+def test_times_that_went_back_or_were_repeated_in_the_file_are_told() -> None:
+    assert "position: times go back by up to 2.5 s" in told(changed(moved(), "position", back=2.5))
+    assert "position: 700 samples had the time of another" in told(changed(moved(), "position", repeated=700))
+
+
+@pytest.mark.parametrize("shift", [0.7, 1.2, -1.5])
+@pytest.mark.parametrize("command", ["wrench", "thrust"])
+def test_a_command_of_another_clock_is_named(command: str, shift: float) -> None:
+    """By what thrusters cannot do: act before they are told, or long after."""
+    late = with_times(commanded(command), command, lambda t: t + shift)
+    text = told(late)
+    said = re.search(rf"{command}: the vehicle accelerates ([\d.]+) s (before|after)", text)
+    assert said, text
+    found = float(said[1]) * (1 if said[2] == "before" else -1)
+    assert found == pytest.approx(shift - LAG, abs=0.1)
+    assert told(changed(late, command, delay=shift)) == ""
+
+
+LAG = 0.3
+"""[s] by which the vehicle of the tests accelerates after its commands: delay and lag."""
+
+
+def commanded(command: str) -> Recording:
+    """By a wrench, or by eight thrusters that make up one."""
+    if command == "wrench":
+        return driven()
+    given, mixed = driven().channels["wrench"], np.linalg.qr(np.random.default_rng(0).normal(size=(8, 8)))[0][:6]
+    channels = {name: one for name, one in driven().channels.items() if name != "wrench"}
+    return replace(driven(), channels=channels | {"thrust": Channel(t=given.t, values=given.values @ mixed)})
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda x: x[:, [1, 0, 2, 3, 4, 5]], r"wrench: its forces fit the acceleration as \(y, x, z\)"),
+        (lambda x: x * [1, -1, -1, 1, -1, -1], r"wrench: its forces .* as \(x, -y, -z\); wrench: its moments .* -z\)"),
+        (lambda x: x * [-1, 1, 1, 1, 1, 1], r"wrench: its forces fit the acceleration as \(-x, y, z\)"),
+        (lambda x: x[:, [0, 1, 2, 5, 4, 3]], r"wrench: its moments fit the acceleration as \(z, y, x\)"),
+        (lambda x: 0 * x + 1.0, "wrench: dead"),
+    ],
+)
+def test_a_wrench_of_other_axes_is_named(change: Change, text: str) -> None:
+    found = told(with_values(driven(), "wrench", change))
+    assert re.search(text, found), found
+
+
+def test_a_wrench_in_the_world_frame_is_named() -> None:
+    given = driven().channels["wrench"]
+    t = np.arange(0.0, driven().span[1], 0.05)  # turned with the vehicle, while it is held
+    held = given.values[np.searchsorted(given.t, t, side="right") - 1]
+    R = rotations(driven().channels["attitude"], t)
+    outside = np.hstack([np.einsum("nij,nj->ni", R, held[:, part]) for part in (FORCES, MOMENTS)])
+    found = told(changed(driven(), "wrench", t=t, values=outside))
+    assert "wrench: its forces fit the acceleration as in W" in found, found
+
+
+def test_a_robot_that_rests_at_first_has_lost_no_samples() -> None:
+    resting = with_values(moved(), "linear_velocity", lambda x: x * (np.arange(len(x)) >= 3)[:, None])
+    slow = with_values(resting, "linear_velocity", lambda x: x * np.minimum(np.arange(len(x)) / 2000, 1)[:, None])
+    assert "exactly zero" not in told(slow)
+    holes = with_values(moved(), "linear_velocity", lambda x: x * (np.arange(len(x)) % 50 > 0)[:, None])
+    assert "16 of 800 samples are exactly zero" in told(holes)

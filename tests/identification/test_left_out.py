@@ -1,0 +1,152 @@
+"""A recording that is left out is never seen, and what predicts it is told beside what knows less."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from driven import drive, known, vehicle_of
+from vehicles import vehicle as with_arm
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.identification.answers.fitted import Fitted
+from uvms_ocp.identification.answers.left_out import BALANCE, BEFORE, OTHERS, STILL, LeftOut, left_out, without
+from uvms_ocp.identification.answers.nulls import Balance, still
+from uvms_ocp.identification.answers.predictions import Predicted
+from uvms_ocp.identification.answers.scores import SCORED, errors
+from uvms_ocp.identification.methods.output_error import Noise
+from uvms_ocp.identification.methods.rollout import Rollout
+from uvms_ocp.identification.methods.search import Search, searched
+from uvms_ocp.identification.methods.stretch import Prepared
+from uvms_ocp.identification.models.stage import Vehicle, stage_of
+from uvms_ocp.identification.parameters.status import Free
+from uvms_ocp.identification.recordings.recording import Channel, Recording
+
+NOISE = Noise(velocity=0.02, rate=0.02, vertical=0.02)
+SEARCH = Search(step=0.05, stretch=10.0)
+UPRIGHT = 998.0 * 0.0205 * np.array([0.01, 0.0, 0.05]) - 20.0 * np.array([0.02, -0.01, -0.03])
+"""[kg m] of what the vehicle of the tests displaces, less that of its mass."""
+
+
+@cache
+def problem() -> tuple[Vehicle, Rollout]:
+    one = vehicle_of(known().learning(added_mass=Free(only=("surge",)), quadratic_drag=Free(only=("surge", "yaw"))))
+    return one, Rollout(stage_of(one))
+
+
+@cache
+def recordings() -> tuple[Recording, ...]:
+    one, rollout = problem()
+    truth = one.shared.start + np.array([0.1, 0.3, -0.2])
+    return tuple(drive(rollout.stage, truth, seed=seed, noise=0.02, t_end=12.0) for seed in range(3))
+
+
+def solved(given: Sequence[Recording]) -> Fitted:
+    one, rollout = problem()
+    prepared = tuple(Prepared.of(each, one) for each in given)
+    estimate = searched(one, prepared, NOISE, rollout, SEARCH)
+    return Fitted(vehicle=one, rollout=rollout, prepared=prepared, noise=NOISE, search=SEARCH, estimate=estimate)
+
+
+@cache
+def fitted() -> Fitted:
+    return solved(recordings())
+
+
+@cache
+def found() -> tuple[LeftOut, ...]:
+    return tuple(left_out(fitted(), horizons=(3.0, 60.0, 90.0)))
+
+
+def lying(one: Recording) -> Recording:
+    velocity = one.channels["linear_velocity"]
+    return replace(
+        one, channels={**one.channels, "linear_velocity": Channel(t=velocity.t, values=-3.0 * velocity.values)}
+    )
+
+
+def test_what_is_judged_does_not_change_what_the_others_tell() -> None:
+    honest = fitted()
+    other = replace(honest, prepared=(*honest.prepared[:2], Prepared.of(lying(recordings()[2]), honest.vehicle)))
+    one, two = (without(each, each.prepared[2]) for each in (honest, other))
+    np.testing.assert_array_equal(one.shared, two.shared)
+    np.testing.assert_array_equal(one.information, two.information)
+    assert one.cost == two.cost
+    assert (without(honest, honest.prepared[0]).shared != without(other, other.prepared[0]).shared).all()
+
+
+def test_where_the_search_on_the_others_begins_tells_it_nothing() -> None:
+    warm, cold = without(fitted(), fitted().prepared[2]), solved(recordings()[:2]).estimate
+    sigma = np.sqrt(np.diag(np.linalg.inv(cold.information)))
+    np.testing.assert_allclose(warm.shared, cold.shared, atol=0.1 * sigma.min())
+
+
+def test_horizons_are_cut_where_recordings_are_too_short_and_longer_ones_left_out() -> None:
+    for one in found():
+        assert [each.asked for each in one.horizons] == [3.0, 60.0]
+        begin, end = next(each for each in recordings() if each.name == one.name).span
+        assert one.horizons[1].length == pytest.approx(end - begin - one.predictor.known, abs=2 * SEARCH.step)
+
+
+def test_all_predict_the_same_samples_after_what_was_known() -> None:
+    for one in found():
+        begin = next(each for each in recordings() if each.name == one.name).span[0]
+        for horizon in one.horizons:
+            assert list(horizon.by) == [OTHERS, BEFORE, STILL, BALANCE]
+            first = horizon.by[OTHERS]
+            assert min(t[0] for t in first.t) > begin + one.predictor.known
+            for other in horizon.by.values():
+                for pair in zip((*first.t, *first.seen), (*other.t, *other.seen), strict=True):
+                    np.testing.assert_array_equal(*pair)
+
+
+def test_what_was_identified_predicts_best() -> None:
+    for one in found():
+        for horizon in one.horizons:
+            of_others, before, resting, _ = (errors(each)[0] for each in horizon.by.values())
+            assert of_others < before < resting
+
+
+def test_a_recording_alone_cannot_be_left_out() -> None:
+    alone = replace(fitted(), prepared=fitted().prepared[:1])
+    with pytest.raises(InvalidInput, match="at least 2"):
+        list(left_out(alone))
+
+
+def test_nothing_moves_says_zero_and_the_vertical_that_was_seen_last() -> None:
+    (whole,) = fitted().prepared[0].stretches(0.05)
+    resting = still(whole, 2.0)
+    assert not resting.rows[0].any()
+    assert not resting.rows[1].any()
+    last = np.flatnonzero(whole.t[2] <= whole.edges[0] + 2.0)[-1]
+    assert (resting.rows[2] == whole.seen[2][last]).all()
+    np.testing.assert_allclose(errors(resting)[:3], np.sqrt((whole.seen[0] ** 2).mean(axis=0)))
+
+
+def test_errors_are_root_mean_squares_and_angles() -> None:
+    seen = (np.zeros((2, 3)), np.zeros((2, 3)), np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]))
+    tilted = np.array([[0.0, np.sin(0.1), np.cos(0.1)], [np.sin(0.3), 0.0, np.cos(0.3)]])
+    rows = (np.array([[3.0, 0.0, 1.0], [4.0, 0.0, -1.0]]), np.full((2, 3), 2.0), tilted)
+    wanted = [np.sqrt(12.5), 0.0, 1.0, 2.0, 2.0, 2.0, np.rad2deg(np.sqrt((0.1**2 + 0.3**2) / 2))]
+    told = errors(Predicted(t=(np.arange(2.0),) * 3, rows=rows, seen=seen))
+    assert len(told) == len(SCORED)
+    np.testing.assert_allclose(told, wanted, atol=1e-12)
+
+
+def test_a_vehicle_in_balance_is_turned_by_nothing() -> None:
+    one = fitted().vehicle
+    moment = UPRIGHT
+    told = Balance.of(one).vertical(np.zeros((0, 1)), one.shared.start)[:, 0]
+    np.testing.assert_allclose(told, moment / np.linalg.norm(moment), atol=1e-9)
+
+
+def test_an_arm_that_moves_changes_the_balance_as_its_weight_does() -> None:
+    one = replace(fitted().vehicle, dynamics=with_arm(n_joints=1))
+    told = Balance.of(one).vertical(np.array([[0.0, np.pi]]), one.shared.start)
+    for k, way in enumerate((1.0, -1.0)):
+        x = 0.3 + way * 0.15 - 998.0 * 8e-4 * 0.3
+        moment = UPRIGHT - np.array([x, 0.0, 0.0])
+        np.testing.assert_allclose(told[:, k], moment / np.linalg.norm(moment), atol=1e-6)

@@ -1,0 +1,59 @@
+"""A profile is the interval of standard errors where all is linear, and another where it is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from linear_problem import NOISE, problem
+
+from uvms_ocp.identification.answers.numbers import INTERVAL, Number, number_of, numbers
+from uvms_ocp.identification.answers.profiles import profiles
+from uvms_ocp.identification.methods.pull import Pull
+
+
+def told(together: float) -> list[Number]:
+    fitted = problem()
+    return [replace(one, size=1e3) for one in numbers(fitted.vehicle, fitted.estimate, together)]
+
+
+@pytest.mark.parametrize("together", [1.0, 7.0])
+def test_of_a_linear_problem_with_gaussian_noise_it_is_the_interval_of_standard_errors(together: float) -> None:
+    found = list(profiles(problem(), told(together), together))
+    assert [one.number.name for one in found] == ["bias surge", "bias sway", "bias heave"]
+    for one in found:
+        width = one.number.interval[1] - one.number.interval[0]
+        np.testing.assert_allclose(one.interval, one.number.interval, atol=1e-3 * width)
+        np.testing.assert_allclose(one.roots, (one.values - one.number.value) / one.number.sigma, atol=2e-3)
+        assert not one.differs
+
+
+def test_a_number_that_is_held_is_fitted_around_as_algebra_says() -> None:
+    fitted, (_, sway, _) = problem(), told(1.0)
+    number = number_of(fitted.vehicle, sway)
+    target = sway.value + 2.0 * sway.sigma
+    error = fitted.problem(Pull(number=number, target=target, sigma=1e-3 * sway.sigma))
+    found = error.solve(error.resumed(fitted.estimate), tolerance=1e-13, damping=1e-12)
+    C = np.linalg.inv(fitted.estimate.information)
+    wanted = fitted.estimate.shared + C[:, 1] / C[1, 1] * (target - sway.value)
+    np.testing.assert_allclose(found.shared, wanted, atol=1e-5)
+
+
+def test_numbers_that_are_not_determined_have_none() -> None:
+    nothing = [replace(one, learnt=False) for one in told(1.0)]
+    assert not list(profiles(problem(), nothing))
+
+
+@pytest.mark.parametrize("bend", [0.0, 2.0])
+def test_of_a_problem_that_bends_it_is_where_the_bend_has_it(bend: float) -> None:
+    fitted = problem(n=4, bend=bend)
+    (one,) = (each for each in numbers(fitted.vehicle, fitted.estimate) if each.entry == "sway")
+    (found,) = profiles(fitted, [replace(one, size=1e3)])
+    G = np.concatenate(fitted.rollout.G).reshape(-1, 3)  # type: ignore[attr-defined]
+    sigma = np.sqrt(np.linalg.inv(G.T @ G)[1, 1]) * NOISE.velocity
+    for end, root in zip(found.interval, (-INTERVAL, INTERVAL), strict=True):
+        bent = (one.value + bend * one.value**2) + root * sigma
+        wanted = bent if not bend else (np.sqrt(1.0 + 4.0 * bend * bent) - 1.0) / (2.0 * bend)
+        assert end == pytest.approx(wanted, abs=0.03 * one.sigma)
+    assert found.differs == (bend > 0.0)

@@ -1,0 +1,98 @@
+"""Files of our own need no mapping, those of others say that they do, and a command shows what is in either."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from motions import DOWN, recorded
+from typer.testing import CliRunner
+
+from uvms_ocp.cli import app
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.identification.recordings.mapping import read_mapping
+from uvms_ocp.identification.recordings.reading import read_recording
+from uvms_ocp.identification.recordings.storage import write_recording
+from uvms_ocp.identification.recordings.tables import write_columns
+from uvms_ocp.record import Record
+from uvms_ocp.scenarios.case1 import case1
+
+GOOD = recorded()
+PLAN = Path(__file__).parents[1] / "records" / "plan_curve_v0_1.npz"
+NEEDS = {".parquet": "pyarrow", ".mcap": "mcap"}
+MAPPING = "channels: {{linear_velocity: {{{where}, time: t, columns: [a, b, c]}}}}"
+
+
+@pytest.fixture(scope="module")
+def run() -> Record:
+    return case1(noise=True, dt=0.02, duration=0.5).run()
+
+
+@pytest.mark.parametrize("ending", [".npz", ".parquet", ".mcap"])
+def test_a_record_of_a_run_is_a_recording_of_what_was_measured(ending: str, run: Record, tmp_path: Path) -> None:
+    if ending in NEEDS:
+        pytest.importorskip(NEEDS[ending], reason='needs pip install "uvms-ocp[identify,mcap]"')
+    path = tmp_path / f"dive{ending}"
+    {".npz": run.save, ".parquet": run.to_parquet, ".mcap": run.to_mcap}[ending](path)
+    recording = read_recording(path)
+    assert recording.name == "dive"
+    wanted = {"position": run["q_measured"][:, :3], "angular_velocity": run["v_measured"][:, 3:6]}
+    wanted |= {"joint_positions": run["q_measured"][:, 7:], "thrust": run["thrust"], "wrench": run["wrench"]}
+    for name, values in wanted.items():
+        np.testing.assert_array_equal(recording.channels[name].t, run["t"])
+        np.testing.assert_array_equal(recording.channels[name].values, values)
+
+
+def test_a_recording_of_ours_is_read_by_its_ending(tmp_path: Path) -> None:
+    pytest.importorskip("pyarrow", reason='needs pip install "uvms-ocp[identify]"')
+    for ending in (".csv", ".parquet"):
+        write_recording(GOOD, tmp_path / f"a{ending}")
+        assert set(read_recording(tmp_path / f"a{ending}").channels) == set(GOOD.channels)
+
+
+def test_the_record_of_a_plan_is_none() -> None:
+    with pytest.raises(InvalidInput, match="this record is of a plan"):
+        read_recording(PLAN)
+
+
+def test_messages_of_others_need_a_mapping_and_say_of_which_topics(tmp_path: Path) -> None:
+    writer = pytest.importorskip("mcap.writer", reason='needs pip install "uvms-ocp[mcap]"')
+    with (tmp_path / "a.mcap").open("wb") as file:
+        made = writer.Writer(file)
+        made.start()
+        channel = made.register_channel("/state", "json", 0)
+        for k in range(3):
+            made.add_message(channel, k, json.dumps({"t": k, "a": 1.0, "b": 2.0, "c": k}).encode(), k)
+        made.finish()
+    with pytest.raises(InvalidInput, match=r"a\.mcap: no record of ours; give a mapping of its topics: /state"):
+        read_recording(tmp_path / "a.mcap")
+    (tmp_path / "map.yaml").write_text(MAPPING.format(where="topic: /state"))
+    read = read_recording(tmp_path / "a.mcap", read_mapping(tmp_path / "map.yaml"))
+    np.testing.assert_array_equal(read.channels["linear_velocity"].values[:, 2], [0.0, 1.0, 2.0])
+
+
+def checked(*words: object) -> str:
+    result = CliRunner().invoke(app, ["check-recording", *map(str, words)], env={"COLUMNS": "200"})
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def test_a_command_tells_channels_and_doubts_of_every_recording(tmp_path: Path) -> None:
+    write_recording(GOOD, tmp_path / "good.csv")
+    told = json.loads(checked(tmp_path / "good.csv", "--json"))
+    assert told["good"]["doubts"] == []
+    assert [row["channel"] for row in told["good"]["channels"]] == list(GOOD.channels)
+    assert told["good"]["channels"][0]["rate [Hz]"] == pytest.approx(20.0)
+    turned = dict(zip("abc", (GOOD.channels["linear_velocity"].values @ DOWN).T, strict=True))
+    position = dict(zip("xyz", GOOD.channels["position"].values.T, strict=True))
+    attitude = dict(zip("ijkl", GOOD.channels["attitude"].values.T, strict=True))
+    write_columns(tmp_path / "other.csv", {"t": GOOD.channels["position"].t, **turned, **position, **attitude})
+    (tmp_path / "map.yaml").write_text(
+        MAPPING.format(where="body: FLU")[:-1]
+        + ", position: {time: t, columns: [x, y, z]}, attitude: {time: t, columns: [i, j, k, l]}}"
+    )
+    text = checked(tmp_path / "other.csv", "--mapping", tmp_path / "map.yaml")
+    assert "linear_velocity" in text
+    assert "doubtful: linear_velocity: its axes fit the rate of the position as (x, -y, -z)" in text

@@ -1,0 +1,90 @@
+"""Messages of an MCAP file in the order that they stand there, unpacked chunk by chunk within what each chunk declares."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import IO, Any
+
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.untrusted.array_file import DENSEST, SMALL
+
+LARGEST_CHUNK = 64 << 20
+"""[B] when unpacked; writers close one after 1 to 4 MB."""
+_WINDOW = 1 << 27  # [B] that zstd may look back
+
+
+def mcap_messages(path: Path, topics: Collection[str] | None = None) -> Iterator[tuple[Any, Any, Any]]:
+    """Schema (none for messages that need none), channel and message, of these topics or of all.
+
+    Raises `InvalidInput` for a file that unpacks to far more than it is, and what the library raises for a damaged one.
+    """
+    from mcap.records import Channel, Message, Schema
+
+    schemas: dict[int, Any] = {}
+    channels: dict[int, Any] = {}
+    for record in _records(path):
+        if isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            channels[record.id] = record
+        elif isinstance(record, Message):
+            channel = channels[record.channel_id]
+            if topics is None or channel.topic in topics:
+                yield schemas.get(channel.schema_id), channel, record
+
+
+def mcap_topics(path: Path) -> tuple[str, ...]:
+    """All of a file, sorted. Raises `InvalidInput` and others, as `mcap_messages` does."""
+    from mcap.records import Channel
+
+    return tuple(sorted({record.topic for record in _records(path) if isinstance(record, Channel)}))
+
+
+def _records(path: Path) -> Iterator[Any]:
+    from mcap.records import Chunk
+    from mcap.stream_reader import StreamReader, breakup_chunk
+
+    size, total = path.stat().st_size, 0
+    with path.open("rb") as file:
+        for record in StreamReader(file, emit_chunks=True, record_size_limit=size).records:
+            if not isinstance(record, Chunk):
+                yield record
+                continue
+            total += record.uncompressed_size
+            _require_size(path, record.uncompressed_size, total, size)
+            yield from breakup_chunk(replace(record, compression="", data=_unpacked(path, record)), validate_crc=True)
+
+
+def _require_size(path: Path, chunk: int, total: int, size: int) -> None:
+    if chunk > LARGEST_CHUNK:
+        raise InvalidInput(f"{path}: a chunk of {chunk >> 20} MB; at most {LARGEST_CHUNK >> 20} MB are read")
+    if total > max(SMALL, DENSEST * size):
+        raise InvalidInput(
+            f"{path}: would unpack to more than {total >> 20} MB; at most {DENSEST} times a file are read"
+        )
+
+
+def _unpacked(path: Path, chunk: Any) -> bytes:
+    """What a chunk holds, whatever it says of its size. Raises `InvalidInput` where that is not so."""
+    size = chunk.uncompressed_size
+    found = _first(chunk, size + 1)
+    if len(found) != size:
+        raise InvalidInput(f"{path}: a chunk does not hold the {size} bytes that it declares; mcap recover may help")
+    return found
+
+
+def _first(chunk: Any, most: int) -> bytes:
+    if chunk.compression == "lz4":
+        from lz4.frame import LZ4FrameDecompressor
+
+        return bytes(LZ4FrameDecompressor().decompress(chunk.data, max_length=most))
+    if chunk.compression == "zstd":
+        from zstandard import ZstdDecompressor
+
+        stream: IO[bytes] = ZstdDecompressor(max_window_size=_WINDOW).stream_reader(chunk.data)
+        return stream.read(most)
+    if chunk.compression:
+        raise InvalidInput(f"a chunk packed by {chunk.compression[:20]!r}; lz4 and zstd are read")
+    return bytes(chunk.data)
