@@ -237,10 +237,12 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
         console.print(carried)
     resources = _transposed(report["resources"])
     console.print(table_of("resources", resources, tuple(resources[0])))
+    times = report["controller_us"]
+    whole = f", whole controller {times['p50']:.0f} us" if times else ""
     verdict = "complete" if report["completed"] else plain_line(f"not completed: {report['pending']}")
     console.print(
         f"mission {verdict}; simulated {report['simulated_s']:.1f} s in {report['wall_s']:.1f} s, "
-        f"tick p50 {report['tick_us']['p50']:.0f} us{_of_controller(report)}"
+        f"tick p50 {report['tick_us']['p50']:.0f} us{whole}"
     )
     if not report["completed"] or report["ended_too_early"]:
         console.print(plain_line(f"cause: {report['cause']['kind']}: {report['cause']['text']}"))
@@ -252,11 +254,6 @@ def _print_end(console: Console, phase: dict[str, Any]) -> None:
     console.print(Text(plain_line(f"{phase['name']} ended: {phase['reason']}")))
     if errors := "; ".join(_active_errors(phase)):
         console.print(Padding(Text(plain_line(errors), style="dim"), (0, 0, 0, 4)))
-
-
-def _of_controller(report: dict[str, Any]) -> str:
-    times = report["controller_us"]
-    return f", whole controller {times['p50']:.0f} us" if times else ""
 
 
 def _print_what_went_wrong(console: Console, report: dict[str, Any]) -> None:

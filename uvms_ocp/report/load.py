@@ -20,7 +20,7 @@ def learnt_load(record: Record) -> dict[str, float | None] | None:
 
 
 def load_line(load: dict[str, float | None] | None) -> str:
-    """A `learnt_load` [N, kg] in words; empty where nothing was to be."""
+    """In words; load [N, kg]: a `learnt_load`. Empty where nothing was to be."""
     if load is None:
         return ""
     mass = "undetermined" if load["mass_kg"] is None else f"{load['mass_kg']:.2f} kg +- {load['mass_error_kg']:.2f}"
