@@ -50,6 +50,7 @@ from uvms_ocp.model.state import Command
 from uvms_ocp.output import claimed
 from uvms_ocp.parts.given import plant_name
 from uvms_ocp.record import Record
+from uvms_ocp.report.load import load_line
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.sim.faults.notation import parse_faults
@@ -232,14 +233,16 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
     for phase in report["phases"]:
         _print_end(console, phase)
     _print_what_went_wrong(console, report)
-    if carried := _carried(report["load"]):
+    if carried := load_line(report["load"]):
         console.print(carried)
     resources = _transposed(report["resources"])
     console.print(table_of("resources", resources, tuple(resources[0])))
+    times = report["controller_us"]
+    whole = f", whole controller {times['p50']:.0f} us" if times else ""
     verdict = "complete" if report["completed"] else plain_line(f"not completed: {report['pending']}")
     console.print(
         f"mission {verdict}; simulated {report['simulated_s']:.1f} s in {report['wall_s']:.1f} s, "
-        f"tick p50 {report['tick_us']['p50']:.0f} us{_of_controller(report)}"
+        f"tick p50 {report['tick_us']['p50']:.0f} us{whole}"
     )
     if not report["completed"] or report["ended_too_early"]:
         console.print(plain_line(f"cause: {report['cause']['kind']}: {report['cause']['text']}"))
@@ -253,11 +256,6 @@ def _print_end(console: Console, phase: dict[str, Any]) -> None:
         console.print(Padding(Text(plain_line(errors), style="dim"), (0, 0, 0, 4)))
 
 
-def _of_controller(report: dict[str, Any]) -> str:
-    times = report["controller_us"]
-    return f", whole controller {times['p50']:.0f} us" if times else ""
-
-
 def _print_what_went_wrong(console: Console, report: dict[str, Any]) -> None:
     """Faults that were asked for, and what the robot said; a line each."""
     for fault in report["faults"]:
@@ -268,14 +266,6 @@ def _print_what_went_wrong(console: Console, report: dict[str, Any]) -> None:
     for row in report["sensor_health"]:
         if row["first_s"] is not None:
             console.print(plain_line(_ill(row)), style="yellow")
-
-
-def _carried(load: dict[str, float | None] | None) -> str:
-    """What has been learnt of the load; empty where nothing was to be."""
-    if load is None:
-        return ""
-    mass = "undetermined" if load["mass_kg"] is None else f"{load['mass_kg']:.2f} kg +- {load['mass_error_kg']:.2f}"
-    return f"load at the tool: net weight {load['weight_n']:.1f} N +- {load['weight_error_n']:.1f}, mass {mass}"
 
 
 def _ill(row: dict[str, Any]) -> str:

@@ -31,6 +31,7 @@ def look(
         mass=resists,
         drag=np.zeros(6),
         slopes=SLOPES,
+        velocity=np.zeros(3),
         known=np.ones(6, dtype=bool),
     )
 

@@ -132,5 +132,6 @@ class LoadLearner:
             mass=mass,
             drag=drag,
             slopes=np.column_stack(slopes),
+            velocity=self._velocity,
             known=self._free,
         )

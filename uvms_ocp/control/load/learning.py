@@ -39,6 +39,8 @@ class LoadLearning:
     """[-] force, the same share, below which the disturbance is noise at least."""
     alike: float = 2.0
     """[s] for which the disturbance is wrong in the same way: what the model lacks of a motion lasts longer than noise."""
+    drag: float = 0.1
+    """[-] share of its slope that the drag of a moving tool's velocity may be wrong by."""
     least_acceleration: float = 0.05
     """[m/s2] of the tool, below which nothing is learnt of the mass: noise of the velocity looks the same."""
     surprise: float = 4.0
@@ -55,6 +57,6 @@ class LoadLearning:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise InvalidInput(f"{name} of the load learning = {value}; give a finite number > 0")
-        for name in ("lasting", "unsteady", "scale", "mass_share"):
+        for name in ("lasting", "unsteady", "drag", "scale", "mass_share"):
             if getattr(self, name) > 1:
                 raise InvalidInput(f"{name} of the load learning = {getattr(self, name)}; give a share of 1 or less")

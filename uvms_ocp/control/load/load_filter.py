@@ -37,6 +37,8 @@ class Look:
     """(n_v,) [N, N m] of a current, to which `slopes` times it are to be added."""
     slopes: np.ndarray
     """(n_v, 3) [N s/m, N s]"""
+    velocity: np.ndarray
+    """(3,) [m/s] of the tool in W."""
     known: np.ndarray
     """(n_v,) [-] whether an axis tells anything."""
 
@@ -74,7 +76,7 @@ class LoadFilter:
         if self._waits:
             self._waits -= 1
             return
-        noise = (1.0 + self._cooled()) * self._colour * self._variance + self._unseen(look)
+        noise = (1.0 + self._cooled()) * self._colour * self._variance_of(look) + self._unseen(look)
         self._correct(H[look.known], missed[look.known], noise[look.known])
 
     def _rows(self, look: Look) -> tuple[np.ndarray, np.ndarray]:
@@ -87,6 +89,10 @@ class LoadFilter:
         """Whether the tool does, by so much that it shows."""
         least = self._settings.least_acceleration
         return float(np.linalg.norm(look.mass)) > least * float(np.linalg.norm(look.weight))
+
+    def _variance_of(self, look: Look) -> np.ndarray:
+        """Of the noise (n_v,), and of drag that is not as the model has it."""
+        return self._variance + (self._settings.drag * (look.slopes @ look.velocity)) ** 2
 
     def _unseen(self, look: Look) -> np.ndarray:
         """Variance (n_v,) that the mass has as noise, where it is not looked at."""
