@@ -17,7 +17,7 @@ from uvms_ocp.solvers.stagewise.solution import Near
 
 # An interior point that ends early keeps off the bounds: curvature then costs levels above less, and whole steps can be taken
 # more often than at the exact optimum.
-# Of the slabs that levels above leave, many are reached: more complementarity to begin with saves the lowest a third of the factors.
+# Many of the slabs that levels above leave are reached: more complementarity to begin with saves a third of the factors.
 _QP_OPTIONS = StageQpOptions(tolerance=1e-4, cold_mu=10.0)
 
 
