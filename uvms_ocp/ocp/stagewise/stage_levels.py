@@ -28,15 +28,15 @@ class WarmStages(NlpPoint):
     solution: Found | None = None
 
 
-_QP_TOLERANCE = 1e-7  # [-] relative
+_QP_OPTIONS = StageQpOptions(tolerance=1e-7)
 
 
 class StageLevels:
     """All levels, on one memory."""
 
-    def __init__(self, memory: StageMemory, tolerance: float = _QP_TOLERANCE) -> None:
-        """tolerance [-] of the QPs, relative."""
-        self.memory, self._point, self._tolerance = memory, StagePoint(memory), tolerance
+    def __init__(self, memory: StageMemory, options: StageQpOptions = _QP_OPTIONS) -> None:
+        """options: of the QPs."""
+        self.memory, self._point, self._options = memory, StagePoint(memory), options
         self._levels: dict[int, LevelStages] = {}
         self._raw = np.zeros(memory.whole.row_layout.n_rows + 1)
 
@@ -47,7 +47,7 @@ class StageLevels:
     def level(self, index: int) -> LevelStages:
         """Bound to the memory when it is called for first."""
         if index not in self._levels:
-            self._levels[index] = LevelStages(self.memory, index, StageQpOptions(tolerance=self._tolerance))
+            self._levels[index] = LevelStages(self.memory, index, self._options)
         return self._levels[index]
 
     def rows_at(self, x: Array, p: Array) -> tuple[Array, ...]:

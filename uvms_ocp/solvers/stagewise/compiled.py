@@ -91,7 +91,7 @@ class _Problem(ctypes.Structure):
         *_pointers(*_TABLE, *_BOUNDS, *_HELD, *_WORK, *_DIRECTION, "bounded"),
         ("now", _Residuals),
         ("other", _Residuals),
-        *_numbers("curvature", "tolerance", "warm_mu", "slow", "share"),
+        *_numbers("curvature", "tolerance", "warm_mu", "cold_mu", "slow", "share"),
         *_integers("n_bounded", "max_iterations", "iterations", "corrections", "status", "start", "is_elastic"),
     )
 
@@ -173,7 +173,7 @@ class CompiledCore:
             self._loaded = qp
         if options is not None:
             problem.tolerance, problem.max_iterations = options.tolerance, options.max_iterations
-            problem.warm_mu = options.warm_mu
+            problem.warm_mu, problem.cold_mu = options.warm_mu, options.cold_mu
 
     def _end(self) -> End:
         problem, now = self._problem, self._problem.now

@@ -19,7 +19,7 @@ typedef struct {
   double *weight, *soft, *left, *gap, *pull, *rhs, *t_side, *t_elastic; /* of direction() */
   int *bounded; /* rows with a bound, n_bounded of them */
   Residuals now, other;
-  double curvature, tolerance, warm_mu, slow, share; /* the last: of the step that was taken last */
+  double curvature, tolerance, warm_mu, cold_mu, slow, share; /* the last: of the step that was taken last */
   int n_bounded;
   int max_iterations, iterations, corrections, status, start, is_elastic;
 } Problem;

@@ -54,7 +54,7 @@ static void start_cold(Problem *q) {
   memset(p + q->n, 0, sizeof(double) * (size_t)(SIZE - q->n));
   find_residuals(q, p, &q->now);
   const double missed = larger_of(side_missed(q, q->now.value), LEAST_MISSED);
-  const double mu = COLD_MU * missed * larger_of(q->curvature * missed, q->now.stationarity);
+  const double mu = q->cold_mu * missed * larger_of(q->curvature * missed, q->now.stationarity);
   for (int k = 0; k < q->n_bounded; ++k)
     for (int u = 0, i = q->bounded[k]; u < 2; ++u) {
       const int j = u * q->M + i;

@@ -182,7 +182,7 @@ def _cold(method: InteriorPoint, point: Point) -> Point:
     t, p = method.table, method.rest(point.z)
     r = method.residuals(p)
     missed = max(_missed(method, r), STAGE_TOLERANCES.least_missed)
-    mu = STAGE_TOLERANCES.cold_mu * missed * max(method.curvature * missed, r.kkt.stationarity)
+    mu = method.options.cold_mu * missed * max(method.curvature * missed, r.kkt.stationarity)
     s = np.where(t.side, np.maximum(method.beyond(r.value), missed * t.norm), 0.0)
     multiplier = np.divide(mu, s, out=np.zeros_like(s), where=t.side)
     multiplier = np.where(t.elastic, np.minimum(multiplier, 0.5 * t.l1), multiplier)

@@ -23,11 +23,14 @@ class StageQpOptions:
     """[-] factors of one run; a QP that one run does not solve takes two more."""
     warm_mu: float = 1e-6
     """[-] complementarity at a warm start, relative to the largest curvature: a squared distance to bounds."""
+    cold_mu: float = 0.1
+    """[-] complementarity at a cold start, relative to what missed bounds cost by curvature and gradient. With more of it QPs in
+    which many bounds are reached take fewer factors, and those without a point are told later."""
     compiled: bool = True
     """False keeps to NumPy."""
 
     def __post_init__(self) -> None:
-        for name in ("tolerance", "max_iterations", "warm_mu"):
+        for name in ("tolerance", "max_iterations", "warm_mu", "cold_mu"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise InvalidInput(f"{name} = {getattr(self, name)}; give a finite value > 0")
         if self.max_iterations > _MOST_ITERATIONS:
@@ -86,8 +89,6 @@ class StageTolerances:
     """[-] by which complementarity at a warm start is more where that is far, and less where it is not."""
     least_missed: float = 0.1
     """[unit of z] violation of bounds that a cold start reckons with."""
-    cold_mu: float = 0.1
-    """[-] complementarity of a cold start, relative to what missed bounds cost by curvature and gradient."""
     stuck: float = 1e-7
     """[-] share of a step that leads nowhere."""
     hopeless: float = 1e6
