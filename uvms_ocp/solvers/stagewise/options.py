@@ -31,7 +31,7 @@ class StageQpOptions:
 
     def __post_init__(self) -> None:
         for name in ("tolerance", "max_iterations", "warm_mu", "cold_mu"):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
+            if not 0 < getattr(self, name) < np.inf:
                 raise InvalidInput(f"{name} = {getattr(self, name)}; give a finite value > 0")
         if self.max_iterations > _MOST_ITERATIONS:
             raise InvalidInput(f"max_iterations = {self.max_iterations}; give at most {_MOST_ITERATIONS}")
