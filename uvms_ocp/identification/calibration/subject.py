@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -60,16 +60,10 @@ def _files(settings: Settings, folder: Path) -> tuple[Path, Path | None]:
 
 
 def _actuators(settings: Settings, robot: Robot) -> Actuators:
+    wrench = Actuators(lag=settings.lag, delay=settings.delay, dead_zone=settings.dead_zone, commands=settings.commands)
     if settings.commands == "wrench":
-        return Actuators(lag=settings.lag, delay=settings.delay, dead_zone=settings.dead_zone)
+        return wrench
     names = tuple(thruster.name for thruster in robot.description.thrusters)
     if not names:
         raise InvalidInput(f"robot {robot.name!r} has no thrusters; give commands: wrench")
-    return Actuators(
-        names=names,
-        wrench=thruster_matrix(robot),
-        allocation=np.eye(len(names)),
-        lag=settings.lag,
-        delay=settings.delay,
-        dead_zone=settings.dead_zone,
-    )
+    return replace(wrench, names=names, wrench=thruster_matrix(robot), allocation=np.eye(len(names)))
