@@ -128,7 +128,8 @@ class LoadFilter:
     def _begin_anew(self) -> None:
         """Once the observer has come to what there is now."""
         self._surprised, self._heat = 0, _FIRST_NOISE
-        self._waits = round(self._settings.settling / self._settings.period)
+        # What was missed was missed by what is forgotten now: at least that look is left out.
+        self._waits = max(1, round(self._settings.settling / self._settings.period))
         self.x, self.P = np.zeros_like(self.x), np.diag(self._prior)
         self._last.clear()
 
