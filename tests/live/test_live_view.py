@@ -117,7 +117,7 @@ def test_a_run_does_not_overtake_the_clock(scenario: Scenario, speed: float) -> 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0])
 def test_a_clock_that_stands_or_goes_back_is_refused(scenario: Scenario, speed: float) -> None:
-    with pytest.raises(InvalidInput, match="speed = .*; give a number > 0"):
+    with pytest.raises(InvalidInput, match=r"speed = .*; give a number > 0"):
         live(scenario, speed=speed)
 
 
