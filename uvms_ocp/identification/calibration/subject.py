@@ -27,7 +27,7 @@ class Subject:
     robot: Robot
     vehicle: Vehicle
     start: Start
-    file: Path | None
+    file: Path
     """Hydrodynamics of the robot."""
 
     @property
@@ -44,6 +44,8 @@ def subject_of(settings: Settings, folder: Path) -> Subject:
     if not robot.n_vehicle:
         raise InvalidInput(f"robot {robot.name!r} has a fixed base; a vehicle is identified, which must float")
     dynamics, actuators = robot_dynamics(robot).symbolic, _actuators(settings, robot)
+    if file is None or not dynamics.links:
+        raise InvalidInput(f"robot {robot.name!r} has no hydrodynamics of a link in water; give it a file that has")
     start = Start.of(dynamics)
     learnt = {name: one.status() for name, one in settings.learn.items()}
     known = vehicle_declaration(start, np.array(settings.hull), actuators).learning(**learnt)
