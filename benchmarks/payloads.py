@@ -38,8 +38,8 @@ A robot carries a payload from the start, of which its controller is told nothin
 to small way points and moves its arm, {duration:g} s in all; {seeds} runs a row, with other ways and other noise. Current and
 gusts have {current:g} and {gusts:g} m/s.
 
-- *error*: of the net weight [N] after so many seconds, the largest of the runs; *near*: the time [s] from which on it stays within
-  {near:.0f} % in all runs.
+- *error*: of the net weight [N] after so many seconds, the largest of the runs; *near*: the time [s] from which on it stays
+  within {near:.0f} % in all runs.
 - *mass known*: the time [s] from which on the mass is determined in all runs; *mass error* [kg]: the largest at the end of those
   in which it is.
 - *weight inside*, *mass inside*: share of all seconds at which the truth lies within {certain:g} standard errors; of the mass,
