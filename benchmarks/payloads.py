@@ -22,20 +22,24 @@ ROBOTS = ("girona_maris7_full", "bluerov2_alpha5")
 MASSES = (0.0, 0.5, 1.0, 2.0, 4.0)
 BUOYANT = (0.0, 0.5)
 """[-] share of the weight that buoyancy bears."""
+CURRENT, GUSTS = 0.3, 0.03
+"""[m/s]"""
+NEAR = 0.1
+"""[-] of a weight."""
 WATERS: dict[str, dict[str, Any]] = {
     "still, ideal sensors": {"noise": False, "current": 0.0, "gusts": 0.0},
-    "current, noise": {"current": 0.3, "gusts": 0.03},
-    "the same, drag a fifth more": {"current": 0.3, "gusts": 0.03, "wrong": (1.0, 1.2)},
+    "current, noise": {"current": CURRENT, "gusts": GUSTS},
+    "the same, drag a fifth more": {"current": CURRENT, "gusts": GUSTS, "wrong": (1.0, 1.2)},
 }
 STAYS, SOON = 30.0, (5.0, 10.0, 30.0)
 CERTAIN = 1.96  # standard errors
 PROSE = """
 A robot carries a payload from the start, of which its controller is told nothing. It keeps station for {stays:g} s and then goes
 to small way points and moves its arm, {duration:g} s in all; {seeds} runs a row, with other ways and other noise. Current and
-gusts have 0.3 and 0.03 m/s.
+gusts have {current:g} and {gusts:g} m/s.
 
-- *error*: of the net weight [N] after so many seconds, the largest of the runs; *within 10 %*: the time [s] from which on it
-  stays there in all runs.
+- *error*: of the net weight [N] after so many seconds, the largest of the runs; *near*: the time [s] from which on it stays
+  within {near:.0f} % in all runs.
 - *mass known*: the time [s] from which on the mass is determined in all runs; *mass error* [kg]: the largest at the end of those
   in which it is.
 - *weight inside*, *mass inside*: share of all seconds at which the truth lies within {certain:g} standard errors; of the mass,
@@ -54,7 +58,8 @@ def main() -> None:
     robots, masses = (ROBOTS[1:], (0.0, 2.0)) if bench.quick else (ROBOTS, MASSES)
     cases = [case for case in product(robots, WATERS, masses, BUOYANT) if case[2] or not case[3]]
     rows = [row_of(replace(hover, robot=robot), water, mass, share, seeds) for robot, water, mass, share in cases]
-    prose = PROSE.format(stays=STAYS, duration=duration, seeds=seeds, certain=CERTAIN)
+    told = {"stays": STAYS, "certain": CERTAIN, "current": CURRENT, "gusts": GUSTS, "near": 100 * NEAR}
+    prose = PROSE.format(duration=duration, seeds=seeds, **told)
     formats = {name: ".2f" for name in rows[0] if "error" in name or "inside" in name or "weight [N]" in name}
     table = Table(rows=rows, columns={name: formats.get(name, "g" if "[" in name else "") for name in rows[0]})
     bench.write(Report(name="payloads", title="What the tool carries, learnt on line", prose=prose, tables=[table]))
@@ -73,7 +78,7 @@ def row_of(hover: Hover, water: str, mass: float, share: float, seeds: int) -> R
         "volume [l]": 1000.0 * volume,
         "weight [N]": weight,
         **{f"error {t:g} s": _error_at(runs, weight, t) for t in SOON if t < hover.duration},
-        "within 10 %": _from_when_on([_near(found, weight) for found in runs]) if mass else None,
+        "near": _from_when_on([_near(found, weight) for found in runs]) if mass else None,
         "mass known": _from_when_on([_knows(found) for found in runs]),
         "mass error": max((abs(found[-1].mass - mass) for found in runs if not np.isnan(found[-1].mass)), default=None),
         **_inside(runs, weight, mass),
@@ -85,7 +90,7 @@ def _error_at(runs: Sequence[Sequence[LoadEstimate]], weight: float, t: float) -
 
 
 def _near(found: Sequence[LoadEstimate], weight: float) -> np.ndarray:
-    return np.array([abs(load.weight - weight) <= 0.1 * weight for load in found])
+    return np.array([abs(load.weight - weight) <= NEAR * weight for load in found])
 
 
 def _knows(found: Sequence[LoadEstimate]) -> np.ndarray:
