@@ -173,3 +173,10 @@ def test_equal_names_of_recordings_are_refused() -> None:
     settings, recording, found = case()
     with pytest.raises(InvalidInput, match="name of its own"):
         calibrated(found.subject, settings, [recording, recording])
+
+
+def test_a_robot_out_of_the_water_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "my.urdf").write_text((robot_folder("bluerov2_alpha5") / "robot.urdf").read_text())
+    (tmp_path / "my.yaml").write_text(SETTINGS.replace("bluerov2_alpha5", "my.urdf"))
+    with pytest.raises(InvalidInput, match="has no hydrodynamics of a link in water"):
+        subject_of(read_settings(tmp_path / "my.yaml"), tmp_path)

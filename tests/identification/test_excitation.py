@@ -155,6 +155,7 @@ def test_a_number_that_there_is_not_is_named() -> None:
     [
         ({"thrust": np.ones((6, 2))}, "without 0 inside"),
         ({"pool": np.zeros((2, 3))}, "without 0 inside"),
+        ({"pool": np.outer([-np.inf, np.inf], np.ones(3))}, "finite"),
         ({"thrust": np.ones(6)}, r"\(n_u, 2\)"),
         ({"tilt": 2.0}, "tilt from 0"),
         ({"margin": 1.0}, "margin from 0"),
@@ -170,9 +171,10 @@ def test_limits_of_other_actuators_are_refused() -> None:
         assignment(limits=replace(LIMITS, thrust=LIMITS.thrust[:4]))
 
 
-def test_no_time_is_refused() -> None:
-    with pytest.raises(InvalidInput, match="duration = 0"):
-        assignment(duration=0.0)
+@pytest.mark.parametrize("duration", [0.0, 0.1, 1e9, np.inf, np.nan])
+def test_no_time_and_endless_time_are_refused(duration: float) -> None:
+    with pytest.raises(InvalidInput, match="allowed: 1 to 1800 s"):
+        assignment(duration=duration)
 
 
 SETTINGS = """

@@ -245,12 +245,16 @@ def test_whatever_bytes_are_changed_a_bag_is_read_or_refused(storage: str, tmp_p
             mapped_recording(bag, ROS)
 
 
-def test_a_bag_that_makes_up_its_rows_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["dive.db3", "dive.sqlite"])
+def test_a_bag_that_makes_up_its_rows_is_refused_whatever_it_is_called(tmp_path: Path, name: str) -> None:
     bag = ros_bag(tmp_path / "dive", "SQLITE3")
     (file,) = bag.glob("*.db3")
     with sqlite3.connect(file) as base:
         base.execute("CREATE VIEW endless AS SELECT 1")
     base.close()
+    about = bag / "metadata.yaml"
+    about.write_text(about.read_text().replace(file.name, name))
+    file.rename(bag / name)
     with pytest.raises(InvalidInput, match="1 views or triggers"):
         mapped_recording(bag, ROS)
 

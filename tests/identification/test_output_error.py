@@ -144,3 +144,15 @@ def test_what_is_missing_is_told() -> None:
     thrust = Channel(t=np.array([0.0, 1.0]), values=np.zeros((2, 8)))
     with pytest.raises(InvalidInput, match="thrust has 8 columns; the actuators' allocation takes 6"):
         Prepared.of(Recording(name="r", channels={**channels, "thrust": thrust}), problem()[0])
+
+
+def test_of_several_commands_those_are_taken_that_the_actuators_name() -> None:
+    given, one = recording().channels, problem()[0]
+    both = {**given, "thrust": replace(given["wrench"], values=2.0 * given["wrench"].values)}
+    for name in ("thrust", "wrench"):
+        named = replace(one, actuators=replace(one.actuators, commands=name))
+        told = Prepared.of(Recording(name="r", channels=both), named).commands.channel
+        np.testing.assert_array_equal(told.values, both[name].values)
+    named = replace(one, actuators=replace(one.actuators, commands="thrust"))
+    with pytest.raises(NameNotFound, match="unknown channel 'thrust'"):
+        Prepared.of(recording(), named)

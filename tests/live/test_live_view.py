@@ -17,6 +17,7 @@ import pinocchio as pin
 import pytest
 from same_record import require_same
 
+from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.live import live
 from uvms_ocp.record import Record
 from uvms_ocp.scenario import Scenario
@@ -112,6 +113,12 @@ def test_a_run_does_not_overtake_the_clock(scenario: Scenario, speed: float) -> 
         begun = time.monotonic()
         scenario.run(watch=view)
         assert time.monotonic() - begun >= LASTS / speed
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0])
+def test_a_clock_that_stands_or_goes_back_is_refused(scenario: Scenario, speed: float) -> None:
+    with pytest.raises(InvalidInput, match=r"speed = .*; give a number > 0"):
+        live(scenario, speed=speed)
 
 
 def test_it_is_served_to_this_machine_alone(scenario: Scenario) -> None:

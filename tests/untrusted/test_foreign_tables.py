@@ -57,6 +57,13 @@ def test_a_record_is_refused_by_the_same_law(tmp_path: Path, monkeypatch: pytest
         Record.from_parquet(tmp_path / "a.parquet")
 
 
+def test_what_is_not_there_is_no_number_whatever_the_column_holds(tmp_path: Path) -> None:
+    pa = pytest.importorskip("pyarrow")
+    stamps = pa.array([1_700_000_000_000, None], pa.timestamp("ms"))
+    path = parquet_of(tmp_path / "a.parquet", {"t": stamps, "on": pa.array([True, None]), "n": pa.array([3, None])})
+    np.testing.assert_array_equal(read_columns(path, ["t", "on", "n"]), [[1.7e12, 1.0, 3.0], [np.nan] * 3])
+
+
 def test_columns_of_text_are_no_numbers(tmp_path: Path) -> None:
     path = parquet_of(tmp_path / "a.parquet", {"t": [0.0, 1.0], "a": ["x", "y"]})
     with pytest.raises(InvalidInput, match="column a holds string; numbers are read"):

@@ -18,7 +18,7 @@ from typing import Any
 
 import pinocchio as pin
 
-from uvms_ocp.arguments import AtLeastOne, Bound, Count, checked
+from uvms_ocp.arguments import AtLeastOne, Count, Positive, checked
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.state import Command, State
 from uvms_ocp.scenario import Scenario
@@ -101,7 +101,7 @@ def _frame(robot: Robot, data: pin.Data, t: float, state: State, command: Comman
 
 
 @checked
-def live(scenario: Scenario, *, speed: Bound = 1.0, port: Count = 0, height: AtLeastOne = 520) -> LiveView:
+def live(scenario: Scenario, *, speed: Positive = 1.0, port: Count = 0, height: AtLeastOne = 520) -> LiveView:
     """A page that shows a run while it goes on: ``scenario.run(watch=live(scenario))``.
 
     Notebooks display it, `height` [px] high, and other browsers of this machine find it at its ``address``; nobody else is

@@ -101,3 +101,9 @@ def test_a_covariance_stays_one() -> None:
 def test_settings_that_cannot_be_are_refused(name: str, value: float) -> None:
     with pytest.raises(InvalidInput, match=f"{name} of the load learning"):
         LoadLearning(**{name: value})
+
+
+@pytest.mark.parametrize("limit", [0.0, 1e-15, np.inf])
+def test_axes_that_bear_no_force_or_any_are_refused(limit: float) -> None:
+    with pytest.raises(InvalidInput, match=r"axes \[5\] of 6"):
+        LoadFilter(SETTINGS, np.array([*LIMIT[:5], limit]), BANDWIDTH)

@@ -39,7 +39,7 @@ def excite(
     duration: Annotated[float, typer.Option(help="Of a recording [s].")] = _DURATION,
     share: Annotated[float, typer.Option(help="Of the thrusters' limits.")] = _SHARE,
     slew: Annotated[float, typer.Option(help="Largest change of thrust [N/s].")] = _SLEW,
-    seed: Annotated[int, typer.Option(help="Of where the search begins.")] = _SEED,
+    seed: Annotated[int, typer.Option(min=0, help="Of where the search begins.")] = _SEED,
 ) -> None:
     """Design thrust that shows what is to be learnt, within a pool.
 
@@ -52,9 +52,10 @@ def excite(
     with claimed(out, [COMMANDS, REPORT]) as claim:
         with console.status("designing") as status, told_of_compiling(status.update, console):
             found = designed(wanted, Rollout(stage_of(subject.vehicle)), Effort(seed=seed))
+        text = excitation_text(found, subject.vehicle.actuators.names)
         with claim.staged() as staging:
             write_recording(Recording(name="excitation", channels={"thrust": found.commands}), staging / COMMANDS)
-            (staging / REPORT).write_text(excitation_text(found, subject.vehicle.actuators.names))
+            (staging / REPORT).write_text(text, encoding="utf-8")
         written = claim.written()
     known = sum(one.determined for one in found.numbers)
     console.print(f"{found.status.value}; {known} of {len(found.numbers)} numbers will be determined")

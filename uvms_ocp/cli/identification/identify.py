@@ -71,7 +71,7 @@ def _names(n: int, profiles: bool, leave_one_out: bool) -> list[str]:
 def _write(result: Calibration, names: list[str], staging: Path) -> None:
     from uvms_ocp.viz.calibration.figures import write_identification_figures
 
-    (staging / VARIANT).write_text(variant_text(result, names))
-    (staging / WHOLE).write_text(whole_text(result, staging / VARIANT))
-    (staging / REPORT).write_text(report_text(result))
+    (staging / VARIANT).write_text(variant_text(result, names), encoding="utf-8")
+    (staging / WHOLE).write_text(whole_text(result, staging / VARIANT), encoding="utf-8")
+    (staging / REPORT).write_text(report_text(result), encoding="utf-8")
     write_identification_figures(result, staging / FIGURES)

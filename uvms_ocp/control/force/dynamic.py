@@ -89,7 +89,8 @@ class DynamicController:
 
         sensors: what is known of their delays, by which the loops are slower than `gains`; not late unless given.
         load: how what the tool carries is learnt; `None` learns nothing. Raises `InvalidInput` for a vehicle without
-        thrusters and for learning without the observer, `FrameNotFound` for learning without a tool.
+        thrusters and for learning without the observer, or where an axis bears no force or any; `FrameNotFound` for learning
+        without a tool.
         """
         if robot.n_vehicle and not robot.description.thrusters:
             raise InvalidInput(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -58,11 +58,12 @@ class LoadLearner:
     ) -> None:
         """limit (n_v,) [N, N m] and bandwidth (n_v,) [rad/s] of the observer, dt [s] its period."""
         self._tool, self._response = BufferedFunction(functions.tool), BufferedFunction(functions.response)
+        self._every, self._settling = max(1, round(settings.period / dt)), round(settings.settling / dt)
         self._settings, self._dt, n = settings, dt, len(limit)
         self._limit = limit
-        self.filter = LoadFilter(settings, limit, bandwidth)
+        # Looks are whole ticks apart.
+        self.filter = LoadFilter(replace(settings, period=self._every * dt), limit, bandwidth)
         """What is known."""
-        self._every, self._settling = max(1, round(settings.period / dt)), round(settings.settling / dt)
         self._estimate, self._innovation = np.zeros((n, COLUMNS)), np.zeros((n, COLUMNS))
         self._weight, self._velocity = np.zeros(n), np.zeros(3)
         self._acceleration = np.zeros(3)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uvms_ocp.control.load.learning import LoadLearning
+from uvms_ocp.exceptions import InvalidInput
 
 WEIGHT, MASS, CURRENT, LASTING = 0, 1, slice(2, 5), 5
 """Where the state has them."""
@@ -20,6 +21,7 @@ _MEMORY = 10.0  # [s] over which the size of the noise is taken
 _OUTLIER = 3.0  # times its size, beyond which a change of the noise counts as that
 _FIRST_NOISE, _COOLING = 300.0, 1.0  # times that noise is taken for more at first, and [s] after which it is by e less
 _PATIENCE = 3  # looks at a surprise, one after the other, that are one
+_NO_FORCE = 1e-6  # [N, N m] what rounding leaves of an axis that no thruster acts on
 _COLOUR = 4.0  # [-] noise of an observer is alike for so many times 1 / bandwidth, by the integral of its correlation
 
 
@@ -47,8 +49,11 @@ class LoadFilter:
     """What is known of a load. Holds it: build one per run."""
 
     def __init__(self, settings: LoadLearning, limit: np.ndarray, bandwidth: np.ndarray) -> None:
-        """limit (n_v,) [N, N m] of thrusters and motors; bandwidth (n_v,) [rad/s] of the observer."""
-        n = len(limit)
+        """limit (n_v,) [N, N m] of thrusters and motors; bandwidth (n_v,) [rad/s] of the observer.
+
+        Raises `InvalidInput` for a limit that is none, or nothing.
+        """
+        n = _require_limits(limit)
         self._settings, self._last = settings, deque[np.ndarray](maxlen=_looks_apart(settings, bandwidth))
         lasting = (settings.lasting * limit) ** 2
         known = [settings.weight**2, settings.mass**2, *3 * [settings.current**2]]
@@ -128,7 +133,8 @@ class LoadFilter:
     def _begin_anew(self) -> None:
         """Once the observer has come to what there is now."""
         self._surprised, self._heat = 0, _FIRST_NOISE
-        self._waits = round(self._settings.settling / self._settings.period)
+        # What was missed was missed by what is forgotten now: at least that look is left out.
+        self._waits = max(1, round(self._settings.settling / self._settings.period))
         self.x, self.P = np.zeros_like(self.x), np.diag(self._prior)
         self._last.clear()
 
@@ -143,6 +149,15 @@ class LoadFilter:
         self.x = self.x + K @ missed
         kept = np.eye(len(self.x)) - K @ H
         self.P = kept @ self.P @ kept.T + K @ np.diag(noise) @ K.T
+
+
+def _require_limits(limit: np.ndarray) -> int:
+    """[-] axes, all of which bear some force, and not any."""
+    wrong = np.flatnonzero(~((limit > _NO_FORCE) & (limit < np.inf)))
+    if len(wrong):
+        given = f"axes {wrong.tolist()} of {len(limit)} bear no force, or have no limit of it"
+        raise InvalidInput(f"{given}; a load is learnt in shares of it: give joints an effort, or load=None")
+    return len(limit)
 
 
 def _looks_apart(settings: LoadLearning, bandwidth: np.ndarray) -> int:

@@ -70,7 +70,7 @@ class Settings(_Section):
     hydrodynamics: str | None = Field(default=None, description="YAML beside this file; default: the robot's own")
     arm: Literal["as it is", "taken off"] = "as it is"
     hull: tuple[_Corner, _Corner] = Field(description="box that holds the hull, lowest and highest corner [m]")
-    commands: Literal["thrust", "wrench"] = "thrust"
+    commands: Literal["thrust", "wrench"] = Field(default="thrust", description="channel of what was commanded")
     lag: _Positive = Field(default=0.1, description="of actuators, where the search begins [s]")
     delay: _Positive = Field(default=0.05, description="of commands, where the search begins [s]")
     dead_zone: _Positive = Field(default=0.001, description="of actuators [N, N m]")

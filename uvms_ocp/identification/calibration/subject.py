@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +27,7 @@ class Subject:
     robot: Robot
     vehicle: Vehicle
     start: Start
-    file: Path | None
+    file: Path
     """Hydrodynamics of the robot."""
 
     @property
@@ -44,6 +44,8 @@ def subject_of(settings: Settings, folder: Path) -> Subject:
     if not robot.n_vehicle:
         raise InvalidInput(f"robot {robot.name!r} has a fixed base; a vehicle is identified, which must float")
     dynamics, actuators = robot_dynamics(robot).symbolic, _actuators(settings, robot)
+    if file is None or not dynamics.links:
+        raise InvalidInput(f"robot {robot.name!r} has no hydrodynamics of a link in water; give it a file that has")
     start = Start.of(dynamics)
     learnt = {name: one.status() for name, one in settings.learn.items()}
     known = vehicle_declaration(start, np.array(settings.hull), actuators).learning(**learnt)
@@ -60,16 +62,10 @@ def _files(settings: Settings, folder: Path) -> tuple[Path, Path | None]:
 
 
 def _actuators(settings: Settings, robot: Robot) -> Actuators:
+    wrench = Actuators(lag=settings.lag, delay=settings.delay, dead_zone=settings.dead_zone, commands=settings.commands)
     if settings.commands == "wrench":
-        return Actuators(lag=settings.lag, delay=settings.delay, dead_zone=settings.dead_zone)
+        return wrench
     names = tuple(thruster.name for thruster in robot.description.thrusters)
     if not names:
         raise InvalidInput(f"robot {robot.name!r} has no thrusters; give commands: wrench")
-    return Actuators(
-        names=names,
-        wrench=thruster_matrix(robot),
-        allocation=np.eye(len(names)),
-        lag=settings.lag,
-        delay=settings.delay,
-        dead_zone=settings.dead_zone,
-    )
+    return replace(wrench, names=names, wrench=thruster_matrix(robot), allocation=np.eye(len(names)))

@@ -29,9 +29,7 @@ def variant_text(one: Calibration, recordings: Sequence[str]) -> str:
 
 
 def whole_text(one: Calibration, variant: Path) -> str:
-    """The robot's file with what a variant says in its place. Raises InvalidInput for a robot without a file."""
-    if one.subject.file is None:
-        raise InvalidInput(f"robot {one.subject.robot.name!r} has no hydrodynamics file; give it one")
+    """The robot's file with what a variant says in its place."""
     described = read_description(one.subject.file, variant).model_dump(mode="json", exclude_unset=True)
     head = f"# Of {one.subject.file.name}, with identified coefficients of {one.subject.frame}: see {variant.name}.\n"
     return head + yaml.safe_dump(described, sort_keys=False, width=130)

@@ -14,10 +14,12 @@ from uvms_ocp.identification.excitation.information import Aim
 from uvms_ocp.identification.methods.output_error import Noise
 from uvms_ocp.identification.models.stage import N_V, Vehicle
 
+_SHORTEST, _LONGEST = 1.0, 1800.0  # [s]: maps from knots to commands grow with the square
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Assignment:
-    """One. Raises InvalidInput for limits of other actuators, or no time."""
+    """One. Raises InvalidInput for limits of other actuators, and too little time or too much."""
 
     vehicle: Vehicle
     """With its unknowns where they are believed to be."""
@@ -39,8 +41,9 @@ class Assignment:
         n_u = len(self.vehicle.actuators.names)
         if len(self.limits.thrust) != n_u:
             raise InvalidInput(f"thrust of {len(self.limits.thrust)} actuators given; allowed: {n_u}")
-        if not (self.duration > 0.0 and self.rate > 0.0):
-            raise InvalidInput(f"duration = {self.duration}, rate = {self.rate} given; allowed: more than 0")
+        if not (_SHORTEST <= self.duration <= _LONGEST and 0.0 < self.rate < np.inf):
+            given = f"duration = {self.duration}, rate = {self.rate} given"
+            raise InvalidInput(f"{given}; allowed: {_SHORTEST:g} to {_LONGEST:g} s, and a rate of more than 0")
 
     @property
     def unknowns(self) -> np.ndarray:

@@ -32,8 +32,8 @@ class Limits:
             raise InvalidInput(
                 f"thrust {self.thrust.shape}, pool {self.pool.shape} given; allowed: (n_u, 2) and (2, 3)"
             )
-        if not ((self.thrust * [-1, 1] > 0.0).all() and (self.pool * [[-1], [1]] > 0.0).all()):
-            raise InvalidInput("thrust or pool without 0 inside given; allowed: lowest below 0, highest above")
+        if not (_are_sizes(self.thrust * [-1, 1]) and _are_sizes(self.pool * [[-1], [1]])):
+            raise InvalidInput("thrust or pool without 0 inside given; allowed: lowest below 0, highest above, finite")
         if not (self.slew > 0.0 and 0.0 < self.tilt < np.pi / 2 and 0.0 <= self.margin < 1.0):
             given = f"slew = {self.slew}, tilt = {self.tilt}, margin = {self.margin} given"
             raise InvalidInput(f"{given}; allowed: slew > 0, tilt from 0 to pi/2, margin from 0 to 1")
@@ -65,3 +65,7 @@ class Limits:
         slope[:, 3, 3:5] = x[:, 3:5] / leaning[:, None] / most
         over = np.column_stack([np.abs(far) - left, leaning / most - 1.0])
         return np.maximum(over, 0.0), slope * (over > 0.0)[:, :, None]
+
+
+def _are_sizes(values: np.ndarray) -> bool:
+    return bool(((values > 0.0) & (values < np.inf)).all())

@@ -130,14 +130,19 @@ def _cut(whole: Stretch, first: int, last: int, q: np.ndarray, v: np.ndarray) ->
 
 def _told(recording: Recording, vehicle: Vehicle) -> Channel:
     """What each actuator was told."""
+    name = vehicle.actuators.commands or _only_commands(recording)
+    channel, allocation = recording.channel(name), vehicle.actuators.allocation
+    if channel.values.shape[1] != allocation.shape[1]:
+        given = f"{recording.name}: {name} has {channel.values.shape[1]} columns"
+        raise InvalidInput(f"{given}; the actuators' allocation takes {allocation.shape[1]}")
+    return Channel(t=channel.t, values=channel.values @ allocation.T, delay=channel.delay)
+
+
+def _only_commands(recording: Recording) -> str:
     names = [name for name in COMMANDS if name in recording.channels]
     if len(names) != 1:
         raise InvalidInput(f"{recording.name}: commands {names} recorded; allowed: one of {', '.join(COMMANDS)}")
-    channel, allocation = recording.channels[names[0]], vehicle.actuators.allocation
-    if channel.values.shape[1] != allocation.shape[1]:
-        given = f"{recording.name}: {names[0]} has {channel.values.shape[1]} columns"
-        raise InvalidInput(f"{given}; the actuators' allocation takes {allocation.shape[1]}")
-    return Channel(t=channel.t, values=channel.values @ allocation.T, delay=channel.delay)
+    return names[0]
 
 
 def _joints(recording: Recording, edges: np.ndarray, window: float = 0.4) -> np.ndarray:

@@ -34,6 +34,8 @@ class Actuators:
     """[s] between a command and its effect, lag aside."""
     longest_delay: float = 1.0
     """[s] of commands and of measurements."""
+    commands: str = ""
+    """Channel of a recording that has them; empty for the only one that a recording has."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -12,6 +12,7 @@ from uvms_ocp.exceptions import InvalidInput, NotInstalled
 
 _PARTED = "=" * 80 + "\n"
 """Between the definitions of a schema in IDL."""
+_DATA_BASE = b"SQLite format 3\0"
 
 
 def bag_messages(folder: Path, topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
@@ -33,9 +34,17 @@ def _opened(folder: Path) -> Any:
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
-    for file in folder.glob("*.db3"):
+    for file in filter(_is_data_base, folder.iterdir()):
         _require_plain(file)
     return AnyReader([folder], default_typestore=get_typestore(Stores.LATEST))
+
+
+def _is_data_base(file: Path) -> bool:
+    """By what is in it: the bag says what its files are called."""
+    if not file.is_file():
+        return False
+    with file.open("rb") as content:
+        return content.read(len(_DATA_BASE)) == _DATA_BASE
 
 
 def _require_plain(file: Path) -> None:

@@ -113,7 +113,7 @@ def _rows(source: Path, mapping: Mapping, name: str) -> dict[str, np.ndarray]:
     found: dict[str, np.ndarray] = {}
     by_path: dict[Path, dict[str, Wanted]] = defaultdict(dict)
     for key, one in mapping.channels.items():
-        path = source / one.file.format(name=name) if one.file else source
+        path = source / one.file.replace("{name}", name) if one.file else source
         if holds_messages(path):
             by_path[path][key] = _wanted(key, one, path)
         else:

@@ -1,4 +1,6 @@
-"""Records of the toolkit's own runs as recordings: what the robot measured, and what it asked of its thrusters."""
+"""Records of the toolkit's own runs as recordings: what the robot measured, the wrench that it asked for, and the truth of what
+no sensor tells: thrust and torque as thrusters and joints gave them, and the current.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,7 @@ from uvms_ocp.identification.recordings.sampling import unwound
 from uvms_ocp.record import Record
 from uvms_ocp.run_meta import is_floating
 
-_ASKED = {"thrust": "thrust", "wrench": "wrench", "joint_torques": "torque", "current": "current"}
+_WHOLE = {"thrust": "thrust", "wrench": "wrench", "joint_torques": "torque", "current": "current"}
 """Channels that are whole series."""
 _POSE, _TWIST = 7, 6
 
@@ -20,7 +22,7 @@ def run_recording(record: Record, name: str) -> Recording:
     """Channels of a run. Raises InvalidInput for the record of a plan, which nobody has measured."""
     meta = record.run_meta
     rows = dict(_rows(record, is_floating(record.series, meta)))
-    rows |= {channel: record[series] for channel, series in _ASKED.items() if series in record.series}
+    rows |= {channel: record[series] for channel, series in _WHOLE.items() if series in record.series}
     channels = {key: _channel(record["t"], values) for key, values in rows.items() if values.size}
     return Recording(name=name, channels=channels)
 

@@ -52,12 +52,14 @@ def stored_recording(path: Path) -> Recording:
         raise InvalidInput(f"{path}: no recording of ours; give a mapping of its columns")
     return Recording(
         name=path.name.partition(".")[0],
-        channels={name: _channel(read_columns(path, [_TIME, *columns])) for name, columns in found.items()},
+        channels={
+            name: _channel(f"{path}: {name}", read_columns(path, [_TIME, *columns])) for name, columns in found.items()
+        },
     )
 
 
-def _channel(rows: np.ndarray) -> Channel:
+def _channel(where: str, rows: np.ndarray) -> Channel:
     there = rows[np.isfinite(rows).all(axis=1)]
-    if not len(there):
-        raise InvalidInput("a channel without samples; leave its columns out")
+    if len(there) < 2:
+        raise InvalidInput(f"{where} has {len(there)} samples; allowed: 2 or more, or leave its columns out")
     return Channel(t=there[:, 0], values=there[:, 1:-1], delay=float(there[0, -1]))

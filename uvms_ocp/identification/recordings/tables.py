@@ -94,7 +94,15 @@ def _from_parquet(path: Path, wanted: Sequence[str]) -> np.ndarray:
     with _parquet(path) as file:
         require_numbers(file, path, wanted)
         table = file.read(columns=list(wanted))
-        return np.column_stack([table.column(name).to_numpy().astype(float) for name in wanted])
+        return np.column_stack([_floats(table.column(name)) for name in wanted])
+
+
+def _floats(column: Any) -> np.ndarray:
+    """As NumPy has them, NaN for what is not there; of time stamps since 1970, in the unit that they have."""
+    from pyarrow import types
+
+    kind = "int64" if types.is_timestamp(column.type) else "float64"
+    return np.asarray(column.cast(kind, safe=False).to_numpy(), dtype=float)
 
 
 @contextmanager

@@ -91,10 +91,14 @@ def _by_buffers(calls: Sequence[_Call]) -> Callable[[], None]:
 
 
 def _in_machine_code(calls: Sequence[_Call]) -> Callable[[], None] | None:
-    """None where one of them is none."""
+    """None where one of them is none; each function is looked for once, as looking for one that cannot be compiled takes long."""
     library = _library() if has_compiler() else None
-    symbols = [] if library is None else [compiled_symbol(call.function) for call in calls]
-    return None if library is None or None in symbols else _MachineCode(library, symbols, calls)
+    if library is None:
+        return None
+    symbols = {function: compiled_symbol(function) for function in dict.fromkeys(call.function for call in calls)}
+    if None in symbols.values():
+        return None
+    return _MachineCode(library, [symbols[call.function] for call in calls], calls)
 
 
 class _MachineCode:

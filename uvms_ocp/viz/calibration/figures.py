@@ -44,8 +44,9 @@ def write_identification_figures(one: Calibration, folder: Path) -> list[Path]:
         paths += [save_figure(draw(each), folder / f"{kind}_{k}.png") for kind, draw in kinds.items()]
     if one.profiles:
         paths.append(save_figure(figure_profiles(one.profiles), folder / "profiles.png"))
-    if one.left_out:
-        paths.append(save_figure(figure_left_out(one.left_out), folder / "left_out.png"))
+    long_enough = [each for each in one.left_out if each.horizons]
+    if long_enough:
+        paths.append(save_figure(figure_left_out(long_enough), folder / "left_out.png"))
     return paths
 
 
