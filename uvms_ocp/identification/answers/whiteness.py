@@ -16,6 +16,8 @@ CHANNELS = (*AXES, "vertical x", "vertical y", "vertical z")
 """Of the three sensors, three of each."""
 LEVEL = 0.05
 """[-] of white residuals that the test takes for coloured."""
+LEAST_TOLD = 1e-6
+"""[-] chance that is not told more exactly."""
 _LAGS = 20
 
 

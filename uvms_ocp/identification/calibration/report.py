@@ -7,12 +7,11 @@ from collections.abc import Iterator
 from uvms_ocp.identification.answers.advice import advice
 from uvms_ocp.identification.answers.numbers import KNOWN, Number
 from uvms_ocp.identification.answers.profiles import Profile
-from uvms_ocp.identification.answers.whiteness import LEVEL
+from uvms_ocp.identification.answers.whiteness import LEAST_TOLD, LEVEL
 from uvms_ocp.identification.calibration.fitting import Calibration
 from uvms_ocp.identification.calibration.predicted_tables import fits, left_out_tables
 from uvms_ocp.identification.calibration.variant import IN_FILE
 
-_TINY = 1e-6  # [-] chance that is not told more exactly
 _TOLD = 6  # combinations, the worst first
 
 
@@ -72,5 +71,5 @@ def _white(one: Calibration) -> Iterator[str]:
     yield "| channel | size | samples that miss alike | p | white |"
     yield "|---|---:|---:|---:|---|"
     for each in one.whiteness:
-        word, p = "yes" if each.white else "no", f"{each.p:.2g}" if each.p > _TINY else f"below {_TINY:g}"
+        word, p = "yes" if each.white else "no", f"{each.p:.2g}" if each.p > LEAST_TOLD else f"below {LEAST_TOLD:g}"
         yield f"| {each.channel} | {each.size:.2g} | {each.together:.3g} | {p} | {word} |"

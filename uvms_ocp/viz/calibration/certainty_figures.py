@@ -12,14 +12,13 @@ from uvms_ocp.identification.answers.left_out import LeftOut
 from uvms_ocp.identification.answers.numbers import INTERVAL
 from uvms_ocp.identification.answers.profiles import Profile
 from uvms_ocp.identification.answers.scores import SCORED, errors
-from uvms_ocp.identification.answers.whiteness import CHANNELS, Whiteness
+from uvms_ocp.identification.answers.whiteness import CHANNELS, LEAST_TOLD, Whiteness
 from uvms_ocp.identification.calibration.fitting import Comparison
 from uvms_ocp.viz.series import labelled
 from uvms_ocp.viz.style import BLUE, FADED, GREEN, ORANGE, THRESHOLD, VERMILLION, WIDTH, RecordFigure, shown, styled
 
 _UNITS = ("m/s", "rad/s", "-")
 """Of what the three sensors show."""
-_TINY = 1e-6  # [-] chance that is not told more exactly
 _COLUMNS = 4  # of profiles beside each other
 _PREDICTORS = (BLUE, FADED, ORANGE, GREEN)
 _ROOM = 1.15  # [-] of the tallest bar but those of the vehicle before, which may be anywhere
@@ -50,7 +49,7 @@ def _correlation(axis: Axes, one: Whiteness) -> None:
     axis.vlines(lags[1:], 0.0, one.correlation[1:], color=BLUE, lw=1.2)
     axis.set_ylim(-1.05, 1.05)
     color = THRESHOLD if one.white else VERMILLION
-    p = f"p = {one.p:.2g}" if one.p > _TINY else f"p < {_TINY:g}"
+    p = f"p = {one.p:.2g}" if one.p > LEAST_TOLD else f"p < {LEAST_TOLD:g}"
     axis.set_title(f"{p}, {one.together:.2g} alike", fontsize=7, color=color, pad=2)
 
 
