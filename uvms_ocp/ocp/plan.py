@@ -138,11 +138,7 @@ class Plan(Tabled):
     @property
     def peak_thrust(self) -> float | None:
         """[N] Largest of any thruster; `None` where a wrench was planned."""
-        return None if self._of_axes else float(np.abs(self.trajectory.thrust).max(initial=0.0))
-
-    @property
-    def _of_axes(self) -> bool:
-        return self.trajectory.of_wrench and bool(self.robot.n_vehicle)
+        return None if self.trajectory.has_wrench else float(np.abs(self.trajectory.thrust).max(initial=0.0))
 
     def powers(self) -> tuple[np.ndarray, np.ndarray]:
         """Electrical power of every thruster (N, n_thrusters) and of every joint (N, n_joints) at the steps [W].

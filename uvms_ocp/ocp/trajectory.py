@@ -38,6 +38,11 @@ class Trajectory:
     of_wrench: bool = False
     """`thrust` is the wrench of `Actuation.WRENCH`, whose electrical power no one knows."""
 
+    @property
+    def has_wrench(self) -> bool:
+        """Whether a wrench pushes; none pushes a fixed base, whatever its actuation."""
+        return self.of_wrench and self.thrust.shape[1] > 0
+
     def state_at(self, model: pin.Model, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """q, v and a at time t [s]; the end is held. Every step ends in the configuration of the next node."""
         if t >= self.t[-1]:

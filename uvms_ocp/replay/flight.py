@@ -56,7 +56,7 @@ def replay(plan: Plan, where: Where, *, feedback: bool = True, dt: Period = 1 / 
     Raises `InvalidInput` for a plan of a wrench: no plant takes one.
     """
     robot, trajectory = plan.robot, plan.trajectory
-    if trajectory.of_wrench and robot.n_vehicle:
+    if trajectory.has_wrench:
         raise InvalidInput("a plan with Actuation.WRENCH has no thrust to send; plan with Actuation.THRUSTERS")
     dynamics = robot_dynamics(robot)
     plant = _plant(plan, where, dynamics) if isinstance(where, Environment) else where

@@ -42,7 +42,7 @@ def motion_series(robot: Robot, trajectory: Trajectory, powers: Powers, t: Array
     if robot.has_frame(TOOL):
         series[TOOL] = tool_series(robot, q)
     return series | {
-        "wrench" if trajectory.of_wrench and robot.n_vehicle else "thrust": trajectory.thrust[steps],
+        "wrench" if trajectory.has_wrench else "thrust": trajectory.thrust[steps],
         "torque": trajectory.torque[steps],
         "thruster_energy": thrusters,
         "joint_energy": joints.sum(axis=1),
