@@ -23,15 +23,13 @@ from uvms_ocp.tasks.pose import VehiclePose
 
 LAG, DEAD_ZONE = 0.25, 0.2
 """[s], [N] of all thrusters."""
-HELD = 0.5
-"""[s] for which a command is held."""
 
 
 @cache
-def slow() -> Robot:
-    """A vehicle without its arm."""
+def slow(dead_zone: float = DEAD_ZONE) -> Robot:
+    """A vehicle without its arm; dead_zone [N]."""
     robot = without_arm(load_robot("bluerov2_alpha5"))
-    slower = {"time_constant": LAG, "dead_zone": DEAD_ZONE}
+    slower = {"time_constant": LAG, "dead_zone": dead_zone}
     thrusters = tuple(one.model_copy(update=slower) for one in robot.description.thrusters)
     return replace(robot, description=robot.description.model_copy(update={"thrusters": thrusters}))
 
@@ -42,13 +40,20 @@ def as_before(record: Record) -> Record:
 
 
 def driven_run(
-    *, duration: float = 12.0, size: float = 6.0, seed: int = 0, floor: float = -40.0, **options: Any
+    *,
+    duration: float = 12.0,
+    size: float = 6.0,
+    held: float = 0.5,
+    seed: int = 0,
+    floor: float = -40.0,
+    dead_zone: float = DEAD_ZONE,
+    **options: Any,
 ) -> Record:
-    """A run whose thrusters get random thrust of some size [N], a new one every `HELD`; floor: [m] its height.
+    """A run whose thrusters get random thrust of some size [N], each held [s] long; floor: [m] its height.
 
-    options: those of `Scenario`.
+    dead_zone: [N] of thrusters. options: those of `Scenario`.
     """
-    robot = slow()
+    robot = slow(dead_zone)
     goal = pose_at((50.0, 0.0, -20.0))
     arrived = Transition(to=DONE, when=(Below(quantity="PC.position_error", limit=0.1),))
     phase = Phase(name="A", gates=on("PC"), transitions=(arrived,))
@@ -58,14 +63,14 @@ def driven_run(
         robot=robot,
         mission=mission_of(robot, [VehiclePose(goal=goal)], (phase,)),
         start=np.array(robot.configuration(position=[0.0, 0.0, -20.0])),
-        controller=lambda scenario: _random(scenario, size, seed),
+        controller=lambda scenario: _random(scenario, size, held, seed),
         **given,
     ).run()
 
 
-def _random(scenario: Scenario, size: float, seed: int) -> Callable[[Measurement, float], Command]:
+def _random(scenario: Scenario, size: float, held: float, seed: int) -> Callable[[Measurement, float], Command]:
     robot, rng = scenario.robot, np.random.default_rng(seed)
-    n = round(scenario.duration / HELD) + 2
+    n = round(scenario.duration / held) + 2
     thrust = size * rng.normal(size=(n, len(robot.thruster_names)))
     still, arm = np.zeros(robot.n_v), np.zeros(robot.n_joints)
-    return lambda measurement, t: Command(v=still, thrust=thrust[int(t / HELD + 1e-9)], torque=arm)
+    return lambda measurement, t: Command(v=still, thrust=thrust[int(t / held + 1e-9)], torque=arm)

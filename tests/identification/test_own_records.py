@@ -27,6 +27,7 @@ from uvms_ocp.model.files.description_file import read_description
 from uvms_ocp.model.sensing import sensors_of
 from uvms_ocp.model.thrusters import thrust_limits, thruster_matrix
 from uvms_ocp.record import Record
+from uvms_ocp.scenarios.bluerov_inspection import bluerov_inspection
 from uvms_ocp.scenarios.case1 import case1
 from uvms_ocp.sim.currents import UniformCurrent
 from uvms_ocp.sim.environment import Environment
@@ -86,6 +87,18 @@ def test_the_lag_of_thrusters_is_learnt_from_a_run(noise: bool) -> None:
     record = driven_run(sensors=sensors_of(slow().description)) if noise else run()
     assert learnt_lag(record).value == pytest.approx(LAG, rel=0.03)
     assert told(record) == ""
+
+
+def test_dead_zones_are_learnt_from_a_run_as_robot_files_have_them() -> None:
+    record = driven_run(duration=20.0, size=3.0, held=0.25, dead_zone=2.0)
+    learn = {"lag": {}, "dead_zone": {}, "dead_zone_reverse": {}}
+    settings = Settings.model_validate(subject()[1].model_dump() | {"learn": learn, "dead_zone": 3.0, "stretch": 10.0})
+    found = calibrated(subject_of(settings, Path()), settings, [run_recording(record, "run")]).numbers
+    (lag,), zones = (one for one in found if one.quantity == "lag"), [one for one in found if one.quantity != "lag"]
+    assert lag.value == pytest.approx(LAG, rel=0.03)
+    assert len(zones) == 16
+    assert np.median([one.value for one in zones]) == pytest.approx(2.0, rel=0.1)
+    assert max(abs(one.value - 2.0) for one in zones) < 0.5
 
 
 def test_of_an_older_run_the_lag_is_lost_and_that_is_told() -> None:
@@ -173,6 +186,14 @@ def test_a_lag_that_is_not_given_begins_with_that_of_the_thrusters() -> None:
     for lag in (None, 0.3):
         found = subject_of(settings.model_copy(update={"lag": lag}), Path()).vehicle.actuators.lag
         assert found == pytest.approx(lag or np.mean([one.time_constant for one in thrusters]))
+
+
+def test_a_wrench_of_our_controller_is_ahead_of_the_lag_and_that_is_told() -> None:
+    record = bluerov_inspection(duration=2.0).run()
+    settings = Settings.model_validate(subject()[1].model_dump() | {"arm": "as it is", "commands": "wrench"})
+    doubt, *more = neglected(subject_of(settings, Path()), settings, run_recording(record, "run"))
+    assert not more
+    assert str(doubt).startswith("wrench: thrusters were driven ahead of their lag")
 
 
 def test_a_file_stays_as_it_was_where_it_holds_nothing_of_what_was_learnt(tmp_path: Path) -> None:

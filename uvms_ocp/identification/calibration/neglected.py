@@ -25,6 +25,9 @@ def neglected(subject: Subject, settings: Settings, recording: Recording) -> Ite
         yield from _of_current(channels["current"], learnt=bool(known["current"].free.all()))
     if recording.at_once:
         yield from _of_delay(settings, known["delay"])
+        if settings.commands == "wrench" and "thrust" in channels:
+            text = "thrusters were driven ahead of their lag to give it, and a lag by it is not theirs: give commands: thrust"
+            yield Doubt(channel="wrench", problem=text)
     if "thrust" in channels and settings.commands == "thrust":
         yield from _of_limits(channels["thrust"], subject)
 

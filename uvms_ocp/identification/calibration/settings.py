@@ -78,7 +78,9 @@ class Settings(_Section):
     delay: Annotated[float, Field(gt=0.0, lt=_ACTUATORS.longest_delay)] = Field(
         default=0.05, description="of commands, where the search begins [s]"
     )
-    dead_zone: _Positive = Field(default=0.001, description="of actuators [N, N m]")
+    dead_zone: _Positive | None = Field(
+        default=None, description="of actuators [N, N m]; default: of thrusters their mean, at least 0.001, or 0.001"
+    )
     learn: dict[str, Learnt] = Field(min_length=1, description="by the names of quantities")
     noise: NoiseSettings = NoiseSettings()
     step: _Positive = Field(default=_SEARCH.step, description="of the simulation [s]")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
 from uvms_ocp.model.thrusters import thruster_matrix
 
 _VEHICLE = 1  # joint of Pinocchio's, after the universe
-_SHORTEST_LAG = 1e-3  # [s] of thrusters that have none
+_LEAST = 1e-3  # [s], [N] of thrusters that have no lag or no dead zone
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -88,12 +89,17 @@ def _files(settings: Settings, folder: Path) -> tuple[Path, Path | None]:
 
 
 def _actuators(settings: Settings, robot: Robot) -> Actuators:
-    given = {name: getattr(settings, name) for name in ("lag", "delay", "dead_zone") if getattr(settings, name)}
-    wrench = Actuators(**given, commands=settings.commands)
+    given = {name: getattr(settings, name) for name in ("lag", "dead_zone") if getattr(settings, name)}
+    known = Actuators(delay=settings.delay, commands=settings.commands)
     if settings.commands == "wrench":
-        return wrench
-    names, lags = robot.thruster_names, [one.time_constant for one in robot.description.thrusters]
+        return replace(known, **given)
+    names, thrusters = robot.thruster_names, robot.description.thrusters
     if not names:
         raise InvalidInput(f"robot {robot.name!r} has no thrusters; give commands: wrench")
-    lag = wrench.lag if settings.lag else max(float(np.mean(lags)), _SHORTEST_LAG)
-    return replace(wrench, names=names, wrench=thruster_matrix(robot), allocation=np.eye(len(names)), lag=lag)
+    described: dict[str, Any] = {
+        "lag": max(float(np.mean([one.time_constant for one in thrusters])), _LEAST),
+        "dead_zone": max(float(np.mean([one.dead_zone for one in thrusters])), _LEAST),
+        "whole_beyond": True,
+        "allocation": np.eye(len(names)),
+    }
+    return replace(known, names=names, wrench=thruster_matrix(robot), **(described | given))

@@ -28,7 +28,7 @@ def run_recording(record: Record, name: str) -> Recording:
     for key, values in _asked(record):
         channels[key] = _from_nothing(_channel(record["t"], values), meta.dt)
     named = {"joint_positions": meta.joints, "joint_velocities": meta.joints, "thrust": meta.thrusters}
-    channels = {key: replace(one, columns=named.get(key, ())) for key, one in channels.items()}
+    channels = {key: _with_names(one, named.get(key, ())) for key, one in channels.items()}
     return Recording(name=name, channels=channels, known_doubts=tuple(_spoiled(record)), at_once=True)
 
 
@@ -41,6 +41,11 @@ def _rows(record: Record, floating: bool) -> Iterator[tuple[str, np.ndarray]]:
         yield "angular_velocity", v[:, 3:_TWIST]
     yield "joint_positions", q[:, _POSE if floating else 0 :]
     yield "joint_velocities", v[:, _TWIST if floating else 0 :]
+
+
+def _with_names(channel: Channel, names: tuple[str, ...]) -> Channel:
+    """Where it has a column for each: not of joints that turn without end."""
+    return replace(channel, columns=names) if len(names) == channel.values.shape[1] else channel
 
 
 def _asked(record: Record) -> Iterator[tuple[str, np.ndarray]]:
