@@ -22,7 +22,8 @@ Recordings = Annotated[
     ),
 ]
 MappingFile = Annotated[
-    Path | None, typer.Option("--mapping", metavar="YAML", help="Where the channels are in files of others.")
+    Path | None,
+    typer.Option("--mapping", metavar="YAML", help="Where the channels are in files of others; ours need none."),
 ]
 _COLUMNS = ("channel", "columns", "unit", "frame", "from [s]", "to [s]", "rate [Hz]", "delay [s]")
 
