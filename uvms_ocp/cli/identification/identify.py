@@ -10,8 +10,7 @@ import typer
 from uvms_ocp.cli.compiling import told_of_compiling
 from uvms_ocp.cli.identification.recordings import MappingFile, Recordings, read_recordings
 from uvms_ocp.cli.options import NOT_COMPLETED, folder
-from uvms_ocp.cli.printing import console_of, print_paths
-from uvms_ocp.exceptions import plain_line
+from uvms_ocp.cli.printing import console_of, print_line, print_paths
 from uvms_ocp.identification.calibration.fitting import Calibration, calibrated
 from uvms_ocp.identification.calibration.report import report_text
 from uvms_ocp.identification.calibration.settings import read_settings
@@ -54,7 +53,7 @@ def identify(
             _write(result, [one.name for one in found], staging)
         written = claim.written()
     for doubt in result.doubts:
-        console.print(plain_line(f"doubtful: {doubt}"))
+        print_line(console, f"doubtful: {doubt}")
     known = sum(one.determined for one in result.numbers)
     console.print(f"{result.estimate.status.value}; {known} of {len(result.numbers)} numbers determined")
     print_paths(console, written)
