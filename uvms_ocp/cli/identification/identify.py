@@ -10,8 +10,7 @@ import typer
 from uvms_ocp.cli.compiling import told_of_compiling
 from uvms_ocp.cli.identification.recordings import MappingFile, Recordings, read_recordings
 from uvms_ocp.cli.options import NOT_COMPLETED, folder
-from uvms_ocp.cli.printing import console_of, print_paths
-from uvms_ocp.exceptions import plain_line
+from uvms_ocp.cli.printing import console_of, print_line, print_paths
 from uvms_ocp.identification.calibration.fitting import Calibration, calibrated
 from uvms_ocp.identification.calibration.report import report_text
 from uvms_ocp.identification.calibration.settings import read_settings
@@ -49,7 +48,7 @@ def identify(
     console = console_of()
     with claimed(out, _names(len(found), profiles, leave_one_out)) as claim:
         with console.status("identifying") as status, told_of_compiling(status.update, console):
-            voices = {"tell": status.update, "warn": lambda doubt: console.print(plain_line(f"doubtful: {doubt}"))}
+            voices = {"tell": status.update, "warn": lambda doubt: print_line(console, f"doubtful: {doubt}")}
             result = calibrated(subject, given, found, profiled=profiles, leave_one_out=leave_one_out, **voices)
         with claim.staged() as staging:
             _write(result, [one.name for one in found], staging)
