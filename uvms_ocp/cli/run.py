@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 from rich.console import Console
 from rich.padding import Padding
@@ -233,6 +234,8 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
     for phase in report["phases"]:
         _print_end(console, phase)
     _print_what_went_wrong(console, report)
+    if (tilt := report["largest_tilt_rad"]) is not None:
+        console.print(f"largest tilt while a task kept the vehicle level: {np.rad2deg(tilt):.1f} deg")
     if carried := load_line(report["load"]):
         console.print(carried)
     resources = _transposed(report["resources"])
