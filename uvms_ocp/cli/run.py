@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 from rich.console import Console
 from rich.padding import Padding
@@ -234,8 +233,6 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
     for phase in report["phases"]:
         _print_end(console, phase)
     _print_what_went_wrong(console, report)
-    if (tilt := report["largest_tilt_rad"]) is not None:
-        console.print(f"largest tilt while a task kept the vehicle level: {np.rad2deg(tilt):.1f} deg")
     if carried := load_line(report["load"]):
         console.print(carried)
     resources = _transposed(report["resources"])
@@ -245,7 +242,7 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
     verdict = "complete" if report["completed"] else plain_line(f"not completed: {report['pending']}")
     console.print(
         f"mission {verdict}; simulated {report['simulated_s']:.1f} s in {report['wall_s']:.1f} s, "
-        f"tick p50 {report['tick_us']['p50']:.0f} us{whole}"
+        f"tick p50 {report['tick_us']['p50']:.0f} us{whole}, largest tilt {cell(report['largest_tilt_rad'])} rad"
     )
     if not report["completed"] or report["ended_too_early"]:
         console.print(plain_line(f"cause: {report['cause']['kind']}: {report['cause']['text']}"))

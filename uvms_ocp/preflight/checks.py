@@ -15,11 +15,10 @@ from uvms_ocp.preflight.accuracy import check_accuracy
 from uvms_ocp.preflight.altitude import check_altitude, check_echo, check_goals
 from uvms_ocp.preflight.delays import check_delays
 from uvms_ocp.preflight.findings import Finding, PreflightReport, Severity
-from uvms_ocp.preflight.forces import check_forces
+from uvms_ocp.preflight.forces import check_forces, check_rest
 from uvms_ocp.preflight.forecast import Visit, forecast
 from uvms_ocp.preflight.load import check_load
 from uvms_ocp.preflight.obstacles import check_obstacles
-from uvms_ocp.preflight.rest import check_rest
 from uvms_ocp.preflight.setup import Setup
 from uvms_ocp.preflight.structure import check_structure
 from uvms_ocp.preflight.tool import check_tool

@@ -16,6 +16,7 @@ from uvms_ocp.model.assembly.trim import static_residual, without_trim
 from uvms_ocp.model.files.unknowns import unknowns
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.unshaped import links_without_shape
 from uvms_ocp.model.thrusters import thruster_matrix
 
 FORCE_TOLERANCE = 0.5  # [N] residual of a trimmed robot with its arm stowed
@@ -187,6 +188,10 @@ def _shapes(robot: Robot) -> Iterator[Finding]:
         meshes = sum(bool(shape.meshPath and Path(shape.meshPath).is_file()) for shape in shapes.geometryObjects)
         text = f"{shapes.ngeoms} {kind} shapes, {meshes} of them meshes, all found"
         yield _good("shapes", text) if shapes.ngeoms else _warning("shapes", f"no {kind} shapes; give <{kind}>")
+    unshaped = links_without_shape(robot)
+    if unshaped and robot.collision_model.ngeoms:
+        text = f"{', '.join(unshaped)}: nothing is told of what they touch; give them <collision>"
+        yield _warning("shapes", f"links with a mass, without a collision shape: {text}")
 
 
 def _water(robot: Robot) -> Iterator[Finding]:
