@@ -77,10 +77,11 @@ def _trim_bodies(robot: Robot, bow: float, stern: float) -> list[TrimBody]:
     if abs(lifts[strongest]) > 0.0:
         y[strongest] = -moment[0] / lifts[strongest]
     stations = zip(("trim_bow", "trim_stern"), (bow, stern), y, lifts, strict=True)
-    return [_body(robot, *station) for station in stations if abs(station[-1]) > 0.0]
+    return [body_of_lift(*station, robot) for station in stations if abs(station[-1]) > 0.0]
 
 
-def _body(robot: Robot, name: str, x: float, y: float, lift: float) -> TrimBody:
+def body_of_lift(name: str, x: float, y: float, lift: float, robot: Robot) -> TrimBody:
+    """Return a float of foam, or ballast of lead, at x [m], y [m] in ``base_link`` with a lift [N] in the robot's water."""
     material = _FOAM if lift > 0.0 else _LEAD
     gravity = float(np.linalg.norm(robot.model.gravity.linear))
     volume = lift / (gravity * (robot.description.water_density - material))
