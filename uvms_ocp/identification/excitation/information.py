@@ -10,7 +10,9 @@ from uvms_ocp.identification.excitation.course import Course
 from uvms_ocp.identification.methods.output_error import Noise
 
 _NOTHING = 1e-6  # of information: what is known of an unknown without a prior
-_SHARP = 20.0  # [-] power of standard errors whose mean counts: 0 would make all count alike, more and more the worst alone
+_SHARP = (
+    20.0  # [-] power of standard errors whose mean counts: 0 would make all count alike, more and more the worst alone
+)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
