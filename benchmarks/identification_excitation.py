@@ -14,7 +14,7 @@ import numpy as np
 from drawn_vehicles.driving import LEARNT, NOISE, drawn, limits, recorded, vehicle
 from recording.report import Report, Row, Table, begin, parser_of
 
-from uvms_ocp.identification.answers.numbers import KNOWN, Number, numbers, values_of
+from uvms_ocp.identification.answers.numbers import KNOWN, TOTAL, Number, numbers, values_of
 from uvms_ocp.identification.excitation.assignment import Assignment
 from uvms_ocp.identification.excitation.by_hand import BY_HAND, largest
 from uvms_ocp.identification.excitation.design import Effort, designed
@@ -25,8 +25,8 @@ from uvms_ocp.identification.methods.search import Search, searched
 from uvms_ocp.identification.methods.stretch import Prepared
 from uvms_ocp.identification.models.stage import stage_of
 
-DURATION, VEHICLES = 60.0, 8
-"""[s] of a recording; [-] whose recordings are fitted."""
+DURATION, VEHICLES, SINGLE = 60.0, 8, 3
+"""[s] of a recording; [-] whose recordings are fitted; [-] numbers that a design is made for alone."""
 DESIGNED, ALONE = "designed", "alone"
 """A kind of excitation; what one for a single number would tell of it."""
 LITTLE = Effort(iterations=(2, 2, 2), starts=1)
@@ -42,8 +42,9 @@ the vehicle in the pool, and as large as the pool allows.
 
 The design is asked for half the standard error of the best of these, number by number, and looks most at those that are
 farthest from it. Of {n} numbers that are determined (standard error below {known:.0f} % of their size), it has {median:.2f}
-times that standard error in the median, and {most:.2f} times in the worst, {worst}; {half:.0f} % have at most half. {possible}
-Against each of them alone: {alone}.
+times that standard error in the median, and {most:.2f} times in the worst, {worst}; {half:.0f} % have at most half. Of the
+{single} that are farthest, a design for that number alone, where nothing else matters, has: {possible}. Against each of them
+alone: {alone}.
 
 Fits of simulated recordings, of {vehicles} vehicles with drawn numbers that nobody knew when commands were made: errors of the
 same numbers have a root mean square of {fitted:.2f} times those after "{best}", the best by hand, in the median over the
@@ -64,7 +65,7 @@ def main() -> None:
     found |= {name: largest(given, rollout, name) for name in BY_HAND}
     table = compared(found)
     best = min(BY_HAND, key=lambda name: float(np.median([row[name] for row in table])))
-    single = alone(given, rollout, [row for row in table if ratio(row) > HALF][: 1 if run.quick else None], run.quick)
+    single = alone(given, rollout, farthest(table)[: 1 if run.quick else SINGLE], run.quick)
     fits = fitted(given, rollout, {kind: found[kind] for kind in (DESIGNED, best)}, vehicles)
     rows = [{**row, ALONE: single.get(row["number"]), "fitted": fits[row["number"]]} for row in table]
     title, name = "Excitation of a vehicle that is identified", "identification_excitation"
@@ -95,6 +96,11 @@ def ratio(row: Row, kind: str = DESIGNED) -> float:
     return float(row[kind] / min(row[name] for name in BY_HAND))
 
 
+def farthest(rows: Sequence[Row]) -> list[Row]:
+    """Rows by their ratio, the largest first; with the mass known, sums with it tell what added masses tell."""
+    return sorted((row for row in rows if not row["number"].startswith(TOTAL)), key=ratio, reverse=True)
+
+
 def alone(given: Assignment, rollout: Rollout, rows: Sequence[Row], quick: bool) -> dict[str, float]:
     """Standard errors [%] of single numbers where nothing else matters."""
     names = [row["number"] for row in rows]
@@ -123,7 +129,7 @@ def _errors(given: Assignment, rollout: Rollout, truth: np.ndarray, one: Excitat
 
 def told(given: Assignment, found: Mapping[str, Excitation], rows: Sequence[Row]) -> dict[str, object]:
     """Figures of the prose."""
-    ratios = np.array([ratio(row) for row in rows])
+    ratios, single = np.array([ratio(row) for row in rows]), farthest([row for row in rows if row[ALONE] is not None])
     sides = given.limits.pool[1] - given.limits.pool[0]
     return {
         "duration": given.duration,
@@ -136,18 +142,13 @@ def told(given: Assignment, found: Mapping[str, Excitation], rows: Sequence[Row]
         "most": ratios.max(),
         "worst": rows[int(ratios.argmax())]["number"],
         "half": 100.0 * (ratios <= HALF).mean(),
-        "possible": _possible([row for row in rows if row[ALONE] is not None]),
+        "single": len(single),
+        "possible": ", ".join(f"{ratio(row, ALONE):.2f} ({row['number']})" for row in single),
         "alone": _ratios(rows, list(BY_HAND)),
         "fitted": np.median([row["fitted"] for row in rows]),
         "roots": ", ".join(f"{_root(one):.1f} N ({name})" for name, one in found.items()),
         "inside": ", ".join(f"{name}: {_inside(one)}" for name, one in found.items()),
     }
-
-
-def _possible(rows: Sequence[Row]) -> str:
-    """What bounds those that have more than half."""
-    told = ", ".join(f"{row['number']} {ratio(row, ALONE):.2f}" for row in rows)
-    return f"Designs for a single one of the others have: {told}." if rows else ""
 
 
 def _ratios(rows: Sequence[Row], names: Sequence[str]) -> str:
