@@ -192,6 +192,7 @@ class Scenario(Fielded):
             duration=self.duration,
             sensors=self.specs,
             own_parts=self.own_parts,
+            gains=self.gains,
             load_bandwidth=None if self.load is None else self.gains.observer_vehicle,
         )
 

@@ -144,9 +144,11 @@ def test_a_delay_is_told_to_the_estimator_and_what_nobody_knows_of_it_comes_on_t
     assert varied(scenario, [Variation("sensors.delay", Uniform(0, 1))], told, 0).real_sensors is None
 
 
-@pytest.mark.parametrize("delay", [0.05, 0.15])
-def test_a_mission_bears_a_delay_of_all_sensors_that_is_told(scenario: Scenario, delay: float) -> None:
-    record = varied(scenario, [Variation("sensors.delay", Uniform(0, 1))], {"sensors.delay": delay}, 0).run()
+@pytest.mark.parametrize(
+    ("name", "delay"), [("sensors.delay", 0.05), ("sensors.delay", 0.15), ("sensors.joint_positions.delay", 0.2)]
+)
+def test_a_mission_bears_a_delay_that_is_told(scenario: Scenario, name: str, delay: float) -> None:
+    record = varied(scenario, [Variation(name, Uniform(0, 1))], {name: delay}, 0).run()
     assert record.meta.completed
     assert not [alarm.text for alarm in record.meta.alarms if "suspect" in alarm.text]
 

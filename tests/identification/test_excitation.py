@@ -74,6 +74,13 @@ def test_the_slope_of_the_objective_is_that_of_its_value() -> None:
     assert (slope * along).sum() == pytest.approx((ahead - back) / 2e-4, rel=1e-5)
 
 
+@pytest.mark.parametrize(("waves", "fastest"), [(0.3, 1), (1.0, 1), (3.0, 3), (4.4, 4)])
+def test_the_fastest_of_the_sines_turns_as_often_as_it_is_told(waves: float, fastest: int) -> None:
+    sines = multisine(np.random.default_rng(0), 65, 6, waves)[:-1]  # the last knot is the first one again
+    heard = np.abs(np.fft.rfft(sines, axis=0)).max(axis=1) > 1e-9
+    assert np.flatnonzero(heard).tolist() == list(range(1, fastest + 1))
+
+
 def test_the_information_is_what_output_error_finds_in_a_recording() -> None:
     given, commands = assignment(), found().commands
     held, t = Held(commands), 0.1 * np.arange(81)

@@ -39,10 +39,12 @@ def test_a_record_of_a_run_is_a_recording_of_what_was_measured(ending: str, run:
     recording = read_recording(path)
     assert recording.name == "dive"
     wanted = {"position": run["q_measured"][:, :3], "angular_velocity": run["v_measured"][:, 3:6]}
-    wanted |= {"joint_positions": run["q_measured"][:, 7:], "thrust": run["thrust"], "wrench": run["wrench"]}
+    wanted |= {"joint_positions": run["q_measured"][:, 7:], "current": run["current"]}
     for name, values in wanted.items():
         np.testing.assert_array_equal(recording.channels[name].t, run["t"])
         np.testing.assert_array_equal(recording.channels[name].values, values)
+    np.testing.assert_array_equal(recording.channels["thrust"].t[1:], run["t"])
+    np.testing.assert_array_equal(recording.channels["thrust"].values[1:], run["asked_thrust"])
 
 
 def test_a_recording_of_ours_is_read_by_its_ending(tmp_path: Path) -> None:
@@ -71,6 +73,28 @@ def test_messages_of_others_need_a_mapping_and_say_of_which_topics(tmp_path: Pat
     (tmp_path / "map.yaml").write_text(MAPPING.format(where="topic: /state"))
     read = read_recording(tmp_path / "a.mcap", read_mapping(tmp_path / "map.yaml"))
     np.testing.assert_array_equal(read.channels["linear_velocity"].values[:, 2], [0.0, 1.0, 2.0])
+
+
+def test_a_mapping_is_for_files_of_others_and_ours_beside_them_are_read_as_they_are(
+    tmp_path: Path, run: Record
+) -> None:
+    run.save(tmp_path / "dive.npz")
+    write_recording(GOOD, tmp_path / "good.csv")
+    velocity = GOOD.channels["linear_velocity"]
+    write_columns(tmp_path / "other.csv", {"t": velocity.t, **dict(zip("abc", velocity.values.T, strict=True))})
+    (tmp_path / "map.yaml").write_text(MAPPING.format(where="body: FRD"))
+    files = [tmp_path / name for name in ("dive.npz", "good.csv", "other.csv")]
+    told = json.loads(checked(*files, "--mapping", tmp_path / "map.yaml", "--json"))
+    channels = {name: [row["channel"] for row in one["channels"]] for name, one in told.items()}
+    assert channels["good"] == list(GOOD.channels)
+    assert channels["other"] == ["linear_velocity"]
+    assert "thrust" in channels["dive"]
+
+
+def test_what_is_wrong_with_a_record_of_ours_is_said_with_a_mapping_too(tmp_path: Path) -> None:
+    (tmp_path / "map.yaml").write_text(MAPPING.format(where="body: FRD"))
+    with pytest.raises(InvalidInput, match="this record is of a plan"):
+        read_recording(PLAN, read_mapping(tmp_path / "map.yaml"))
 
 
 def checked(*words: object) -> str:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import ctypes
+
 import casadi as ca
 import numpy as np
 import pytest
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions import compile_function
+from uvms_ocp.functions.compile import compile_library, has_compiler, loaded_library
 from uvms_ocp.ocp.stagewise import bound_calls
 from uvms_ocp.ocp.stagewise.bound_calls import BoundCalls
 
@@ -49,3 +52,35 @@ def test_no_calls_do_nothing() -> None:
 def test_memory_of_another_size_kind_or_order_is_refused_where_it_is_given(memory: np.ndarray) -> None:
     with pytest.raises(InvalidInput, match=r"wave: memory of shape .*; give 3 numbers side by side"):
         BoundCalls().add(_function(), [memory, np.zeros(1)], [None, None])
+
+
+FAILING = """
+int failing(const double **given, double **found, long long *iw, double *w, int mem) {
+  if (given[0][0] < 0.0) return 1;
+  found[0][0] = 2.0 * given[0][0];
+  return 0;
+}
+"""
+
+
+@pytest.mark.skipif(not has_compiler(), reason="functions of CasADi's own do not fail")
+@pytest.mark.parametrize("by_address", [False, True])
+def test_what_a_call_that_fails_leaves_unwritten_is_not_taken_for_a_result(
+    monkeypatch: pytest.MonkeyPatch, by_address: bool
+) -> None:
+    path = compile_library(FAILING, name="what fails")
+    assert path is not None
+    address = ctypes.cast(loaded_library(path).failing, ctypes.c_void_p).value if by_address else None
+    monkeypatch.setattr(bound_calls, "compiled_symbol", lambda function: address)
+    function, given, found = ca.external("failing", str(path)), np.array([[1.0], [3.0], [5.0]]), np.zeros((3, 1))
+    calls = BoundCalls()
+    for argument, result in zip(given, found, strict=True):
+        calls.add(function, [argument], [result])
+    calls()
+    assert found.ravel().tolist() == [2.0, 6.0, 10.0]
+    given[:2] = -1.0
+    calls()
+    assert np.isnan(found.ravel()).tolist() == [True, True, False]
+    given[:] = 4.0
+    calls()
+    assert found.ravel().tolist() == [8.0, 8.0, 8.0]

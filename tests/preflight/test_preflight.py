@@ -16,6 +16,7 @@ from scipy.optimize import minimize
 from uvms_ocp.mission.conditions import DONE, Below, Transition
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Phase
+from uvms_ocp.model.sensing import SensorSpecs
 from uvms_ocp.model.shapes.obstacles import obstacle
 from uvms_ocp.preflight.findings import PreflightReport, Severity
 from uvms_ocp.preflight.forecast import forecast, main_path
@@ -245,3 +246,40 @@ def test_checks_do_not_depend_on_the_solver_or_leave_traces() -> None:
     first: dict[str, Any] = scenario.check().to_dict()
     assert scenario.check().to_dict() == first
     assert scenario.mission is before
+
+
+def late(**delays: float) -> Scenario:
+    """Case 1 whose sensors are late by so much [s], as everybody knows."""
+    specs = {name: replace(getattr(SensorSpecs(), name), delay=delay) for name, delay in delays.items()}
+    return replace(case1(), sensors=replace(SensorSpecs(), **specs))
+
+
+@pytest.mark.parametrize(
+    ("delays", "severity"),
+    [
+        ({}, None),
+        ({"linear_velocity": 1.0, "position": 1.0, "depth": 1.0}, None),
+        ({"joint_positions": 0.15, "angular_velocity": 0.15, "attitude": 0.15}, None),
+        ({"joint_positions": 0.2}, Severity.WARNING),
+        ({"joint_positions": 0.3}, Severity.ERROR),
+        ({"angular_velocity": 0.5, "attitude": 0.5}, Severity.ERROR),
+    ],
+    ids=str,
+)
+def test_delays_that_the_loops_do_not_bear_are_told(delays: dict[str, float], severity: Severity | None) -> None:
+    found = late(**delays).check().of_check("delays")
+    assert [finding.severity for finding in found] == ([] if severity is None else [severity])
+    for finding in found:
+        assert f"{finding.figures['delay_s']:.3g} s late, allowed {finding.figures['allowed_s']:.2g} s" in finding.text
+        assert finding.figures["allowed_s"] < finding.figures["swings_from_s"]
+
+
+def test_what_is_refused_for_its_delays_swings_and_what_is_allowed_does_not() -> None:
+    allowed = late(joint_positions=0.3).check().of_check("delays")[0].figures["allowed_s"]
+    calm, wild = (replace(late(joint_positions=delay), duration=8.0).run() for delay in (0.99 * allowed, 0.3))
+    joints = [np.abs(record["v"][-600:, 6:]).max() for record in (calm, wild)]
+    assert joints[0] < 0.1 < 0.5 < joints[1]
+
+
+def test_the_plant_of_velocities_and_a_controller_of_ones_own_have_no_loops_to_judge() -> None:
+    assert not replace(late(joint_positions=0.5), plant="kinematic").check().of_check("delays")

@@ -5,17 +5,21 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions
 from rich.table import Table
 
 from uvms_ocp.exceptions import plain_line
 from uvms_ocp.preflight.findings import PreflightReport, Severity
 
 _TYPED = ("figure", "parameter", "channel")  # columns of names that are typed again: never broken
+_SHORT = 20  # letters of a word that is not broken either
+_BESIDE = 3  # that a column takes beside its own
 
 
 def print_json(value: Any) -> None:
@@ -34,14 +38,66 @@ def print_paths(console: Console, paths: Iterable[Path]) -> None:
         console.print(str(path), highlight=False, soft_wrap=True)
 
 
-def table_of(title: str, rows: Sequence[Mapping[str, Any]], columns: tuple[str, ...]) -> Table:
+def print_line(console: Console, text: str, style: str = "") -> None:
+    """A text, whatever it holds, as one line, which goes on below between two words where the console is narrower."""
+    wrapper = textwrap.TextWrapper(
+        console.width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+    )
+    lines = wrapper.wrap(plain_line(text))
+    console.print("\n".join(lines), style=style, highlight=False, soft_wrap=True)
+
+
+def table_of(title: str, rows: Sequence[Mapping[str, Any]], columns: tuple[str, ...]) -> Parted:
     """A table of the given columns of all rows."""
-    table = Table(title=plain_line(title))
-    for column in columns:
-        table.add_column(plain_line(column), overflow="fold", no_wrap=column in _TYPED)
-    for row in rows:
-        table.add_row(*(cell(row[column]) for column in columns))
-    return table
+    cells = tuple(tuple(cell(row[column]) for row in rows) for column in columns)
+    return Parted(title=plain_line(title), head=tuple(map(plain_line, columns)), cells=cells)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Parted:
+    """A table that breaks no short word: columns for which a console has no room come below, beside the first one again."""
+
+    title: str
+    head: tuple[str, ...]
+    cells: tuple[tuple[str, ...], ...]
+    """Column by column."""
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Table]:
+        """As Rich asks for it."""
+        needs = [self._need(k) for k in range(len(self.head))]
+        title: str | None = self.title
+        for part in _parts(needs, options.max_width):
+            yield self._table(title, part, needs)
+            title = None
+
+    def _table(self, title: str | None, part: Sequence[int], needs: Sequence[int]) -> Table:
+        table = Table(title=title)
+        for k in part:
+            whole = max(map(len, (self.head[k], *self.cells[k]))) <= needs[k]
+            table.add_column(self.head[k], overflow="fold", no_wrap=whole or self.head[k] in _TYPED)
+        for row in zip(*(self.cells[k] for k in part), strict=True):
+            table.add_row(*row)
+        return table
+
+    def _need(self, k: int) -> int:
+        """Letters of what is not broken of a column."""
+        texts = (self.head[k], *self.cells[k])
+        if self.head[k] in _TYPED:
+            return max(map(len, texts))
+        return max((len(word) for text in texts for word in text.split() if len(word) <= _SHORT), default=1)
+
+
+def _parts(needs: Sequence[int], width: int) -> list[list[int]]:
+    """Columns of tables that fit side by side, each with the first one."""
+    room = width - needs[0] - _BESIDE - 1
+    parts, left = [[0]], room
+    for k, need in enumerate(needs[1:], 1):
+        if need + _BESIDE > left and len(parts[-1]) > 1:
+            parts.append([0])
+            left = room
+        parts[-1].append(k)
+        left -= need + _BESIDE
+    return parts
 
 
 def cell(value: Any) -> str:
@@ -57,8 +113,8 @@ def print_findings(console: Console, preflight: PreflightReport, *, notes: bool 
     for finding in preflight.findings:
         if notes or finding.severity is not Severity.NOTE:
             where = f" (phase {finding.phase})" if finding.phase else ""
-            text = plain_line(f"{finding.severity.value}: {finding.check}{where}: {finding.text}")
-            console.print(text, style=styles[finding.severity], highlight=False, soft_wrap=True)
+            text = f"{finding.severity.value}: {finding.check}{where}: {finding.text}"
+            print_line(console, text, styles[finding.severity])
     if notes:
         verdict = "accepted" if preflight.accepted else "refused"
         console.print(f"pre-flight: {verdict}", highlight=False)

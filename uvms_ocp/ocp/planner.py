@@ -24,7 +24,10 @@ from uvms_ocp.solvers.nlp.watch import Progress
 
 @checked
 class Planner:
-    """Solves problems of one shape, built once with its NLPs; see `uvms_ocp.ocp.transcription.shape`."""
+    """Solves problems of one shape, built once with its NLPs; see `uvms_ocp.ocp.transcription.shape`.
+
+    Threads that share one, or its transcription, take turns: their functions keep memory. Give each a planner, and none waits.
+    """
 
     def __init__(
         self,
@@ -57,20 +60,21 @@ class Planner:
         way, within the time limit of the options. progress: told every iteration of IPOPT; Ctrl-C, or a
         `KeyboardInterrupt` from it, ends the search with the best plan so far, whose status says so.
         """
-        begin, given = perf_counter(), problem or self.problem
-        obstruction = self.transcription.obstruction(given)
-        if obstruction is not None:
-            name, depth = obstruction
-            text = f"{name} is broken by {depth:.4g} at the start{crowded_start(given, name)}"
-            return self._failed(given, OcpStatus.OBSTRUCTED, text, begin)
-        impossible = impossible_start(given)
-        if impossible is not None:
-            return self._failed(given, OcpStatus.INFEASIBLE, impossible, begin)
-        ends = begin + self.options.time_limit
-        refinement = Refinement(planner=self, given=given, t0=t0, deadline=ends, progress=progress)
-        found = refinement.solved(hold(given) if guess is None else guess)
-        court = self._court(given, found, t0, ends if diagnose else None)
-        return self._plan(given, court.verdict(found.result), t0, begin)
+        with self.transcription.turn:
+            begin, given = perf_counter(), problem or self.problem
+            obstruction = self.transcription.obstruction(given)
+            if obstruction is not None:
+                name, depth = obstruction
+                text = f"{name} is broken by {depth:.4g} at the start{crowded_start(given, name)}"
+                return self._failed(given, OcpStatus.OBSTRUCTED, text, begin)
+            impossible = impossible_start(given)
+            if impossible is not None:
+                return self._failed(given, OcpStatus.INFEASIBLE, impossible, begin)
+            ends = begin + self.options.time_limit
+            refinement = Refinement(planner=self, given=given, t0=t0, deadline=ends, progress=progress)
+            found = refinement.solved(hold(given) if guess is None else guess)
+            court = self._court(given, found, t0, ends if diagnose else None)
+            return self._plan(given, court.verdict(found.result), t0, begin)
 
     def solve(
         self,
@@ -86,17 +90,18 @@ class Planner:
         problem: that of p, by default the one this planner was built from. time_limit [s]: where it is to be shorter than
         that of the options. progress: as `plan` takes it.
         """
-        lower, upper = self.transcription.bounds(problem)
-        ranges = self.transcription.ranges(problem)
-        return self._nlp.solve(
-            self._start(guess),
-            p=p,
-            x_lower=lower,
-            x_upper=upper,
-            ranges=ranges,
-            time_limit=time_limit,
-            progress=progress,
-        )
+        with self.transcription.turn:
+            lower, upper = self.transcription.bounds(problem)
+            ranges = self.transcription.ranges(problem)
+            return self._nlp.solve(
+                self._start(guess),
+                p=p,
+                x_lower=lower,
+                x_upper=upper,
+                ranges=ranges,
+                time_limit=time_limit,
+                progress=progress,
+            )
 
     def _start(self, guess: Trajectory | Plan | LexicographicResult) -> np.ndarray | LexicographicResult:
         if isinstance(guess, LexicographicResult):

@@ -13,18 +13,25 @@ from uvms_ocp.model.assembly.trim import without_trim
 from uvms_ocp.model.files.unknowns import unknowns
 from uvms_ocp.preflight.accuracy import check_accuracy
 from uvms_ocp.preflight.altitude import check_altitude, check_echo, check_goals
+from uvms_ocp.preflight.delays import check_delays
 from uvms_ocp.preflight.findings import Finding, PreflightReport, Severity
 from uvms_ocp.preflight.forces import check_forces
 from uvms_ocp.preflight.forecast import Visit, forecast
 from uvms_ocp.preflight.load import check_load
 from uvms_ocp.preflight.obstacles import check_obstacles
-from uvms_ocp.preflight.own_parts import check_own_parts
 from uvms_ocp.preflight.setup import Setup
 from uvms_ocp.preflight.structure import check_structure
 from uvms_ocp.preflight.tool import check_tool
 from uvms_ocp.tasks.task import Task, TaskClass
 
 _RANK = 1e-6  # singular values below it count as zero
+_TELLS = {
+    "plant": "forces, floor and obstacles are judged by the robot's files, which it may not follow; no part of an export",
+    "sensors": "accuracy is judged by their specs; no part of an export",
+    "estimator": "accuracy is judged by the toolkit's filter; no part of an export, which begins at its measurements",
+    "controller": "the mission is judged as the hierarchy would fly it; it has no form in C, so that it cannot be exported",
+}
+"""What pre-flight and export cannot say of a part that is not the toolkit's, by what it is."""
 
 
 @checked
@@ -34,7 +41,7 @@ def check_mission(setup: Setup) -> PreflightReport:
     setup.mission.check_quantities(problem.quantity_names)
     if not setup.robot.n_vehicle:
         findings = [*check_structure(setup.mission), *check_echo(setup), *check_goals(setup), *check_accuracy(setup)]
-        return PreflightReport(findings=(*findings, *_check_rest(setup)))
+        return PreflightReport(findings=(*findings, *check_delays(setup), *_check_rest(setup)))
     visits = forecast(setup)
     findings = [
         *check_structure(setup.mission),
@@ -45,6 +52,7 @@ def check_mission(setup: Setup) -> PreflightReport:
         *check_freedom(setup, visits, problem),
         *check_forces(setup, visits),
         *check_accuracy(setup),
+        *check_delays(setup, visits),
         *_check_rest(setup),
     ]
     return PreflightReport(findings=(*findings, *check_tool(setup, visits)))
@@ -62,6 +70,12 @@ def check_unknowns(setup: Setup) -> Iterator[Finding]:
     if setup.with_forces:
         for subject, text in unknowns(without_trim(setup.robot).model, setup.robot.description):
             yield Finding(severity=Severity.WARNING, check=subject, text=text)
+
+
+def check_own_parts(setup: Setup) -> Iterator[Finding]:
+    """A note on each part that is not the toolkit's."""
+    for what, name in setup.own_parts.items():
+        yield Finding(severity=Severity.NOTE, check="parts", text=f"{what} {name} is your own: {_TELLS[what]}")
 
 
 def check_freedom(setup: Setup, visits: Sequence[Visit], problem: LevelsProblem) -> Iterator[Finding]:

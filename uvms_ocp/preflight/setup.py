@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.arguments import Finite, Period, Shape, checked
+from uvms_ocp.control.force.dynamic import VelocityGains
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
@@ -38,6 +39,8 @@ class Setup:
     """What the mission is judged by while it runs."""
     own_parts: Mapping[str, str] = field(default_factory=dict)
     """Names of the parts that are not the toolkit's, by what they are, such as ``plant``."""
+    gains: VelocityGains = field(default_factory=VelocityGains)
+    """Of the loops, before they are less where sensors are known to be late."""
     load_bandwidth: Finite | None = None
     """[rad/s] of the observer from which the controller is to learn what the tool carries; `None` where it is not to."""
 

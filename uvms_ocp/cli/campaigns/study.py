@@ -14,7 +14,7 @@ from rich.console import Console
 from uvms_ocp.campaign import STUDIES, StudyResult
 from uvms_ocp.cli.campaigns.campaign_output import progress_bar
 from uvms_ocp.cli.options import default_folder, require_taken
-from uvms_ocp.cli.printing import print_json, print_paths, table_of
+from uvms_ocp.cli.printing import print_json, print_line, print_paths, table_of
 from uvms_ocp.exceptions import OutputError
 from uvms_ocp.output.durable import write_durably
 
@@ -57,7 +57,7 @@ def interruptible(folder: Path, console: Console) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         text = f"stopped; what is finished is in {folder}, and the same command goes on with the rest"
-        console.print(text, style="yellow", highlight=False, soft_wrap=True)
+        print_line(console, text, "yellow")
         raise typer.Exit(INTERRUPTED) from None
 
 

@@ -8,8 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from uvms_ocp.cli.options import Json
-from uvms_ocp.cli.printing import console_of, print_json, table_of
-from uvms_ocp.exceptions import plain_line
+from uvms_ocp.cli.printing import console_of, print_json, print_line, table_of
 from uvms_ocp.identification.recordings.doubts import doubts
 from uvms_ocp.identification.recordings.mapping import read_mapping
 from uvms_ocp.identification.recordings.reading import read_recording
@@ -22,7 +21,8 @@ Recordings = Annotated[
     ),
 ]
 MappingFile = Annotated[
-    Path | None, typer.Option("--mapping", metavar="YAML", help="Where the channels are in files of others.")
+    Path | None,
+    typer.Option("--mapping", metavar="YAML", help="Where the channels are in files of others; ours need none."),
 ]
 _COLUMNS = ("channel", "columns", "unit", "frame", "from [s]", "to [s]", "rate [Hz]", "delay [s]")
 
@@ -38,7 +38,7 @@ def check_recording(paths: Recordings, mapping: MappingFile = None, as_json: Jso
         told = _told(one)
         console.print(table_of(one.name, told["channels"], _COLUMNS))
         for doubt in told["doubts"]:
-            console.print(plain_line(f"doubtful: {doubt}"), highlight=False, soft_wrap=True)
+            print_line(console, f"doubtful: {doubt}")
 
 
 def read_recordings(paths: list[Path], mapping: Path | None) -> list[Recording]:

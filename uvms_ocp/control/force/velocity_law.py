@@ -1,11 +1,14 @@
 """From a velocity to the generalized force that makes it: model-based feed-forward and PI with anti-windup.
 
-How much of its bandwidth it bears follows from how late velocities are known.
+How much of its bandwidth it bears follows from how late velocities are known, and how late it bears to know the configuration
+from the weight and buoyancy that it carries there.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -15,7 +18,8 @@ from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
 
 _MOST_DEAD = 0.2
 """[-] bandwidth times dead time: with observer and estimator in the loop, that of Case 1 holds at 0.2 and breaks at 0.3."""
-_OWN = 1.5
+_NOTHING = 1e-12  # [-] stiffness that counts as none
+OWN = 1.5
 """[-] control periods of dead time beside that of the sensors: half a one, as commands are held, and one that nobody told of."""
 
 
@@ -62,6 +66,8 @@ class DeadTimes:
 
     vehicle: float = 0.0
     """[s]"""
+    turning: float = 0.0
+    """[s] of the vehicle, without its translation."""
     joints: float = 0.0
     """[s]"""
 
@@ -80,17 +86,50 @@ class Borne:
 
 def dead_times(specs: SensorSpecs) -> DeadTimes:
     """Of what tells velocities soonest; fixes tell the linear one where there is no DVL."""
-    linear = specs.linear_velocity or specs.position
+    linear = _soonest(specs.linear_velocity or specs.position)
+    turning = _soonest(specs.angular_velocity, specs.attitude)
     return DeadTimes(
-        vehicle=max(_soonest(linear), _soonest(specs.angular_velocity, specs.attitude)),
+        vehicle=max(linear, turning),
+        turning=turning,
         joints=_soonest(specs.joint_velocities, specs.joint_positions),
     )
 
 
 def borne_by(late: DeadTimes, *, vehicle: float, joints: float, dt: float) -> Borne:
     """Of loops with the bandwidths vehicle [1/s] and joints [1/s], closed once in dt [s]."""
-    shares = (_share(vehicle, late.vehicle + _OWN * dt), _share(joints, late.joints + _OWN * dt))
+    shares = (_share(vehicle, late.vehicle + OWN * dt), _share(joints, late.joints + OWN * dt))
     return Borne(vehicle=shares[0], joints=shares[1], joints_late=late.joints)
+
+
+def dead_time_borne(stiffness: np.ndarray, *, bandwidth: float, reset: float, observer: float) -> float:
+    """Dead time [s] from which loops swing that carry weight and buoyancy of a late configuration; inf where they never do.
+
+    stiffness (n, n) [1/s2]: ``M^-1 dg/dq`` of the axes that are late. bandwidth, reset [1/s] and observer [rad/s]: of them.
+    Prediction at the last known velocity misses what has accelerated since, so that an axis that would fall with exp(p t) is
+    no longer caught from about ``p T = 1.3`` on, and one that would swing with w is driven from about ``w T = 1.9`` on.
+    """
+    most = np.linalg.eigvals(stiffness).real
+    falling, swinging = _stiffness_borne(*((reset / bandwidth, observer / bandwidth) if bandwidth else (0.0, 0.0)))
+    steepest = max(most.min(initial=0.0) / falling, most.max(initial=0.0) / swinging)
+    return 1.0 / math.sqrt(steepest) if steepest > 0.0 else math.inf
+
+
+@lru_cache(maxsize=8)
+def _stiffness_borne(reset: float, observer: float) -> tuple[float, float]:
+    """Least (< 0) and largest (> 0) stiffness [-], times the dead time squared, with all the bandwidth k that is borne.
+
+    reset and observer [-]: shares of the bandwidth. With z = s T and Q = (w / (z + w))^2 of the observer, the loop is
+    ``(1 - Q) (z^2 + mu (1 - (1 + z) e^-z)) + (k (1 + r / z) + Q z) z e^-z = 0``: on its border z is imaginary and mu is real.
+    Where there is no border below zero, nothing that falls is caught.
+    """
+    z = 1j * np.linspace(1e-2, 2 * np.pi, 20_000)
+    k, r, w, late = _MOST_DEAD, _MOST_DEAD * reset, _MOST_DEAD * observer, np.exp(-z)
+    rest = 1 - (w / (z + w)) ** 2
+    feedback = (k * (1 + r / z) + (1 - rest) * z) * z * late
+    mu = -(z**2 + feedback / rest) / (1 - (1 + z) * late)
+    border = mu.real[:-1][np.diff(np.sign(mu.imag)) != 0]
+    falling, swinging = border[border < 0], border[border > 0]
+    return float(falling.max()) if len(falling) else -_NOTHING, float(swinging.min(initial=math.inf))
 
 
 def _soonest(*specs: SensorSpec | None) -> float:

@@ -75,6 +75,6 @@ def _shifted(response: np.ndarray) -> Any:
 
 def multisine(rng: np.random.Generator, n_knots: int, n_u: int, waves: float) -> np.ndarray:
     """Knots (n_knots, n_u) [-] of sines with drawn phases, at most 1; waves: [-] of the fastest from begin to end."""
-    turns = 2 * np.pi * np.arange(1, max(2, round(waves)))[:, None] * np.linspace(0.0, 1.0, n_knots)
+    turns = 2 * np.pi * np.arange(1, max(1, round(waves)) + 1)[:, None] * np.linspace(0.0, 1.0, n_knots)
     found = np.sin(turns[:, :, None] + 2 * np.pi * rng.uniform(size=(len(turns), 1, n_u))).sum(axis=0)
     return np.asarray(found / np.abs(found).max(axis=0))

@@ -13,14 +13,27 @@ from uvms_ocp.identification.recordings.storage import is_stored, stored_recordi
 from uvms_ocp.identification.recordings.tables import column_names
 from uvms_ocp.record import Record
 
-_RECORDS = {".npz": Record.load, ".mcap": Record.from_mcap, ".parquet": Record.from_parquet}
+_OWN_ALONE = ".npz"  # files of others do not end so
+_RECORDS = {_OWN_ALONE: Record.load, ".mcap": Record.from_mcap, ".parquet": Record.from_parquet}
 
 
 def read_recording(path: Path, mapping: Mapping | None = None) -> Recording:
-    """The recording of a file or a folder. Raises InvalidInput for one that needs a mapping, NameNotFound and NotInstalled."""
-    if mapping is not None:
+    """The recording of a file or a folder; mapping: for what is none of ours.
+
+    Raises InvalidInput for one that needs a mapping, NameNotFound and NotInstalled.
+    """
+    if mapping is not None and path.is_dir():
         return mapped_recording(path, mapping)
-    if path.suffix == ".npz" or (holds_messages(path) and path.is_file()):
+    try:
+        return _own(path)
+    except InvalidInput:
+        if mapping is None or path.suffix == _OWN_ALONE:
+            raise
+    return mapped_recording(path, mapping)
+
+
+def _own(path: Path) -> Recording:
+    if path.suffix == _OWN_ALONE or (holds_messages(path) and path.is_file()):
         return _of_record(path)
     if holds_messages(path):
         raise _needs_mapping(path)

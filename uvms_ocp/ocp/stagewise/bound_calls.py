@@ -22,8 +22,10 @@ _SOURCE = """
 typedef int Function(const double **, double **, long long *, double *, int);
 typedef struct { Function *function; const double **arguments; double **results; } Call;
 
-void make_calls(int n, const Call *calls, long long *iw, double *w) {
-  for (int i = 0; i < n; ++i) calls[i].function(calls[i].arguments, calls[i].results, iw, w, 0);
+/* From one call on; which one failed, n for none. */
+int make_calls(int i, int n, const Call *calls, long long *iw, double *w) {
+  while (i < n && calls[i].function(calls[i].arguments, calls[i].results, iw, w, 0) == 0) ++i;
+  return i;
 }
 """
 
@@ -36,9 +38,15 @@ class _Call:
     arguments: Sequence[Array]
     results: Sequence[Array | None]
 
+    def fail(self) -> None:
+        """What it was to write is not known, and must not be taken for what an earlier call wrote."""
+        for result in self.results:
+            if result is not None:
+                result[...] = np.nan
+
 
 class BoundCalls:
-    """Calls one after the other. Not for use from two threads at once."""
+    """Calls one after the other. The results of one that fails are nan. Not for use from two threads at once."""
 
     __slots__ = ("_calls", "_make")
 
@@ -84,8 +92,10 @@ def _by_buffers(calls: Sequence[_Call]) -> Callable[[], None]:
         bound.append((evaluate, buffer, call))
 
     def make() -> None:
-        for evaluate, *_ in bound:
+        for evaluate, buffer, call in bound:
             evaluate()
+            if buffer.ret():
+                call.fail()
 
     return make
 
@@ -104,7 +114,7 @@ def _in_machine_code(calls: Sequence[_Call]) -> Callable[[], None] | None:
 class _MachineCode:
     """Calls as a table of addresses."""
 
-    __slots__ = ("_given", "_kept", "_make")
+    __slots__ = ("_calls", "_given", "_kept", "_make")
 
     def __init__(self, library: ctypes.CDLL, symbols: Sequence[int | None], calls: Sequence[_Call]) -> None:
         taken = [_addresses(call.arguments, call.function.sz_arg()) for call in calls]
@@ -115,10 +125,13 @@ class _MachineCode:
         work = np.zeros(max((call.function.sz_w() for call in calls), default=0))
         pointers = (ctypes.c_void_p(array.ctypes.data) for array in (table, whole, work))
         self._make, self._given = library.make_calls, (ctypes.c_int(len(calls)), *pointers)
-        self._kept = calls, taken, given, table, whole, work
+        self._calls, self._kept = calls, (taken, given, table, whole, work)
 
     def __call__(self) -> None:
-        self._make(*self._given)
+        failed, n = self._make(0, *self._given), len(self._calls)
+        while failed < n:
+            self._calls[failed].fail()
+            failed = self._make(failed + 1, *self._given)
 
 
 def _addresses(arrays: Sequence[Array | None], size: int) -> np.ndarray:
@@ -134,5 +147,5 @@ def _library() -> ctypes.CDLL | None:
     if path is None:
         return None
     library = loaded_library(path)
-    library.make_calls.restype = None
+    library.make_calls.restype = ctypes.c_int
     return library

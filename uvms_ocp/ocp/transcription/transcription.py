@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
+from threading import RLock
 
 import casadi as ca
 import numpy as np
@@ -35,6 +36,7 @@ _ROUNDING = 1e-9  # violation of a constraint at the start that is none
 class Transcription:
     """The NLP of a problem, kept for all problems of its shape; see `uvms_ocp.ocp.transcription.shape`.
 
+    It keeps memory from call to call: whoever shares it between threads holds `turn` meanwhile, as planners do.
     Methods that take a problem raise `InvalidInput` for one of another shape; by default it is the one that was built in.
     """
 
@@ -52,6 +54,8 @@ class Transcription:
         self.row_layout = row_layout(problem, self.blocks, ends, n_forces=self.model.n_forces)
         self._horizon = horizon(self.variables, self.parameter_layout, self.row_layout, ends)
         self._own = self._last = fitted(self.model, self.blocks, problem)
+        self.turn = RLock()
+        """Of the thread that plans."""
         _ = self.model.inputs_function  # is compiled before any clock runs
 
     @property

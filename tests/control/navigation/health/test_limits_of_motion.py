@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from corruptors import with_defect
-from health_run import HealthRun, Motion
+from health_run import HealthRun, Motion, between
 
 from uvms_ocp.model.health import Trust
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.sensing import SensorSpecs
 from uvms_ocp.model.state import Readings
 
 HALF = 0.4  # [s] in which joints and vehicle speed up, and slow down
@@ -51,6 +54,26 @@ def test_motion_at_the_limits_that_nobody_asked_for_is_believed(robot: Robot, ax
     """Of one axis of the vehicle at a time: no thrusters give all at once."""
     run = HealthRun(robot, duration=6.0, motion=shuttling(robot, axes), asked=rest(robot))
     assert run.guard.monitor.alarms == []
+
+
+ALL_LATE = SensorSpecs(
+    **{
+        name: dataclasses.replace(getattr(SensorSpecs(), name), delay=0.2)
+        for name in ("attitude", "angular_velocity", "linear_velocity", "joint_positions")
+    }
+)
+
+
+@pytest.mark.parametrize("axes", [slice(3, 4), slice(5, 6), JOINTS], ids=str)
+def test_motion_that_nobody_asked_for_is_believed_of_late_sensors_too(robot: Robot, axes: slice) -> None:
+    run = HealthRun(robot, duration=6.0, motion=shuttling(robot, axes), asked=rest(robot), specs=ALL_LATE)
+    assert run.guard.monitor.alarms == []
+
+
+@pytest.mark.parametrize("name", ["attitude", "joint_positions"])
+def test_a_jump_of_a_late_sensor_is_found_at_once(robot: Robot, name: str) -> None:
+    run = HealthRun(robot, duration=4.0, spoil=between(name, "jump", 2.0, 3.0), specs=ALL_LATE)
+    assert run.first_bad(name, 2.0) < 0.1
 
 
 @pytest.mark.parametrize("axes", [VEHICLE, JOINTS], ids=["vehicle", "joints"])

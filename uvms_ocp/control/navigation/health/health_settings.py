@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -109,17 +110,39 @@ def _set_gates(memory: ctypes.Structure, robot: Robot, specs: Mapping[str, Senso
     for name, spec in specs.items():
         if name not in allowed or (spec.exact and name in _RATES):
             continue
-        gate, (start, base, supported, alone, by) = memory.channels[NUMBER[name]].gate, allowed[name]
+        gate, of = memory.channels[NUMBER[name]].gate, allowed[name]
         gate.exists, gate.channel, gate.size = True, int(NUMBER[name]), memory.channels[NUMBER[name]].size
-        gate.start, gate.supported, gate.alone, gate.most = start, supported, alone, math.inf
-        gate.base = base + _SIGMAS * spec.sigma + max(map(abs, spec.biases))
-        gate.by, gate.or_by = _two(by)
+        gate.start, gate.supported, gate.alone, gate.most = of.start, of.supported, of.alone, math.inf
+        gate.base = of.base + _SIGMAS * spec.sigma + max(map(abs, spec.biases)) + _unforeseen(of, spec, specs)
+        gate.by, gate.or_by = _two(of.by)
     if robot.n_vehicle:
         _limit_rates(memory, robot, tuning)
 
 
-_Allowed = tuple[int, float, float, float, tuple[str, ...]]
-"""Where the value begins in q or v; base, growth while it is carried, growth alone, and the channels that carry it."""
+class _Allowed(NamedTuple):
+    """What an estimate may be off by."""
+
+    start: int
+    """Where the value begins in q or v."""
+    base: float
+    supported: float
+    """Growth while it is carried."""
+    alone: float
+    by: tuple[str, ...]
+    """The channels that carry it."""
+    pull: float = math.inf
+    """By which the growth alone grows itself, where the rate of the value is known at first."""
+
+
+def _unforeseen(of: _Allowed, spec: SensorSpec, specs: Mapping[str, SensorSpec]) -> float:
+    """What the robot can have done that the estimate did not know of when the reading was taken.
+
+    A late reading meets an estimate of its time that had been carried on by itself for as long, at worst with full acceleration
+    the other way.
+    """
+    blind = min([spec.delay, *(specs[name].delay for name in of.by if name in specs)])
+    moved = min(of.alone * blind, of.pull * blind**2) if of.pull < math.inf else of.alone * blind
+    return moved + of.supported * (spec.delay - blind)
 
 
 def _vehicle_gates(robot: Robot, tuning: HealthTuning) -> dict[str, _Allowed]:
@@ -127,11 +150,11 @@ def _vehicle_gates(robot: Robot, tuning: HealthTuning) -> dict[str, _Allowed]:
     a, alpha = _brisk(robot.limits.acceleration)
     fixes = ("position", "linear_velocity")
     return {
-        "position": (0, tuning.position, tuning.position_drift, v + tuning.current, fixes[1:]),
-        "depth": (2, tuning.position, tuning.position_drift, v + tuning.current, fixes),
-        "attitude": (3, tuning.attitude, tuning.attitude_drift, w, ("angular_velocity",)),
-        "angular_velocity": (3, tuning.rate, tuning.rate_drift, alpha, ("attitude",)),
-        "linear_velocity": (0, tuning.velocity, tuning.velocity_drift, a, fixes[:1]),
+        "position": _Allowed(0, tuning.position, tuning.position_drift, v + tuning.current, fixes[1:], a),
+        "depth": _Allowed(2, tuning.position, tuning.position_drift, v + tuning.current, fixes, a),
+        "attitude": _Allowed(3, tuning.attitude, tuning.attitude_drift, w, ("angular_velocity",), alpha),
+        "angular_velocity": _Allowed(3, tuning.rate, tuning.rate_drift, alpha, ("attitude",)),
+        "linear_velocity": _Allowed(0, tuning.velocity, tuning.velocity_drift, a, fixes[:1]),
     }
 
 
@@ -152,8 +175,8 @@ def _joint_gates(robot: Robot, tuning: HealthTuning) -> dict[str, _Allowed]:
     v, a = (_finite(limit[robot.joint_v]) for limit in (robot.limits.velocity, robot.limits.acceleration))
     fastest, quickest = _BRISK * float(v.max(initial=0.0)), _BRISK * float(a.max(initial=0.0))
     return {
-        "joint_positions": (robot.joint_q.start, tuning.joints, fastest, fastest, ()),
-        "joint_velocities": (robot.joint_v.start, tuning.joint_rate, quickest, quickest, ()),
+        "joint_positions": _Allowed(robot.joint_q.start, tuning.joints, fastest, fastest, (), quickest),
+        "joint_velocities": _Allowed(robot.joint_v.start, tuning.joint_rate, quickest, quickest, ()),
     }
 
 
