@@ -18,7 +18,7 @@ _LOAD = ("load_weight", "load_weight_error", "load_mass", "load_mass_error")
 _COLUMNS = ("altimeter_range", "altimeter_spread", "joint_energy", "tick_time", "controller_time", *_LOAD)
 """(n,) real numbers."""
 _TABLES = ("q", "v", "command", "gates", "activity", "residual", "quantities", "disturbance", "q_spread")
-_PLANT_TABLES = ("thrust", "torque", "thruster_energy", "clearance", "current")
+_PLANT_TABLES = ("thrust", "asked_thrust", "torque", "thruster_energy", "clearance", "current")
 _REAL = (*_COLUMNS, *_TABLES, *_PLANT_TABLES, *_AXES)
 _UNKNOWN = ("thruster_energy", "load_mass")
 """Where NaN means that it is not known."""

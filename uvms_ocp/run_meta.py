@@ -60,6 +60,8 @@ class RecordMeta(Tabled, MetaValue):
     robot: str
     joints: tuple[str, ...]
     """Names in the order of q."""
+    thrusters: tuple[str, ...] = ()
+    """Names in the order of the series ``thrust``; empty in older records."""
     phases: Annotated[tuple[PhaseMeta, ...], Field(min_length=1)]
     """The series ``phase`` counts them; a plan has one."""
     tasks: tuple[TaskMeta, ...] = ()

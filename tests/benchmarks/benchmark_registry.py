@@ -70,6 +70,7 @@ ALONE = tuple(
         "ocp_scenes",
         "payloads",
         "random_missions",
+        "shell",
         "simulation",
         "table2",
         "trajectories",

@@ -46,6 +46,7 @@ KEPT = (
     "quantities",
     "status",
     "thrust",
+    "asked_thrust",
     "torque",
     "thruster_energy",
     "clearance",

@@ -205,4 +205,4 @@ def test_a_robot_that_rests_at_first_has_lost_no_samples() -> None:
     slow = with_values(resting, "linear_velocity", lambda x: x * np.minimum(np.arange(len(x)) / 2000, 1)[:, None])
     assert "exactly zero" not in told(slow)
     holes = with_values(moved(), "linear_velocity", lambda x: x * (np.arange(len(x)) % 50 > 0)[:, None])
-    assert "16 of 800 samples are exactly zero" in told(holes)
+    assert "15 of 800 samples are exactly zero" in told(holes)  # of the first it may be so

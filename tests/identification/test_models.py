@@ -137,12 +137,15 @@ def test_steps_converge_with_the_square_of_their_length() -> None:
     assert np.linalg.norm(coarse - exact) > 3.3 * np.linalg.norm(fine - exact)
 
 
-def test_an_actuator_gives_nothing_well_inside_its_dead_zone_and_less_beyond_it() -> None:
-    one, stage = built(actuators=Actuators(dead_zone=1.0, lag=1e-3))
+@pytest.mark.parametrize(("whole", "beyond"), [(False, 3.0), (True, 4.0)])
+def test_an_actuator_gives_nothing_well_inside_its_dead_zone_and_less_or_all_beyond_it(
+    whole: bool, beyond: float
+) -> None:
+    one, stage = built(actuators=Actuators(dead_zone=1.0, lag=1e-3, whole_beyond=whole))
     p = np.concatenate([one.shared.start, one.own.start])
     still = np.array([0, 0, 0, 0, 0, 0, 1.0, *np.zeros(12)])
     given = np.asarray(stage.step(still, [0.2, 4.0, -4.0, 0, 0, 0], np.zeros(0), p, 0.1)).ravel()[13:]
-    np.testing.assert_allclose(given, [0.0, 3.0, -3.0, 0, 0, 0], atol=0.01)
+    np.testing.assert_allclose(given, [0.0, beyond, -beyond, 0, 0, 0], atol=0.01)
 
 
 def test_the_point_at_which_velocity_is_measured_moves_with_the_vehicle() -> None:

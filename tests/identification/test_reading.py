@@ -39,10 +39,12 @@ def test_a_record_of_a_run_is_a_recording_of_what_was_measured(ending: str, run:
     recording = read_recording(path)
     assert recording.name == "dive"
     wanted = {"position": run["q_measured"][:, :3], "angular_velocity": run["v_measured"][:, 3:6]}
-    wanted |= {"joint_positions": run["q_measured"][:, 7:], "thrust": run["thrust"], "wrench": run["wrench"]}
+    wanted |= {"joint_positions": run["q_measured"][:, 7:], "current": run["current"]}
     for name, values in wanted.items():
         np.testing.assert_array_equal(recording.channels[name].t, run["t"])
         np.testing.assert_array_equal(recording.channels[name].values, values)
+    np.testing.assert_array_equal(recording.channels["thrust"].t[1:], run["t"])
+    np.testing.assert_array_equal(recording.channels["thrust"].values[1:], run["asked_thrust"])
 
 
 def test_a_recording_of_ours_is_read_by_its_ending(tmp_path: Path) -> None:

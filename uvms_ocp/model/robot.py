@@ -80,6 +80,11 @@ class Robot:
         return tuple(joint.name for joint in self.joints)
 
     @property
+    def thruster_names(self) -> tuple[str, ...]:
+        """Names of the thrusters in the order of thrust."""
+        return tuple(thruster.name for thruster in self.description.thrusters)
+
+    @property
     def vehicle_v(self) -> slice:
         """The vehicle's part of v."""
         return slice(0, self.n_vehicle)

@@ -37,6 +37,16 @@ def _range(thruster: Thruster) -> tuple[float, float]:
     return max(thruster.minimum, thruster.curve[0][1]), min(thruster.maximum, thruster.curve[-1][1])
 
 
+def largest_wrench(robot: Robot) -> np.ndarray:
+    """Return (6,) [N, N m], what all thrusters can give at most axis by axis, ahead and up; nothing without thrusters."""
+    return np.asarray(np.abs(thruster_matrix(robot)) @ np.array([t.maximum for t in robot.description.thrusters]))
+
+
+def largest_force(robot: Robot) -> np.ndarray:
+    """Return (n_v,) [N, N m], what thrusters and motors can give at most on every axis."""
+    return np.concatenate([largest_wrench(robot)[: robot.n_vehicle], robot.limits.effort])
+
+
 def thrust_of_signals(robot: Robot, signals: np.ndarray) -> np.ndarray:
     """Return steady thrust (n_thrusters,) [N] for command signals (n_thrusters,) [-], by each thruster's curve.
 

@@ -102,6 +102,7 @@ def _record(
         scenario=f"plan carried out {how}",
         robot=robot.name,
         joints=robot.joint_names,
+        thrusters=robot.thruster_names,
         phases=(PhaseMeta(name="plan"),),
         surroundings=plan.surroundings,
         packages=packages(),

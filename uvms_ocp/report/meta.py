@@ -100,6 +100,7 @@ def run_meta(
         scenario=name,
         robot=robot.name,
         joints=robot.joint_names,
+        thrusters=robot.thruster_names,
         phases=_phases(setup.mission),
         tasks=tuple(TaskMeta(name=task.name, label=task.label) for task in tasks),
         tool_task=next((task.name for task in tasks if isinstance(task, (ToolPose, ToolPosition))), None),

@@ -5,7 +5,7 @@ The parts know nothing of each other: what they exchange is `uvms_ocp.model.stat
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from time import perf_counter
 from typing import Any
 
@@ -59,9 +59,11 @@ def simulate(
         begin = perf_counter()
         command = controller(measurement, t)
         spent = perf_counter() - begin
-        row = _row(t, plant.state, measurement, command, trusts(measurement.health))
+        told = plant.telemetry()
+        asked = _asked(command, told, recorder)
+        row = _row(t, plant.state, measurement, command, trusts(measurement.health), asked)
         row.setdefault("controller_time", spent)  # one that measures itself knows better
-        row.update(plant.telemetry())
+        row.update(told)
         recorder.append(row)
         if progress is not None:
             progress(t, command)
@@ -99,8 +101,20 @@ class _Trusts:
         return self._row
 
 
+def _asked(command: Command, told: Mapping[str, Any], recorder: Recorder) -> np.ndarray | None:
+    """Thrust (n_thrusters,) [N] that a plant with thrusters is asked for; `None` where there is none to ask for."""
+    if command.thrust is None and "asked_thrust" in recorder:  # such as with the last command of a run
+        return np.zeros_like(told["thrust"])
+    return command.thrust if "thrust" in told else None
+
+
 def _row(
-    t: float, state: State, measurement: Measurement, command: Command, trusts: np.ndarray | None
+    t: float,
+    state: State,
+    measurement: Measurement,
+    command: Command,
+    trusts: np.ndarray | None,
+    asked: np.ndarray | None,
 ) -> dict[str, Any]:
     row = {
         "t": t,
@@ -113,6 +127,8 @@ def _row(
     if measurement.spread is not None:  # how well the estimate is known, where the estimator tells
         row["q_spread"], row["altimeter_spread"] = measurement.spread, float(measurement.altimeter_spread)
     row["command"] = command.v
+    if asked is not None:
+        row["asked_thrust"] = asked
     if trusts is not None:
         row["health"] = trusts
     own = len(row)

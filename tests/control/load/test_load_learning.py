@@ -6,18 +6,26 @@ from dataclasses import replace
 from functools import lru_cache
 from math import isnan
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from actuators.hovering import DT, Hover, run
 
+from uvms_ocp import load_robot, without_arm
+from uvms_ocp.control.force.dynamic import DynamicController
 from uvms_ocp.control.load.learner import LoadEstimate
 from uvms_ocp.control.load.learning import LoadLearning
-from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.exceptions import InvalidInput, UvmsError
 from uvms_ocp.export import export_controller
+from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.files.description import TrimBody
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.preflight.findings import Severity
+from uvms_ocp.preflight.load import check_load
 from uvms_ocp.record import Record
 from uvms_ocp.report.summary import summarize
+from uvms_ocp.scenario import Scenario
 from uvms_ocp.scenarios.reach import reach
 
 ROBOTS = ("girona_maris7_full", "bluerov2_alpha5")
@@ -109,6 +117,40 @@ def test_pre_flight_says_what_is_learnt_and_where_nothing_can_be() -> None:
     assert "use the dynamic plant" in said(plant="kinematic")[0]
     assert "observer" in said(observer=False)[0]
     assert not reach(learn_load=True, observer=False).check().accepted
+
+
+UNLIMITED = replace(load_robot("girona_maris7_full").limits, effort=np.full(7, np.inf))
+LEARNERS = {
+    "sound": {},
+    "no thrust sideways": {"robot": "girona_maris7"},
+    "no observer": {"observer": False},
+    "no limits of effort": {"robot": replace(load_robot("girona_maris7_full"), limits=UNLIMITED)},
+    "no tool": {"robot": without_arm(load_robot("girona_maris7_full"))},
+}
+
+
+@pytest.mark.parametrize("options", LEARNERS.values(), ids=LEARNERS)
+def test_pre_flight_and_controller_agree_on_who_can_learn_a_load(options: dict[str, Any]) -> None:
+    # The mission is that of a robot with a tool: only who learns is another.
+    scenario = reach(learn_load=True, observer=options.get("observer", True))
+    robot = load_robot(name) if isinstance(name := options.get("robot", scenario.robot), str) else name
+    setup = replace(scenario.setup(), robot=robot, start=np.array(robot.configuration()))
+    (finding,) = check_load(setup)
+    refusal = refused(robot, scenario)
+    assert (finding.severity is Severity.ERROR) == bool(refusal)
+    assert refusal in ("", finding.text)
+
+
+def refused(robot: Robot, scenario: Scenario) -> str:
+    """By our controller of this robot, if it is, and with which words."""
+    options: dict[str, Any] = {"gains": scenario.gains, "load": scenario.load}
+    try:
+        DynamicController(
+            robot=robot, dynamics=robot_dynamics(robot), kinematic=scenario.kinematic_controller(), **options
+        )
+    except UvmsError as error:
+        return str(error)
+    return ""
 
 
 def test_a_controller_that_learns_a_load_has_no_form_in_c(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from uvms_ocp.identification.calibration.fitting import Calibration, calibrated
 from uvms_ocp.identification.calibration.report import report_text
 from uvms_ocp.identification.calibration.settings import read_settings
 from uvms_ocp.identification.calibration.subject import subject_of
-from uvms_ocp.identification.calibration.variant import variant_text, whole_text
+from uvms_ocp.identification.calibration.variant import require_coefficients, variant_text, whole_text
 from uvms_ocp.identification.methods.output_error import FitStatus
 from uvms_ocp.output import claimed
 
@@ -43,17 +43,16 @@ def identify(
     """
     given = read_settings(settings)
     subject = subject_of(given, settings.parent)
+    require_coefficients(subject)
     found = read_recordings(recordings, mapping)
     console = console_of()
     with claimed(out, _names(len(found), profiles, leave_one_out)) as claim:
         with console.status("identifying") as status, told_of_compiling(status.update, console):
-            wanted = {"profiled": profiles, "leave_one_out": leave_one_out}
-            result = calibrated(subject, given, found, **wanted, tell=status.update)
+            voices = {"tell": status.update, "warn": lambda doubt: print_line(console, f"doubtful: {doubt}")}
+            result = calibrated(subject, given, found, profiled=profiles, leave_one_out=leave_one_out, **voices)
         with claim.staged() as staging:
             _write(result, [one.name for one in found], staging)
         written = claim.written()
-    for doubt in result.doubts:
-        print_line(console, f"doubtful: {doubt}")
     known = sum(one.determined for one in result.numbers)
     console.print(f"{result.estimate.status.value}; {known} of {len(result.numbers)} numbers determined")
     print_paths(console, written)

@@ -16,6 +16,7 @@ from uvms_ocp.control.force.observer import DisturbanceObserver, ObserverLaw
 from uvms_ocp.control.force.thruster_lag import thruster_lag
 from uvms_ocp.control.force.tick_functions import TickLaws
 from uvms_ocp.control.force.velocity_law import DeadTimes, VelocityLaw, borne_by, dead_times
+from uvms_ocp.control.load.learnable import require_learnable
 from uvms_ocp.control.load.learner import LoadFunctions, LoadLearner, load_functions
 from uvms_ocp.control.load.learning import LoadLearning
 from uvms_ocp.control.velocity.distress import Strain
@@ -25,7 +26,7 @@ from uvms_ocp.model.dynamics import Dynamics
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import SensorSpecs
 from uvms_ocp.model.state import Command, Measurement
-from uvms_ocp.model.thrusters import thruster_matrix
+from uvms_ocp.model.thrusters import largest_force, largest_wrench
 from uvms_ocp.shown.small_table import SmallTable, Tabled, rows_of
 
 _command, _strain = trusted(Command), trusted(Strain)
@@ -205,7 +206,7 @@ def _laws(
             dt=dt,
         ),
         lag=thruster_lag(robot, lead=gains.lead, dt=dt),
-        lift=float(_strength(robot)[2]),
+        lift=float(largest_wrench(robot)[2]),
         observer=_observer_law(robot, gains, dt),
         intake=None if search is None else intake_of(search, bandwidth=gains.observer_vehicle, dt=dt),
         search=search,
@@ -213,9 +214,9 @@ def _laws(
 
 
 def _learner(laws: TickLaws, settings: LoadLearning) -> LoadLearner:
-    if laws.observer is None:
-        raise InvalidInput("a load is learnt from the disturbance observer; give it a bandwidth, or load=None")
     observer = laws.observer
+    require_learnable(laws.robot, observed=observer is not None)
+    assert observer is not None
     limit, bandwidth, dt = observer.limit, observer.bandwidth, observer.dt
     return LoadLearner(_load_functions(laws, observer), settings, limit=limit, bandwidth=bandwidth, dt=dt)
 
@@ -230,17 +231,12 @@ def _per_axis(robot: Robot, vehicle: float, joints: float) -> np.ndarray:
     return np.concatenate([np.full(robot.n_vehicle, vehicle), np.full(robot.n_joints, joints)])
 
 
-def _strength(robot: Robot) -> np.ndarray:
-    """Wrench (6,) [N, N m] that the thrusters can give at most, axis by axis; nothing without thrusters."""
-    return np.asarray(np.abs(thruster_matrix(robot)) @ np.array([t.maximum for t in robot.description.thrusters]))
-
-
 def _observer_law(robot: Robot, gains: VelocityGains, dt: float) -> ObserverLaw | None:
     if not gains.observer_vehicle:
         return None
     return ObserverLaw(
         bandwidth=_per_axis(robot, gains.observer_vehicle, gains.observer_joints or gains.observer_vehicle),
-        limit=np.concatenate([_strength(robot)[: robot.n_vehicle], robot.limits.effort]),
+        limit=largest_force(robot),
         dt=dt,
     )
 

@@ -53,7 +53,7 @@ class LoadFilter:
 
         Raises `InvalidInput` for a limit that is none, or nothing.
         """
-        n = _require_limits(limit)
+        n = require_limits(limit)
         self._settings, self._last = settings, deque[np.ndarray](maxlen=_looks_apart(settings, bandwidth))
         lasting = (settings.lasting * limit) ** 2
         known = [settings.weight**2, settings.mass**2, *3 * [settings.current**2]]
@@ -151,8 +151,8 @@ class LoadFilter:
         self.P = kept @ self.P @ kept.T + K @ np.diag(noise) @ K.T
 
 
-def _require_limits(limit: np.ndarray) -> int:
-    """[-] axes, all of which bear some force, and not any."""
+def require_limits(limit: np.ndarray) -> int:
+    """How many axes [-] a limit (n_v,) [N, N m] is of. Raises `InvalidInput` where one bears no force, or any."""
     wrong = np.flatnonzero(~((limit > _NO_FORCE) & (limit < np.inf)))
     if len(wrong):
         given = f"axes {wrong.tolist()} of {len(limit)} bear no force, or have no limit of it"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from uvms_ocp.exceptions import InvalidInput
@@ -14,6 +14,7 @@ from uvms_ocp.identification.answers.numbers import Number, numbers
 from uvms_ocp.identification.answers.predictions import Predicted
 from uvms_ocp.identification.answers.profiles import Profile, profiles
 from uvms_ocp.identification.answers.whiteness import Whiteness, whiteness
+from uvms_ocp.identification.calibration.neglected import neglected
 from uvms_ocp.identification.calibration.settings import Settings
 from uvms_ocp.identification.calibration.subject import Subject
 from uvms_ocp.identification.methods.output_error import Estimate, Noise
@@ -72,14 +73,22 @@ def calibrated(
     profiled: bool = False,
     leave_one_out: bool = False,
     tell: Callable[[str], None] = lambda _: None,
+    warn: Callable[[str], None] = lambda _: None,
 ) -> Calibration:
     """Identify; with profiles and leave-one-out, which take longer, if wanted; tell is told what is being done.
 
+    warn is told every doubt before anything is searched.
     Raises InvalidInput for no recordings, one alone to be left out, or equal names, and NameNotFound for a channel that is
     missing.
     """
     _require(recordings, leave_one_out)
-    fitted = _fitted(subject, settings, recordings)
+    prepared = tuple(Prepared.of(one, subject.vehicle) for one in recordings)
+    for one in prepared:
+        one.stretches(settings.step, settings.stretch)  # or it is too short
+    doubtful = tuple(_doubtful(subject, settings, recordings))
+    for doubt in doubtful:
+        warn(doubt)
+    fitted = _fitted(subject, settings, prepared)
     left = fitted.left()
     together = correlated(left, fitted.noise)
     told = numbers(subject.vehicle, fitted.estimate, together)
@@ -91,10 +100,15 @@ def calibrated(
         together=together,
         whiteness=whiteness(left, fitted.noise),
         comparisons=_comparisons(fitted),
-        doubts=tuple(f"{one.name}: {doubt}" for one in recordings for doubt in doubts(one)),
+        doubts=doubtful,
         profiles=tuple(profiles(fitted, told, together, tell)) if profiled else (),
         left_out=tuple(left_out(fitted, tell=tell)) if leave_one_out else (),
     )
+
+
+def _doubtful(subject: Subject, settings: Settings, recordings: Sequence[Recording]) -> Iterator[str]:
+    for one in recordings:
+        yield from (f"{one.name}: {doubt}" for doubt in (*doubts(one), *neglected(subject, settings, one)))
 
 
 def _require(recordings: Sequence[Recording], leave_one_out: bool) -> None:
@@ -105,9 +119,9 @@ def _require(recordings: Sequence[Recording], leave_one_out: bool) -> None:
         raise InvalidInput(f"recordings {names} given; leave-one-out needs at least 2")
 
 
-def _fitted(subject: Subject, settings: Settings, recordings: Sequence[Recording]) -> Fitted:
+def _fitted(subject: Subject, settings: Settings, prepared: tuple[Prepared, ...]) -> Fitted:
     vehicle, noise = subject.vehicle, Noise(**settings.noise.model_dump())
-    prepared, rollout = tuple(Prepared.of(one, vehicle) for one in recordings), Rollout(stage_of(vehicle))
+    rollout = Rollout(stage_of(vehicle))
     search = Search(step=settings.step, stretch=settings.stretch)
     return Fitted(
         vehicle=vehicle,

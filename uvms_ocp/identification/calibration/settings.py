@@ -25,12 +25,13 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.identification.methods.output_error import Noise
 from uvms_ocp.identification.methods.search import Search
 from uvms_ocp.identification.parameters.status import Bounded, Free, Prior, Status
+from uvms_ocp.identification.parameters.vehicle_quantities import Actuators
 from uvms_ocp.untrusted.yaml_file import read_yaml_as
 from uvms_ocp.validation import one_line_errors
 
 _Positive = Annotated[float, Field(gt=0.0)]
 _Corner = tuple[float, float, float]
-_NOISE, _SEARCH = Noise(), Search()  # whose defaults are those of the file
+_NOISE, _SEARCH, _ACTUATORS = Noise(), Search(), Actuators()  # whose defaults are those of the file
 
 
 class _Section(BaseModel):
@@ -71,9 +72,15 @@ class Settings(_Section):
     arm: Literal["as it is", "taken off"] = "as it is"
     hull: tuple[_Corner, _Corner] = Field(description="box that holds the hull, lowest and highest corner [m]")
     commands: Literal["thrust", "wrench"] = Field(default="thrust", description="channel of what was commanded")
-    lag: _Positive = Field(default=0.1, description="of actuators, where the search begins [s]")
-    delay: _Positive = Field(default=0.05, description="of commands, where the search begins [s]")
-    dead_zone: _Positive = Field(default=0.001, description="of actuators [N, N m]")
+    lag: _Positive | None = Field(
+        default=None, description="of actuators, where the search begins [s]; default: of thrusters their mean, or 0.1"
+    )
+    delay: Annotated[float, Field(gt=0.0, lt=_ACTUATORS.longest_delay)] = Field(
+        default=0.05, description="of commands, where the search begins [s]"
+    )
+    dead_zone: _Positive | None = Field(
+        default=None, description="of actuators [N, N m]; default: of thrusters their mean, at least 0.001, or 0.001"
+    )
     learn: dict[str, Learnt] = Field(min_length=1, description="by the names of quantities")
     noise: NoiseSettings = NoiseSettings()
     step: _Positive = Field(default=_SEARCH.step, description="of the simulation [s]")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,11 @@ from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.files.library import robot_folder
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
 from uvms_ocp.model.thrusters import thruster_matrix
+
+_VEHICLE = 1  # joint of Pinocchio's, after the universe
+_LEAST = 1e-3  # [s], [N] of thrusters that have no lag or no dead zone
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -46,11 +51,33 @@ def subject_of(settings: Settings, folder: Path) -> Subject:
     dynamics, actuators = robot_dynamics(robot).symbolic, _actuators(settings, robot)
     if file is None or not dynamics.links:
         raise InvalidInput(f"robot {robot.name!r} has no hydrodynamics of a link in water; give it a file that has")
-    start = Start.of(dynamics)
+    link = _own_link(robot, dynamics)
+    start = Start.of(dynamics, link)
+    shared, own = _unknowns(settings, start, actuators)
+    vehicle = Vehicle(dynamics=dynamics, shared=shared, own=own, actuators=actuators, link=link)
+    return Subject(robot=robot, vehicle=vehicle, start=start, file=file)
+
+
+def _unknowns(settings: Settings, start: Start, actuators: Actuators) -> tuple[Unknowns, Unknowns]:
+    """Of all recordings, and of each."""
     learnt = {name: one.status() for name, one in settings.learn.items()}
     known = vehicle_declaration(start, np.array(settings.hull), actuators).learning(**learnt)
-    vehicle = Vehicle(dynamics=dynamics, shared=Unknowns(known), own=Unknowns(known, own=True), actuators=actuators)
-    return Subject(robot=robot, vehicle=vehicle, start=start, file=file)
+    shared, own = Unknowns(known), Unknowns(known, own=True)
+    if not (shared.names or own.names):
+        given = f"learn: {', '.join(learnt)} given, and nothing in it is free"
+        raise InvalidInput(f"{given}; free some of their coordinates")
+    return shared, own
+
+
+def _own_link(robot: Robot, dynamics: SymbolicDynamics) -> int:
+    """Place in ``dynamics.links`` of the largest that the vehicle itself carries: a file has them in any order."""
+    own = [link for link in range(len(dynamics.links)) if dynamics.joint_of(link) == _VEHICLE]
+    if not own:
+        wet = ", ".join(link.frame for link in dynamics.links)
+        raise InvalidInput(
+            f"robot {robot.name!r} has hydrodynamics of {wet} alone; give it some of the vehicle's own link"
+        )
+    return max(own, key=lambda link: dynamics.links[link].volume)
 
 
 def _files(settings: Settings, folder: Path) -> tuple[Path, Path | None]:
@@ -62,10 +89,17 @@ def _files(settings: Settings, folder: Path) -> tuple[Path, Path | None]:
 
 
 def _actuators(settings: Settings, robot: Robot) -> Actuators:
-    wrench = Actuators(lag=settings.lag, delay=settings.delay, dead_zone=settings.dead_zone, commands=settings.commands)
+    given = {name: getattr(settings, name) for name in ("lag", "dead_zone") if getattr(settings, name)}
+    known = Actuators(delay=settings.delay, commands=settings.commands)
     if settings.commands == "wrench":
-        return wrench
-    names = tuple(thruster.name for thruster in robot.description.thrusters)
+        return replace(known, **given)
+    names, thrusters = robot.thruster_names, robot.description.thrusters
     if not names:
         raise InvalidInput(f"robot {robot.name!r} has no thrusters; give commands: wrench")
-    return replace(wrench, names=names, wrench=thruster_matrix(robot), allocation=np.eye(len(names)))
+    described: dict[str, Any] = {
+        "lag": max(float(np.mean([one.time_constant for one in thrusters])), _LEAST),
+        "dead_zone": max(float(np.mean([one.dead_zone for one in thrusters])), _LEAST),
+        "whole_beyond": True,
+        "allocation": np.eye(len(names)),
+    }
+    return replace(known, names=names, wrench=thruster_matrix(robot), **(described | given))

@@ -15,6 +15,7 @@ import yaml
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.identification.answers.numbers import Number
 from uvms_ocp.identification.calibration.fitting import Calibration
+from uvms_ocp.identification.calibration.subject import Subject
 from uvms_ocp.model.files.description import LinkCoefficients
 from uvms_ocp.model.files.description_file import read_description
 
@@ -22,10 +23,28 @@ IN_FILE = ("added_mass", "linear_drag", "quadratic_drag", "volume", "centre_of_b
 """Quantities that a robot file holds."""
 
 
+def require_coefficients(subject: Subject) -> LinkCoefficients:
+    """Those of the link that is calibrated, as the robot's file has them: what is learnt takes their places.
+
+    Raises InvalidInput for a robot whose link has none of its own, or a frame of theirs.
+    """
+    description, frame = subject.robot.description, subject.frame
+    link = description.links.get(frame)
+    found = None if link is None else link.coefficients
+    if found is None or description.convention != "FLU" or found.pose != type(found.pose)():
+        raise InvalidInput(f"{frame}: give it coefficients in the link frame, convention FLU, to have it calibrated")
+    return found
+
+
 def variant_text(one: Calibration, recordings: Sequence[str]) -> str:
-    """The file. Raises InvalidInput for a robot whose link has no coefficients of its own, or a frame of theirs."""
-    lines = [f"# Identified from: {', '.join(recordings)}.", "links:", f"  {one.subject.frame}:", "    coefficients:"]
-    return "\n".join([*lines, *(f"      {line}" for line in _lines(one))]) + "\n"
+    """The file. Raises InvalidInput, as `require_coefficients`."""
+    lines, learnt = [f"# Identified from: {', '.join(recordings)}."], list(_lines(one))
+    if not learnt:  # which is no file of ours without a key
+        return (
+            "\n".join([*lines, "# A robot file holds nothing of what was learnt: see the report.", "links: {}"]) + "\n"
+        )
+    lines += ["links:", f"  {one.subject.frame}:", "    coefficients:"]
+    return "\n".join([*lines, *(f"      {line}" for line in learnt)]) + "\n"
 
 
 def whole_text(one: Calibration, variant: Path) -> str:
@@ -48,7 +67,7 @@ def _lines(one: Calibration) -> Iterator[str]:
 
 def _of_file(one: Calibration) -> dict[str, np.ndarray]:
     """As the file has them: floats and ballast are in the vehicle's numbers, and not in those of its link."""
-    before = _coefficients(one)
+    before = require_coefficients(one.subject)
     found = one.subject.vehicle.shared.values(ca.SX(ca.DM(one.estimate.shared)))
     now = {name: np.asarray(ca.DM(value)) for name, value in found.items() if name in IN_FILE}
     start = one.subject.start
@@ -57,15 +76,6 @@ def _of_file(one: Calibration) -> dict[str, np.ndarray]:
     floats = start.volume * start.centre_of_buoyancy - before.volume * centre
     first = float(now["volume"].item()) * now["centre_of_buoyancy"].ravel() - floats
     return {**now, "volume": np.array(volume), "centre_of_buoyancy": first / volume}
-
-
-def _coefficients(one: Calibration) -> LinkCoefficients:
-    description, frame = one.subject.robot.description, one.subject.frame
-    link = description.links.get(frame)
-    found = None if link is None else link.coefficients
-    if found is None or description.convention != "FLU" or found.pose != type(found.pose)():
-        raise InvalidInput(f"{frame}: give it coefficients in the link frame, convention FLU, to have it calibrated")
-    return found
 
 
 def _source(name: str, told: Sequence[Number]) -> str:

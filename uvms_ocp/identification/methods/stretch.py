@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uvms_ocp.exceptions import InvalidInput
-from uvms_ocp.identification.models.stage import Vehicle
+from uvms_ocp.identification.models.stage import N_Q, Vehicle
 from uvms_ocp.identification.recordings.recording import Channel, Recording
 from uvms_ocp.identification.recordings.sampling import Held, angular_rate, rotations, smoothed
 
@@ -56,26 +56,39 @@ class Prepared:
     recording: Recording
     rate: Channel
     commands: Held
+    joints: Channel | None
+    """Their positions, where the vehicle has any."""
 
     @staticmethod
     def of(recording: Recording, vehicle: Vehicle, window: float = RATE_WINDOW) -> Prepared:
         """window: [s] over which attitude is smoothed where no angular velocity is recorded.
 
-        Raises NameNotFound for a channel that is missing, and InvalidInput.
+        Raises NameNotFound for a channel that is missing, and InvalidInput for one of other joints or actuators and for
+        channels that have no time in common.
         """
-        attitude = recording.channel("attitude")
+        attitude, _ = recording.channel("attitude"), recording.channel("linear_velocity")
+        _require_span(recording)
         rate = recording.channels.get("angular_velocity")
         if rate is None:
             t, omega = angular_rate(attitude, window)
             at = attitude.known_t[(attitude.known_t >= t[0]) & (attitude.known_t <= t[-1])]
             rate = Channel(t=at, values=np.column_stack([np.interp(at, t, column) for column in omega.T]))
-        return Prepared(recording=recording, rate=rate, commands=Held(_told(recording, vehicle)))
+        commands = Held(_told(recording, vehicle))
+        return Prepared(recording=recording, rate=rate, commands=commands, joints=_moved(recording, vehicle))
 
     def stretches(self, step: float, duration: float | None = None) -> tuple[Stretch, ...]:
-        """The recording in steps of `step` [s], cut into equal stretches of about `duration` [s]; all of it by default."""
+        """The recording in steps of `step` [s], cut into equal stretches of about `duration` [s]; all of it by default.
+
+        Raises InvalidInput where they would not have a step.
+        """
         begin, end = self.recording.span
         total = int((end - begin) / step)
         n = max(1, round(total * step / duration)) if duration else 1
+        if total < n:
+            given = f"{self.recording.name}: {end - begin:.4g} s in stretches of {duration or np.inf:g} s"
+            raise InvalidInput(
+                f"{given}; a step takes {step:g} s: record more, or give longer stretches or shorter steps"
+            )
         size, whole = total // n, self._whole(begin + step * np.arange(total + 1))
         return tuple(self._stretch(whole, k * size, (k + 1) * size) for k in range(n))
 
@@ -97,7 +110,7 @@ class Prepared:
             recording=self.recording.name,
             edges=edges,
             commands=self.commands,
-            joints=_joints(self.recording, edges),
+            joints=_joints(self.joints, edges),
             t=tuple(t for t, _ in seen),
             seen=tuple(values for _, values in seen),
             q=np.zeros(7),
@@ -132,6 +145,8 @@ def _told(recording: Recording, vehicle: Vehicle) -> Channel:
     """What each actuator was told."""
     name = vehicle.actuators.commands or _only_commands(recording)
     channel, allocation = recording.channel(name), vehicle.actuators.allocation
+    if name == "thrust":
+        channel = channel.of(vehicle.actuators.names, f"{recording.name}: thrust")
     if channel.values.shape[1] != allocation.shape[1]:
         given = f"{recording.name}: {name} has {channel.values.shape[1]} columns"
         raise InvalidInput(f"{given}; the actuators' allocation takes {allocation.shape[1]}")
@@ -145,9 +160,27 @@ def _only_commands(recording: Recording) -> str:
     return names[0]
 
 
-def _joints(recording: Recording, edges: np.ndarray, window: float = 0.4) -> np.ndarray:
+def _moved(recording: Recording, vehicle: Vehicle) -> Channel | None:
+    """Positions of the vehicle's joints, in its order."""
+    names = tuple(vehicle.dynamics.model.names)[2:]  # after the universe and the vehicle
+    if not names and "joint_positions" not in recording.channels:
+        return None
+    channel = recording.channel("joint_positions").of(names, f"{recording.name}: joint_positions")
+    if channel.values.shape[1] != vehicle.dynamics.model.nq - N_Q:
+        given = f"{recording.name}: joint_positions has {channel.values.shape[1]} columns"
+        raise InvalidInput(f"{given}; the vehicle has joints {', '.join(names) or 'of no arm'}")
+    return channel
+
+
+def _require_span(recording: Recording) -> None:
+    begin, end = recording.span
+    if not begin < end:
+        given = f"one channel begins at {begin:.6g} s, and another has ended at {end:.6g} s"
+        raise InvalidInput(f"{recording.name}: {given}; give channels of one clock, with times in common")
+
+
+def _joints(channel: Channel | None, edges: np.ndarray, window: float = 0.4) -> np.ndarray:
     middle = (edges[1:] + edges[:-1]) / 2
-    channel = recording.channels.get("joint_positions")
     if channel is None:
         return np.zeros((0, len(middle)))
     parts = [smoothed(channel.known_t, channel.values, window, derivative) for derivative in range(3)]

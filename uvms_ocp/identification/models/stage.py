@@ -82,7 +82,7 @@ def stage_of(vehicle: Vehicle) -> Stage:
     values = vehicle.values(p)
     after, seen = _after(vehicle, values, x, u, joints, h), _seen(values, x)
     past = ca.SX.sym("past", n_u, PAST)
-    begun, late = _begun(values, past), ca.vertcat(values["delay"], values["velocity_delay"])
+    begun, late = _begun(vehicle.actuators, values, past), ca.vertcat(values["delay"], values["velocity_delay"])
     given, options = [x, u, joints, p, h], {"cse": True}
     return Stage(
         step=ca.Function("step", given, [after], options),
@@ -100,7 +100,7 @@ def stage_of(vehicle: Vehicle) -> Stage:
 def _after(vehicle: Vehicle, values: dict[str, ca.SX], x: ca.SX, u: ca.SX, joints: ca.SX, h: ca.SX) -> ca.SX:
     moved = vehicle.dynamics.symbolic.joints[0].kind.integrate
     q, nu, given = x[:N_Q], x[N_Q : N_Q + N_V], x[N_Q + N_V :]
-    target, left = _target(values, u), ca.exp(-h / values["lag"])
+    target, left = _target(vehicle.actuators, values, u), ca.exp(-h / values["lag"])
     mean = target + (given - target) * (1 - left) * values["lag"] / h
     middle = moved(q, nu * h / 2)
     slope = _acceleration(vehicle, values, middle, nu, mean, joints)
@@ -108,24 +108,29 @@ def _after(vehicle: Vehicle, values: dict[str, ca.SX], x: ca.SX, u: ca.SX, joint
     return ca.vertcat(moved(middle, faster * h / 2), faster, target + (given - target) * left)
 
 
-def _target(values: dict[str, ca.SX], u: ca.SX) -> ca.SX:
-    """What actuators come to give: next to nothing inside the dead zone, less than is asked beyond it, by its size."""
-    ahead, back = _beyond(u, values["dead_zone"]), _beyond(-u, values["dead_zone_reverse"])
+def _target(actuators: Actuators, values: dict[str, ca.SX], u: ca.SX) -> ca.SX:
+    """What actuators come to give: next to nothing inside the dead zone; less than is asked beyond it, by its size, or all."""
+    beyond = _whole_beyond if actuators.whole_beyond else _less_beyond
+    ahead, back = beyond(u, values["dead_zone"]), beyond(-u, values["dead_zone_reverse"])
     return values["gain"] * (ahead - values["reverse"] * back)
 
 
-def _begun(values: dict[str, ca.SX], past: ca.SX) -> ca.SX:
+def _begun(actuators: Actuators, values: dict[str, ca.SX], past: ca.SX) -> ca.SX:
     """After the first command has been held for long, and the others for a step each."""
-    given = _target(values, past[:, 0])
+    given = _target(actuators, values, past[:, 0])
     for k in range(1, PAST):
-        target = _target(values, past[:, k])
+        target = _target(actuators, values, past[:, k])
         given = target + (given - target) * ca.exp(-PAST_STEP / values["lag"])
     return given
 
 
-def _beyond(u: ca.SX, dead: ca.SX) -> ca.SX:
+def _less_beyond(u: ca.SX, dead: ca.SX) -> ca.SX:
     width = _EDGE * dead
     return width * ca.log1p(ca.exp(-ca.fabs(u - dead) / width)) + ca.fmax(u - dead, 0)
+
+
+def _whole_beyond(u: ca.SX, dead: ca.SX) -> ca.SX:
+    return u * (1 + ca.tanh((u - dead) / (2 * _EDGE * dead))) / 2
 
 
 def _acceleration(

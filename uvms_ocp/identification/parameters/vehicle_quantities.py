@@ -29,7 +29,9 @@ class Actuators:
     lag: float = 0.1
     """[s] time constant of all of them."""
     dead_zone: float = 1e-3
-    """[N, N m] below which nothing comes of a command; beyond it this is missing."""
+    """[N, N m] below which nothing comes of a command."""
+    whole_beyond: bool = False
+    """Whether all of a command comes beyond it, as thrusters of robot files have it; else its size is missing there."""
     delay: float = 0.1
     """[s] between a command and its effect, lag aside."""
     longest_delay: float = 1.0

@@ -7,7 +7,7 @@ read, see `uvms_ocp.identification.recordings.mapping`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -61,6 +61,8 @@ class Channel:
     """[s] by which times went back in the file at most, whose samples are in order here."""
     repeated: int = 0
     """[-] samples left out, for another had their time."""
+    columns: tuple[str, ...] = ()
+    """Names of joints or thrusters, where whoever recorded them says so."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "t", read_only(self.t, np.float64))
@@ -74,6 +76,18 @@ class Channel:
         if not (np.diff(self.t) > 0.0).all():
             first = int(np.argmin(np.diff(self.t) > 0.0))
             raise InvalidInput(f"time goes from {self.t[first]:.6f} to {self.t[first + 1]:.6f} s; allowed: increasing")
+
+    def of(self, names: tuple[str, ...], where: str) -> Channel:
+        """The same with its columns in the order of names, as far as it names them itself.
+
+        Raises InvalidInput for a channel of others; `where` says which.
+        """
+        if not self.columns or self.columns == names:
+            return self
+        if sorted(self.columns) != sorted(names):
+            raise InvalidInput(f"{where} is of {', '.join(self.columns)}; allowed: {', '.join(names) or 'none'}")
+        order = [self.columns.index(name) for name in names]
+        return replace(self, values=self.values[:, order], columns=names)
 
     @property
     def rate(self) -> float:
@@ -92,6 +106,10 @@ class Recording:
 
     name: str
     channels: Mapping[str, Channel]
+    known_doubts: tuple[tuple[str, str], ...] = ()
+    """What speaks against which channel, as far as its file says so itself."""
+    at_once: bool = False
+    """Whether it is known that commands act from their times on, as in runs of this toolkit."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "channels", frozen_mapping(self.channels))

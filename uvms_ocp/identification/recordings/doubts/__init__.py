@@ -22,6 +22,6 @@ def doubts(recording: Recording) -> tuple[Doubt, ...]:
     """Everything that is doubtful about a recording."""
     sound = {name: one for name, one in recording.channels.items() if KINDS[name].command or has_times(one)}
     others = replace(recording, channels=sound)
-    found = [*of_samples(recording)]
+    found = [*recording.known_doubts, *of_samples(recording)]
     found += [each for kind in (of_poses, of_rates, of_joints, of_gravity, of_commands) for each in kind(others)]
     return tuple(Doubt(channel=name, problem=text) for name, text in found)

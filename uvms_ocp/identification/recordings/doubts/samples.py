@@ -91,7 +91,9 @@ def _lost(name: str, channel: Channel) -> Iterator[str]:
     zero = size == 0.0
     if name not in MOVES or not zero.any() or zero.all():
         return
-    lost = int((np.interp(channel.t[zero], channel.t[~zero], size[~zero]) > MOVES[name]).sum())
+    moved, at = channel.t[~zero], channel.t[zero]
+    at = at[(at > moved[0]) & (at < moved[-1])]  # before and after it may have been at rest
+    lost = int((np.interp(at, moved, size[~zero]) > MOVES[name]).sum())
     if lost:
         yield f"{lost} of {len(channel.t)} samples are exactly zero: lost ones?"
 

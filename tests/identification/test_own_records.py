@@ -1,0 +1,203 @@
+"""Records of the toolkit's own runs tell what was asked of the vehicle, and what a fit should not believe of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from own_runs import DEAD_ZONE, LAG, as_before, driven_run, slow
+
+from uvms_ocp import load_robot
+from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.identification.answers.numbers import Number
+from uvms_ocp.identification.calibration.fitting import calibrated
+from uvms_ocp.identification.calibration.neglected import neglected
+from uvms_ocp.identification.calibration.settings import Settings
+from uvms_ocp.identification.calibration.subject import Subject, subject_of
+from uvms_ocp.identification.calibration.variant import variant_text, whole_text
+from uvms_ocp.identification.methods.stretch import Prepared
+from uvms_ocp.identification.recordings.doubts import doubts
+from uvms_ocp.identification.recordings.recording import Recording
+from uvms_ocp.identification.recordings.run_records import run_recording
+from uvms_ocp.model.files.description_file import read_description
+from uvms_ocp.model.sensing import sensors_of
+from uvms_ocp.model.thrusters import thrust_limits, thruster_matrix
+from uvms_ocp.record import Record
+from uvms_ocp.scenarios.bluerov_inspection import bluerov_inspection
+from uvms_ocp.scenarios.case1 import case1
+from uvms_ocp.sim.currents import UniformCurrent
+from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.faults import parse_fault
+from uvms_ocp.sim.seafloor import FlatSeafloor
+
+SETTINGS = """
+robot: bluerov2_alpha5
+arm: taken off
+hull: [[-0.25, -0.2, -0.15], [0.25, 0.2, 0.15]]
+delay: 0.0005
+learn:
+  lag: {}
+noise: {velocity: 0.01, rate: 0.02, vertical: 0.01}
+stretch: 6
+"""
+
+
+@cache
+def run() -> Record:
+    return driven_run()
+
+
+@cache
+def subject() -> tuple[Subject, Settings]:
+    settings = Settings.model_validate(yaml.safe_load(SETTINGS))
+    return subject_of(settings, Path()), settings
+
+
+def learnt_lag(record: Record) -> Number:
+    (number,) = calibrated(*subject(), [run_recording(record, "run")]).numbers
+    return number
+
+
+def told(record: Record) -> str:
+    return "; ".join(map(str, doubts(run_recording(record, "run"))))
+
+
+def test_thrust_follows_what_was_asked_through_limits_dead_zone_and_lag() -> None:
+    record = run()
+    asked, given = np.clip(record["asked_thrust"][:-1], *thrust_limits(slow())), record["thrust"]
+    target = np.where(np.abs(asked) < DEAD_ZONE, 0.0, asked)
+    assert (target != record["asked_thrust"][:-1]).any()
+    left = np.exp(-record.run_meta.dt / LAG)
+    np.testing.assert_allclose(given[1:], target + left * (given[:-1] - target), rtol=0, atol=1e-10)
+
+
+def test_a_plant_without_thrusters_is_asked_for_no_thrust() -> None:
+    record = case1(plant="kinematic", dt=0.02, duration=0.1).run()
+    assert "asked_thrust" not in record.series
+    with pytest.raises(LookupError, match="unknown channel 'thrust'"):
+        Prepared.of(run_recording(record, "run"), subject()[0].vehicle)
+
+
+@pytest.mark.parametrize("noise", [False, True])
+def test_the_lag_of_thrusters_is_learnt_from_a_run(noise: bool) -> None:
+    record = driven_run(sensors=sensors_of(slow().description)) if noise else run()
+    assert learnt_lag(record).value == pytest.approx(LAG, rel=0.03)
+    assert told(record) == ""
+
+
+def test_dead_zones_are_learnt_from_a_run_as_robot_files_have_them() -> None:
+    record = driven_run(duration=20.0, size=3.0, held=0.25, dead_zone=2.0)
+    learn = {"lag": {}, "dead_zone": {}, "dead_zone_reverse": {}}
+    settings = Settings.model_validate(subject()[1].model_dump() | {"learn": learn, "dead_zone": 3.0, "stretch": 10.0})
+    found = calibrated(subject_of(settings, Path()), settings, [run_recording(record, "run")]).numbers
+    (lag,), zones = (one for one in found if one.quantity == "lag"), [one for one in found if one.quantity != "lag"]
+    assert lag.value == pytest.approx(LAG, rel=0.03)
+    assert len(zones) == 16
+    assert np.median([one.value for one in zones]) == pytest.approx(2.0, rel=0.1)
+    assert max(abs(one.value - 2.0) for one in zones) < 0.5
+
+
+def test_of_an_older_run_the_lag_is_lost_and_that_is_told() -> None:
+    older = as_before(run())
+    assert learnt_lag(older).value < 0.1 * LAG
+    assert "thrust: as thrusters gave it, not as it was asked of them" in told(older)
+    np.testing.assert_array_equal(run_recording(older, "run").channel("thrust").values[1:], older["thrust"])
+
+
+def test_before_a_run_thrusters_are_at_rest() -> None:
+    commands = Prepared.of(run_recording(run(), "run"), subject()[0].vehicle).commands
+    np.testing.assert_array_equal(commands.at(np.array([-1.0, -0.01])), 0.0)
+    np.testing.assert_array_equal(commands.at(np.array([0.0]))[0], run()["asked_thrust"][0])
+
+
+def test_a_wrench_is_that_which_thrusters_can_give() -> None:
+    scenario = case1(robot="girona_maris7", dt=0.02, duration=0.4)
+    record, B = scenario.run(), thruster_matrix(scenario.robot)
+    assert np.abs(record["unreachable"]).max() > 1.0
+    wrench = run_recording(record, "run").channel("wrench").values
+    np.testing.assert_allclose(B @ np.linalg.pinv(B) @ wrench.T, wrench.T, atol=1e-9 * np.abs(wrench).max())
+
+
+FAULTS = {
+    "thruster2:dead@3": "thruster2: thruster2:dead@3, a fault of this run",
+    "current:step=0.2,0,0@2": "current: current:step=0.2,0,0@2, a fault of this run",
+    "position:bias=1,0,0@4-5": "position: position:bias=1,0,0@4-5, a fault of this run",
+}
+
+
+@pytest.mark.parametrize(("fault", "text"), FAULTS.items(), ids=FAULTS)
+def test_a_fault_of_a_run_is_told(fault: str, text: str) -> None:
+    assert text in told(driven_run(duration=6.0, faults=(parse_fault(fault),)))
+
+
+def test_a_fault_that_never_came_is_not_told() -> None:
+    assert told(driven_run(duration=6.0, faults=(parse_fault("thruster2:dead@9"),))) == ""
+
+
+def test_a_run_that_touched_the_floor_is_told() -> None:
+    record = driven_run(duration=6.0, floor=-20.2, seed=3)
+    assert "position: on the floor at " in told(record)
+    assert record["contact"].any()
+
+
+def columns_turned(recording: Recording, channel: str) -> Recording:
+    one = recording.channel(channel)
+    turned = replace(one, values=one.values[:, ::-1], columns=one.columns[::-1])
+    return replace(recording, channels={**recording.channels, channel: turned})
+
+
+def test_thrusters_go_by_their_names() -> None:
+    recording, vehicle = run_recording(run(), "run"), subject()[0].vehicle
+    straight, turned = (Prepared.of(one, vehicle) for one in (recording, columns_turned(recording, "thrust")))
+    np.testing.assert_array_equal(turned.commands.channel.values, straight.commands.channel.values)
+    others = replace(recording.channel("thrust"), columns=tuple("abcdefgh"))
+    with pytest.raises(InvalidInput, match=r"run: thrust is of a, b, .*; allowed: T1, T2"):
+        Prepared.of(replace(recording, channels={**recording.channels, "thrust": others}), vehicle)
+
+
+def also_told(record: Record, **changed: object) -> str:
+    (one, settings), recording = subject(), run_recording(record, "run")
+    other = Settings.model_validate(settings.model_dump() | changed)
+    return "; ".join(map(str, neglected(subject_of(other, Path()) if changed else one, other, recording)))
+
+
+def test_what_a_fit_neglects_is_told_and_nothing_else() -> None:
+    assert also_told(run()) == ""
+    flowing = driven_run(
+        duration=6.0, environment=Environment(seafloor=FlatSeafloor(z=-40.0), current=UniformCurrent([0.2, 0.0, 0.0]))
+    )
+    assert also_told(flowing) == "current: up to 0.2 m/s that a fit takes for still water: learn it"
+    assert also_told(flowing, learn={"current": {}}) == ""
+    assert also_told(driven_run(duration=6.0, size=30.0)) == (
+        "thrust: more is asked of T1, T2, T3, T4, T5, T6, T7, T8 than they can give: a fit takes it for given"
+    )
+    assert "thrust: commands of a run of this toolkit act at once" in also_told(run(), delay=0.05)
+    assert also_told(run(), delay=0.05, learn={"lag": {}, "delay": {}}) == ""
+
+
+def test_a_lag_that_is_not_given_begins_with_that_of_the_thrusters() -> None:
+    given = {"robot": "girona_maris7_full", "hull": [[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]]}
+    settings = Settings.model_validate(subject()[1].model_dump() | given)
+    thrusters = load_robot("girona_maris7_full").description.thrusters
+    for lag in (None, 0.3):
+        found = subject_of(settings.model_copy(update={"lag": lag}), Path()).vehicle.actuators.lag
+        assert found == pytest.approx(lag or np.mean([one.time_constant for one in thrusters]))
+
+
+def test_a_wrench_of_our_controller_is_ahead_of_the_lag_and_that_is_told() -> None:
+    record = bluerov_inspection(duration=2.0).run()
+    settings = Settings.model_validate(subject()[1].model_dump() | {"arm": "as it is", "commands": "wrench"})
+    doubt, *more = neglected(subject_of(settings, Path()), settings, run_recording(record, "run"))
+    assert not more
+    assert str(doubt).startswith("wrench: thrusters were driven ahead of their lag")
+
+
+def test_a_file_stays_as_it_was_where_it_holds_nothing_of_what_was_learnt(tmp_path: Path) -> None:
+    result = calibrated(*subject(), [run_recording(run(), "run")])
+    (tmp_path / "variant.yaml").write_text(variant_text(result, ["run"]))
+    (tmp_path / "whole.yaml").write_text(whole_text(result, tmp_path / "variant.yaml"))
+    assert read_description(tmp_path / "whole.yaml") == read_description(result.subject.file)

@@ -1,0 +1,57 @@
+"""What a recording says, and a fit with these settings takes for something else: doubts about both together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from uvms_ocp.identification.calibration.settings import Settings
+from uvms_ocp.identification.calibration.subject import Subject
+from uvms_ocp.identification.parameters.declaration import Quantity
+from uvms_ocp.identification.recordings.doubts.doubt import Doubt
+from uvms_ocp.identification.recordings.recording import Channel, Recording
+from uvms_ocp.model.thrusters import thrust_limits
+
+_FLOWS = 0.01  # [m/s] of a current that is told
+_SOON = 0.005  # [s] of a delay that is not
+_BEYOND = 1e-3  # [-] of a limit
+
+
+def neglected(subject: Subject, settings: Settings, recording: Recording) -> Iterator[Doubt]:
+    """One after the other."""
+    known, channels = subject.vehicle.own.declaration.quantities, recording.channels
+    if "current" in channels:
+        yield from _of_current(channels["current"], learnt=bool(known["current"].free.all()))
+    if recording.at_once:
+        yield from _of_delay(settings, known["delay"])
+        if settings.commands == "wrench" and "thrust" in channels:
+            text = "thrusters were driven ahead of their lag to give it, and a lag by it is not theirs: give commands: thrust"
+            yield Doubt(channel="wrench", problem=text)
+    if "thrust" in channels and settings.commands == "thrust":
+        yield from _of_limits(channels["thrust"], subject)
+
+
+def _of_current(current: Channel, *, learnt: bool) -> Iterator[Doubt]:
+    values = current.values - (current.values.mean(axis=0) if learnt else 0.0)
+    size = float(np.linalg.norm(values, axis=1).max())
+    if size > _FLOWS:
+        taken = (
+            "about its mean, and a fit takes it for steady" if learnt else "that a fit takes for still water: learn it"
+        )
+        yield Doubt(channel="current", problem=f"up to {size:.2g} m/s {taken}")
+
+
+def _of_delay(settings: Settings, delay: Quantity) -> Iterator[Doubt]:
+    if settings.delay > _SOON and not delay.free.any():
+        held = f"and a fit holds their delay at {settings.delay:g} s: give less, or learn it"
+        yield Doubt(channel=settings.commands, problem=f"commands of a run of this toolkit act at once, {held}")
+
+
+def _of_limits(thrust: Channel, subject: Subject) -> Iterator[Doubt]:
+    lower, upper = thrust_limits(subject.robot)
+    asked = thrust.of(subject.robot.thruster_names, "thrust").values
+    beyond = ((asked > upper * (1.0 + _BEYOND)) | (asked < lower * (1.0 + _BEYOND))).any(axis=0)
+    if beyond.any():
+        names = ", ".join(np.array(subject.robot.thruster_names)[beyond])
+        yield Doubt(channel="thrust", problem=f"more is asked of {names} than they can give: a fit takes it for given")
