@@ -105,8 +105,8 @@ def test_a_jump_is_refused_and_believed_only_where_it_lasts(channel: str) -> Non
     assert outcome.squared > 25.0
     assert rest.estimator.used(channel) == before
     assert rest.error(rest.run(0.3)) < 0.03
-    if channel in ("depth", "joint_velocities"):
-        return  # which position fixes contradict, and encoders
+    if channel == "depth":
+        return  # which position fixes contradict
     rest.run(2.5, channel, jumped(channel))
     lasting = rest.estimator.outcome(channel)
     assert lasting is not None

@@ -56,20 +56,6 @@ def test_motion_at_the_limits_that_nobody_asked_for_is_believed(robot: Robot, ax
     assert run.guard.monitor.alarms == []
 
 
-def test_joints_that_are_thrown_are_followed_within_what_the_loops_bear(robot: Robot) -> None:
-    """A loop of 12 1/s bears to know a velocity 17 ms late: what is thrown with 10 rad/s2 is 0.17 rad/s faster by then."""
-    thrown, start = np.zeros(robot.n_v), 3.0
-    thrown[JOINTS] = 10.0
-
-    def motion(t: float) -> np.ndarray:
-        return thrown * (min(max(t - start, 0.0), 0.1) - min(max(t - start - 0.1, 0.0), 0.1))
-
-    run = HealthRun(robot, duration=3.4, motion=motion, asked=rest(robot), dt=0.005)
-    off = np.abs(run.v_estimated - run.v)[run.t > start, 6:].max(axis=1)
-    assert np.sqrt(np.mean(off[:40] ** 2)) < 0.2
-    assert run.guard.monitor.alarms == []
-
-
 ALL_LATE = SensorSpecs(
     **{
         name: dataclasses.replace(getattr(SensorSpecs(), name), delay=0.2)

@@ -97,16 +97,10 @@ static void yield_joint(double *m, int j, int c, double squared) {
   m_joint_since[(c - CHANNEL_JOINT_POSITIONS) * N_JOINTS + j] = NAN;
 }
 
-/* What has accelerated unseen is off in position and in velocity, in one proportion: so one tells of the other.
-   What a late reading tells of may be over. */
-static void surprise_joint(double *m, int j, int c, int slot, double squared) {
-  double rate = (slot < 0 ? 2 : 1) / unseen(m, c);
+static void surprise_joint(double *m, int j, int c, double squared) {
+  double time = unseen(m, c);
   doubt_joint(m, j, c, squared);
-  if (c == CHANNEL_JOINT_POSITIONS) JP(j, 1, 1) += squared * rate * rate;
-  if (c != CHANNEL_JOINT_POSITIONS || slot >= 0) return;
-  JP(j, 0, 1) += squared * rate, JP(j, 1, 0) += squared * rate;
-  for (int slot = 0; slot < JOINT_SLOTS; ++slot)
-    if (m_joint_owner[slot] == c) JP(j, 2 + slot, 1) += squared * rate, JP(j, 1, 2 + slot) += squared * rate;
+  if (c == CHANNEL_JOINT_POSITIONS) JP(j, 1, 1) += squared / (time * time);
 }
 
 /* Beside what accelerations can do, a joint may stop. */
@@ -131,7 +125,7 @@ static void judge_joints(double *m, int c, int slot, double delta, const char *d
     total += nu * nu / S, ++degrees;
     if (believed) {
       m_joint_since[k * N_JOINTS + j] = NAN;
-      if (nu * nu / S > m_gate[c]) surprise_joint(m, j, c, slot, nu * nu);
+      if (nu * nu / S > m_gate[c]) surprise_joint(m, j, c, nu * nu);
     } else if (joint_convinces(m, c, j, nu, S + own + granted)) believed = 1, yield_joint(m, j, c, nu * nu);
     if (believed) correct_joint(m, j, state, nu, own, n);
     all &= believed;

@@ -115,7 +115,7 @@ def _judge(m: Memory, c: Channel, slot: int, delta: float, done: Mask) -> None:
     inside = nu * nu <= m.gate[c] * (S + granted)
     yields = ~inside & ~done & _are_convincing(m, c, nu, S + own + granted, inside | done)
     _yield(m, k, state, yields, nu)
-    _be_surprised(m, c, slot, inside & ~done & (squared > m.gate[c]), nu)
+    _be_surprised(m, c, inside & ~done & (squared > m.gate[c]), nu)
     note(m, c, float(squared[~done].sum()), int((~done).sum()), believed=bool((inside | yields | done).all()))
     used = (inside | yields) & ~done
     gain = P[:, :, state] / (P[:, state, state] + own)[:, None]
@@ -131,20 +131,12 @@ def _allowance(m: Memory, c: Channel, rate: Array) -> Array:
     return np.asarray((math.sqrt(allowance(m, c)) + stop / 5.0) ** 2)
 
 
-def _be_surprised(m: Memory, c: Channel, slot: int, which: Mask, nu: Array) -> None:
-    """Joints that have done what they can and the process model did not expect.
-
-    What has accelerated unseen is off in position and in velocity, in one proportion: so one tells of the other. What a late
-    reading tells of, compared with a slot that is not -1, may be over.
-    """
-    k, P, squared = c - _FIRST, m.joint_P, nu[which] ** 2
+def _be_surprised(m: Memory, c: Channel, which: Mask, nu: Array) -> None:
+    """Joints that have done what they can and the process model did not expect."""
+    k = c - _FIRST
     _doubt_own(m, k, which, nu**2)
     if k == 0:
-        rate = (2.0 if slot < 0 else 1.0) / unseen(m, c)
-        P[which, 1, 1] += squared * rate * rate
-        for row in [0, *(2 + np.flatnonzero(m.joint_owner == c))] if slot < 0 else ():
-            P[which, row, 1] += squared * rate
-            P[which, 1, row] += squared * rate
+        m.joint_P[which, 1, 1] += (nu[which] / unseen(m, c)) ** 2
 
 
 def _doubt_own(m: Memory, k: int, which: Mask, variance: Array) -> None:
