@@ -16,7 +16,8 @@ from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.identification.answers.numbers import INTERVAL, KNOWN, SIZES, Number, numbers, values_of
 from uvms_ocp.identification.excitation.assignment import Assignment
-from uvms_ocp.identification.excitation.design import Effort, Excitation, designed, led
+from uvms_ocp.identification.excitation.design import Effort, designed
+from uvms_ocp.identification.excitation.expected import Excitation, led
 from uvms_ocp.identification.methods.rollout import Rollout
 from uvms_ocp.identification.methods.search import Search, searched
 from uvms_ocp.identification.methods.stretch import Prepared

@@ -16,7 +16,8 @@ from uvms_ocp.identification.calibration.settings import Settings, read_settings
 from uvms_ocp.identification.calibration.subject import Subject, subject_of
 from uvms_ocp.identification.excitation.assignment import Assignment
 from uvms_ocp.identification.excitation.confines import Limits
-from uvms_ocp.identification.excitation.design import DesignStatus, Effort, designed
+from uvms_ocp.identification.excitation.design import Effort, designed
+from uvms_ocp.identification.excitation.expected import DesignStatus
 from uvms_ocp.identification.excitation.report import excitation_text
 from uvms_ocp.identification.methods.output_error import Noise
 from uvms_ocp.identification.methods.rollout import Rollout

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from uvms_ocp.identification.excitation.design import Excitation
+from uvms_ocp.identification.excitation.expected import Excitation
 
 
 def excitation_text(one: Excitation, actuators: Sequence[str]) -> str:
