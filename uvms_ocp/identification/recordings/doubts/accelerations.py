@@ -24,15 +24,16 @@ class Motion:
     """At uniform times."""
 
     t: np.ndarray
+    """(m,) [s]"""
     acceleration: np.ndarray
-    """(m, 6) linear and angular in B, in units of their own spread, without what drag and weight explain."""
+    """(m, 6) [-] linear and angular in B, in units of their own spread, without what drag and weight explain."""
     beside: np.ndarray
-    """(m, l) orthonormal: drag, weight and the turning of the frame."""
+    """(m, l) [-] orthonormal: drag, weight and the turning of the frame."""
     R: np.ndarray
-    """(m, 3, 3) from B to W."""
+    """(m, 3, 3) [-] from B to W."""
 
     def rest(self, values: np.ndarray) -> np.ndarray:
-        """What these do not explain of values (m, k)."""
+        """What these do not explain of values (m, k) [any]."""
         return values - self.beside @ (self.beside.T @ values)
 
 
@@ -70,9 +71,9 @@ def _interpolated(t: np.ndarray, grid: np.ndarray, values: np.ndarray) -> np.nda
 
 
 def commanded(held: Held, motion: Motion, shift: float, *, turned: bool = False) -> np.ndarray:
-    """Means (m, k) of a command over the window of the rates, that much [s] before them, without what drag and weight explain.
+    """Means (m, k) of a command over the window of the rates, without what drag and weight explain.
 
-    turned: from W, which a wrench would be in, to B.
+    shift: [s] before the rates. turned: from W, which a wrench would be in, to B.
     """
     edges = motion.t - shift
     values = (held.total(edges + WINDOW / 2) - held.total(edges - WINDOW / 2)) / WINDOW
