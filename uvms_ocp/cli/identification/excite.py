@@ -48,7 +48,8 @@ def excite(
     """
     given = read_settings(settings)
     subject, console = subject_of(given, settings.parent), console_of()
-    limits = Limits(thrust=thrust_within(subject, given, share), pool=np.outer([-0.5, 0.5], pool), slew=slew)
+    thrust = thrust_within(subject, given, share)
+    limits = Limits(thrust=thrust, pool=np.outer([-0.5, 0.5], pool), hull=subject.hull_in_body(given.hull), slew=slew)
     wanted = _assignment(subject, given, limits, duration)
     with claimed(out, [COMMANDS, REPORT]) as claim:
         with console.status("designing") as status, told_of_compiling(status.update, console):

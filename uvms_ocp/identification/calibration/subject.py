@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,13 @@ class Subject:
     def frame(self) -> str:
         """Link whose coefficients are learnt."""
         return self.vehicle.dynamics.links[self.vehicle.link].frame
+
+    def hull_in_body(self, hull: Sequence[Sequence[float]]) -> np.ndarray:
+        """(2, 3) [m] box in B that holds one in the link's frame; hull: its lowest and highest corner [m]."""
+        model = self.vehicle.dynamics.model
+        X, low_high = model.frames[model.getFrameId(self.frame)].placement, np.array(hull)
+        middle, reach = X.act(low_high.mean(axis=0)), np.abs(X.rotation) @ (np.diff(low_high, axis=0)[0] / 2)
+        return np.array([middle - reach, middle + reach])
 
 
 def subject_of(settings: Settings, folder: Path) -> Subject:
