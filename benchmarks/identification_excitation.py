@@ -29,7 +29,7 @@ DURATION, VEHICLES, SINGLE = 60.0, 8, 3
 """[s] of a recording; [-] whose recordings are fitted; [-] numbers that a design is made for alone."""
 DESIGNED, ALONE = "designed", "alone"
 """A kind of excitation; what one for a single number would tell of it."""
-LITTLE = Effort(iterations=(2, 2, 2), starts=1)
+LITTLE = Effort(iterations=2, starts=1)
 """To see that it runs."""
 SCALED = ("mass", "gain")
 """Quantities that are known here: with the motion alone, forces and masses are known but for a common factor."""

@@ -101,7 +101,7 @@ def main() -> None:
     one, robots = vehicle(), 2 if run.quick else ROBOTS
     given = Assignment(vehicle=one, limits=limits(one), duration=6.0 if run.quick else DURATION, noise=NOISE)
     rollout = Rollout(stage_of(one))
-    driven = designed(given, rollout, Effort(iterations=(2, 2, 2), starts=1) if run.quick else None)
+    driven = designed(given, rollout, Effort(iterations=2, starts=1) if run.quick else None)
     truths = drawn(one, np.random.default_rng(0), robots)
     rows = [row for k, truth in enumerate(truths) for row in identified(one, rollout, truth, driven, k)]
     states = [led(given, rollout, driven.commands, truth) for truth in truths]

@@ -22,7 +22,7 @@ from uvms_ocp.identification.excitation.wanted import wanted
 from uvms_ocp.identification.methods.rollout import Rollout
 from uvms_ocp.identification.recordings.recording import Channel
 
-_PRICES = 100.0, 300.0, 1000.0  # [-] of leaving the pool, round by round
+_PRICES = 100.0, 300.0, 1000.0, 1000.0  # [-] of leaving the pool, round by round
 _DEARER = 3000.0, 10000.0, 30000.0  # [-] where the finer steps still find it outside
 _SHARES = 1.0, 2.0, 4.0  # [-] of what each axis can get alone, where the search begins
 
@@ -39,8 +39,8 @@ class Effort:
     """[Hz] of the sines where the search begins."""
     starts: int = 3
     """[-] drawn in each size, of which the best is made better."""
-    iterations: tuple[int, int, int] = (200, 200, 200)
-    """[-] while leaving the pool costs little, more, and much."""
+    iterations: int = 200
+    """[-] in a round; leaving the pool costs little in the first and much in the last."""
     seed: int = 0
 
 
@@ -48,12 +48,12 @@ def designed(given: Assignment, rollout: Rollout, effort: Effort | None = None) 
     """Search. rollout: of the vehicle's stage. Raises NameNotFound for a number that there is not."""
     search = _Search.of(given, rollout, effort or Effort())
     knots = search.begun()
-    for price, iterations in zip(_PRICES, search.effort.iterations, strict=True):
-        knots = search.lowered(knots, price, iterations)
+    for price in _PRICES:
+        knots = search.lowered(knots, price)
     for price in _DEARER:
         if search.expected(knots).status is DesignStatus.INSIDE:
             break
-        knots = search.lowered(knots, price, search.effort.iterations[-1])
+        knots = search.lowered(knots, price)
     return search.expected(knots)
 
 
@@ -83,11 +83,11 @@ class _Search:
             found.append(np.clip(history.nearest(flown), *given.limits.thrust.T))
         return min(found, key=lambda knots: self.objective.value(knots, _PRICES[0])[0])
 
-    def lowered(self, knots: np.ndarray, price: float, iterations: int) -> np.ndarray:
-        """Better ones, for a price [-] of leaving the pool."""
+    def lowered(self, knots: np.ndarray, price: float) -> np.ndarray:
+        """Better ones after a round, for a price [-] of leaving the pool."""
         coarse = self.objective.courses.states(self.objective.history.acting @ knots)
         off = self.expected(knots).states[::FINER] - coarse
-        return replace(self.objective, off=off).lowered(knots, price, iterations)
+        return replace(self.objective, off=off).lowered(knots, price, self.effort.iterations)
 
     def expected(self, knots: np.ndarray) -> Excitation:
         """What they tell, kept to thrust and slew, and where they lead."""
