@@ -91,7 +91,9 @@ def _own_link(robot: Robot, dynamics: SymbolicDynamics) -> int:
 def _files(settings: Settings, folder: Path) -> tuple[Path, Path | None]:
     """URDF and hydrodynamics."""
     named = folder / settings.robot
-    urdf = named if named.suffix == ".urdf" else robot_folder(settings.robot) / "robot.urdf"
+    urdf = (
+        named if named.suffix == ".urdf" else (named if named.is_dir() else robot_folder(settings.robot)) / "robot.urdf"
+    )
     file = urdf.parent / "hydrodynamics.yaml" if settings.hydrodynamics is None else folder / settings.hydrodynamics
     return urdf, file if settings.hydrodynamics is not None or file.is_file() else None
 
