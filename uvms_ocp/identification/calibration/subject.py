@@ -23,7 +23,7 @@ from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
 from uvms_ocp.model.thrusters import thruster_matrix
 
 _VEHICLE = 1  # joint of Pinocchio's, after the universe
-_LEAST = 1e-3  # [s], [N] of thrusters that have no lag or no dead zone
+_LEAST = 1e-3  # [s], [N] of what is given as 0: logarithms are searched
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -99,8 +99,9 @@ def _files(settings: Settings, folder: Path) -> tuple[Path, Path | None]:
 
 
 def _actuators(settings: Settings, robot: Robot) -> Actuators:
-    given = {name: getattr(settings, name) for name in ("lag", "dead_zone") if getattr(settings, name)}
-    known = Actuators(delay=settings.delay, commands=settings.commands)
+    asked = {name: getattr(settings, name) for name in ("lag", "dead_zone")}
+    given: dict[str, Any] = {name: value or _LEAST for name, value in asked.items() if value is not None}
+    known = Actuators(delay=settings.delay or _LEAST, commands=settings.commands)
     if settings.commands == "wrench":
         return replace(known, **given)
     names, thrusters = robot.thruster_names, robot.description.thrusters
