@@ -64,7 +64,7 @@ class Limits:
         return np.asarray(np.diff(self.pool, axis=0)[0] / 2)
 
     def swept(self, x: np.ndarray) -> np.ndarray:
-        """(2, 3) [m] lowest and highest corner of a box in W that holds the hull at all states x (n, n_x)."""
+        """(2, 3) [m] lowest and highest corner of a box in W that holds the hull at all states x (n, n_x) [as `Stage`]."""
         R = _turned(x[:, 3:7])
         middle, reach = x[:, :3] + R @ self.hull.mean(axis=0), np.abs(R) @ (np.diff(self.hull, axis=0)[0] / 2)
         return np.array([(middle - reach).min(axis=0), (middle + reach).max(axis=0)])
