@@ -37,6 +37,8 @@ class Excitation:
     """(n, n_u) [N, N m] held for a step each; they begin with 0."""
     states: np.ndarray
     """(k, n_x) [as `Stage`] that they lead to, from rest, in the finer steps of the last simulation."""
+    swept: np.ndarray
+    """(2, 3) [m] lowest and highest corner of what the hull sweeps, in W, from where the vehicle's origin begins."""
     numbers: tuple[Number, ...]
     """As they are known after one recording, where the vehicle is as it is believed to be."""
     information: np.ndarray
@@ -56,6 +58,7 @@ def excitation_of(given: Assignment, rollout: Rollout, commands: Channel) -> Exc
     return Excitation(
         commands=commands,
         states=states,
+        swept=given.limits.swept(states),
         numbers=numbers_at(given.vehicle, given.vehicle.shared.start, aim.covariance(information)[:n, :n]),
         information=information,
         status=DesignStatus.OUTSIDE if left else DesignStatus.INSIDE,
