@@ -7,25 +7,30 @@ and as fits of simulated recordings have them. Writes identification_excitation.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from time import process_time
 
 import numpy as np
-from drawn_vehicles.by_hand import BY_HAND, largest
 from drawn_vehicles.driving import LEARNT, NOISE, drawn, limits, recorded, vehicle
 from recording.report import Report, Row, Table, begin, parser_of
 
-from uvms_ocp.identification.answers.numbers import KNOWN, Number, numbers, values_of
+from uvms_ocp.identification.answers.numbers import KNOWN, TOTAL, Number, numbers, values_of
 from uvms_ocp.identification.excitation.assignment import Assignment
-from uvms_ocp.identification.excitation.design import DesignStatus, Effort, Excitation, designed
+from uvms_ocp.identification.excitation.by_hand import BY_HAND, largest
+from uvms_ocp.identification.excitation.design import Effort, designed
+from uvms_ocp.identification.excitation.expected import DesignStatus, Excitation
+from uvms_ocp.identification.excitation.wanted import HALF
 from uvms_ocp.identification.methods.rollout import Rollout
 from uvms_ocp.identification.methods.search import Search, searched
 from uvms_ocp.identification.methods.stretch import Prepared
 from uvms_ocp.identification.models.stage import stage_of
 
-DURATION, VEHICLES = 60.0, 8
-"""[s] of a recording; [-] whose recordings are fitted."""
-DESIGNED = "designed"
-"""A kind of excitation."""
+DURATION, VEHICLES, SINGLE = 60.0, 8, 3
+"""[s] of a recording; [-] whose recordings are fitted; [-] numbers that a design is made for alone."""
+DESIGNED, ALONE = "designed", "alone"
+"""A kind of excitation; what one for a single number would tell of it."""
+LITTLE = Effort(iterations=2, starts=1)
+"""To see that it runs."""
 SCALED = ("mass", "gain")
 """Quantities that are known here: with the motion alone, forces and masses are known but for a common factor."""
 PROSE = """
@@ -35,9 +40,11 @@ how well that is known is the same for every excitation. All else of the vehicle
 one axis after the other, chirps likewise, and drawn steps of all axes with chirps beside them, flown with a spring that keeps
 the vehicle in the pool, and as large as the pool allows.
 
-Of {n} numbers that are determined (standard error below {known:.0f} % of their size), the design has {median:.2f} times the
-standard error of the best of these, number by number, in the median, and {most:.2f} times in the worst, {worst}; {half:.0f} %
-have at most half. Against each of them alone: {alone}.
+The design is asked for half the standard error of the best of these, number by number, and looks most at those that are
+farthest from it. Of {n} numbers that are determined (standard error below {known:.0f} % of their size), it has {median:.2f}
+times that standard error in the median, and {most:.2f} times in the worst, {worst}; {half:.0f} % have at most half. Of the
+{single} that are farthest, a design for that number alone, where nothing else matters, has: {possible}. Against each of them
+alone: {alone}.
 
 Fits of simulated recordings, of {vehicles} vehicles with drawn numbers that nobody knew when commands were made: errors of the
 same numbers have a root mean square of {fitted:.2f} times those after "{best}", the best by hand, in the median over the
@@ -53,16 +60,17 @@ def main() -> None:
     _, run = begin(parser_of(__doc__))
     given, rollout = assignment(6.0 if run.quick else DURATION)
     vehicles, begun = 2 if run.quick else VEHICLES, process_time()
-    found = {DESIGNED: designed(given, rollout, Effort(iterations=(2, 2, 2), starts=1) if run.quick else None)}
+    found = {DESIGNED: designed(given, rollout, LITTLE if run.quick else None)}
     seconds = process_time() - begun
     found |= {name: largest(given, rollout, name) for name in BY_HAND}
     table = compared(found)
     best = min(BY_HAND, key=lambda name: float(np.median([row[name] for row in table])))
+    single = alone(given, rollout, farthest(table)[: 1 if run.quick else SINGLE], run.quick)
     fits = fitted(given, rollout, {kind: found[kind] for kind in (DESIGNED, best)}, vehicles)
-    rows = [{**row, "fitted": fits[row["number"]]} for row in table]
+    rows = [{**row, ALONE: single.get(row["number"]), "fitted": fits[row["number"]]} for row in table]
     title, name = "Excitation of a vehicle that is identified", "identification_excitation"
     prose = PROSE.format(**told(given, found, rows), seconds=seconds, best=best, vehicles=vehicles)
-    form = {"number": "", **dict.fromkeys((*found, "fitted"), ".2f")}
+    form = {"number": "", **dict.fromkeys((*found, ALONE, "fitted"), ".2f")}
     run.write(Report(name=name, title=title, prose=prose, tables=[Table(rows=rows, columns=form)], data={name: rows}))
 
 
@@ -83,6 +91,23 @@ def _share(one: Number) -> float:
     return 100.0 * one.sigma / one.size
 
 
+def ratio(row: Row, kind: str = DESIGNED) -> float:
+    """[-] Standard error over that of the best by hand."""
+    return float(row[kind] / min(row[name] for name in BY_HAND))
+
+
+def farthest(rows: Sequence[Row]) -> list[Row]:
+    """Rows by their ratio, the largest first; with the mass known, sums with it tell what added masses tell."""
+    return sorted((row for row in rows if not row["number"].startswith(TOTAL)), key=ratio, reverse=True)
+
+
+def alone(given: Assignment, rollout: Rollout, rows: Sequence[Row], quick: bool) -> dict[str, float]:
+    """Standard errors [%] of single numbers where nothing else matters."""
+    names = [row["number"] for row in rows]
+    found = {name: designed(replace(given, matter=(name,)), rollout, LITTLE if quick else None) for name in names}
+    return {name: _share(next(each for each in one.numbers if each.name == name)) for name, one in found.items()}
+
+
 def fitted(given: Assignment, rollout: Rollout, found: Mapping[str, Excitation], n: int) -> dict[str, float]:
     """Root mean square error after the design, over that by hand, of each number, as n drawn vehicles have it."""
     truths = drawn(given.vehicle, np.random.default_rng(0), n)
@@ -90,8 +115,8 @@ def fitted(given: Assignment, rollout: Rollout, found: Mapping[str, Excitation],
         kind: np.mean([_errors(given, rollout, truth, one, seed) ** 2 for seed, truth in enumerate(truths)], axis=0)
         for kind, one in found.items()
     }
-    ratio = np.sqrt(squares[DESIGNED] / next(part for kind, part in squares.items() if kind != DESIGNED))
-    return dict(zip([each.name for each in found[DESIGNED].numbers], ratio.tolist(), strict=True))
+    less = np.sqrt(squares[DESIGNED] / next(part for kind, part in squares.items() if kind != DESIGNED))
+    return dict(zip([each.name for each in found[DESIGNED].numbers], less.tolist(), strict=True))
 
 
 def _errors(given: Assignment, rollout: Rollout, truth: np.ndarray, one: Excitation, seed: int) -> np.ndarray:
@@ -104,7 +129,7 @@ def _errors(given: Assignment, rollout: Rollout, truth: np.ndarray, one: Excitat
 
 def told(given: Assignment, found: Mapping[str, Excitation], rows: Sequence[Row]) -> dict[str, object]:
     """Figures of the prose."""
-    ratio = np.array([row[DESIGNED] / min(row[name] for name in BY_HAND) for row in rows])
+    ratios, single = np.array([ratio(row) for row in rows]), farthest([row for row in rows if row[ALONE] is not None])
     sides = given.limits.pool[1] - given.limits.pool[0]
     return {
         "duration": given.duration,
@@ -113,10 +138,12 @@ def told(given: Assignment, found: Mapping[str, Excitation], rows: Sequence[Row]
         "pool": " x ".join(f"{side:g}" for side in sides),
         "n": len(rows),
         "known": 100.0 * KNOWN,
-        "median": np.median(ratio),
-        "most": ratio.max(),
-        "worst": rows[int(ratio.argmax())]["number"],
-        "half": 100.0 * (ratio <= 0.5).mean(),
+        "median": np.median(ratios),
+        "most": ratios.max(),
+        "worst": rows[int(ratios.argmax())]["number"],
+        "half": 100.0 * (ratios <= HALF).mean(),
+        "single": len(single),
+        "possible": ", ".join(f"{ratio(row, ALONE):.2f} ({row['number']})" for row in single),
         "alone": _ratios(rows, list(BY_HAND)),
         "fitted": np.median([row["fitted"] for row in rows]),
         "roots": ", ".join(f"{_root(one):.1f} N ({name})" for name, one in found.items()),

@@ -16,7 +16,8 @@ from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.identification.answers.numbers import INTERVAL, KNOWN, SIZES, Number, numbers, values_of
 from uvms_ocp.identification.excitation.assignment import Assignment
-from uvms_ocp.identification.excitation.design import Effort, Excitation, designed, led
+from uvms_ocp.identification.excitation.design import Effort, designed
+from uvms_ocp.identification.excitation.expected import Excitation, led
 from uvms_ocp.identification.methods.rollout import Rollout
 from uvms_ocp.identification.methods.search import Search, searched
 from uvms_ocp.identification.methods.stretch import Prepared
@@ -100,7 +101,7 @@ def main() -> None:
     one, robots = vehicle(), 2 if run.quick else ROBOTS
     given = Assignment(vehicle=one, limits=limits(one), duration=6.0 if run.quick else DURATION, noise=NOISE)
     rollout = Rollout(stage_of(one))
-    driven = designed(given, rollout, Effort(iterations=(2, 2, 2), starts=1) if run.quick else None)
+    driven = designed(given, rollout, Effort(iterations=2, starts=1) if run.quick else None)
     truths = drawn(one, np.random.default_rng(0), robots)
     rows = [row for k, truth in enumerate(truths) for row in identified(one, rollout, truth, driven, k)]
     states = [led(given, rollout, driven.commands, truth) for truth in truths]

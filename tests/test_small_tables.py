@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,11 +11,16 @@ import pytest
 
 import uvms_ocp as uo
 from uvms_ocp.campaign import Campaign, StudyResult, table2
+from uvms_ocp.control import Nmpc
 from uvms_ocp.meta_values import PhaseMeta
+from uvms_ocp.model.state import State
+from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
+from uvms_ocp.ocp.terms import Effort
 from uvms_ocp.preflight.findings import Finding, PreflightReport, Severity
 from uvms_ocp.run_meta import RunMeta
-from uvms_ocp.tables.fielded import in_a_row
-from uvms_ocp.tables.small_table import SmallTable
+from uvms_ocp.shown.fielded import in_a_row
+from uvms_ocp.shown.small_table import SmallTable
+from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.trajectories import min_snap
 
 EVIL = "<script>alert(1)</script>\x1b[31m"
@@ -46,6 +52,13 @@ def level() -> uo.Level:
     return uo.Level(jacobian=np.eye(2), lower=[0.1, 0.1], upper=[0.2, 0.2])
 
 
+def problem() -> OcpProblem:
+    robot = uo.load_robot("planar5")
+    start = State(q=np.zeros(robot.n_q), v=np.zeros(robot.n_v))
+    levels = [OcpLevel(name="effort", terms=(Effort(),))]
+    return single_phase(robot=robot, start=start, duration=1.0, n_steps=4, levels=levels, water=False)
+
+
 VALUES: dict[str, Callable[[], Any]] = {
     "record": record,
     "report": report,
@@ -61,6 +74,14 @@ VALUES: dict[str, Callable[[], Any]] = {
     "campaign": lambda: Campaign(scenario="case1", runs=3),
     "study": table2,
     "result": lambda: StudyResult(name=EVIL, title=EVIL, cases=({},), table=({"floor": EVIL, "clearance_m": 0.12345},)),
+    "run_meta": lambda: record().meta,
+    "kinematic controller": lambda: uo.scenarios.case1(plant="kinematic").controller(),
+    "dynamic controller": lambda: uo.scenarios.case1(learn_load=True).controller(),
+    "watched controller": lambda: replace(uo.scenarios.case1(), controller=lambda scenario: print).controller(),
+    "receding horizon": lambda: Nmpc(problem()),
+    "estimator": lambda: uo.scenarios.case1(noise=True).estimator().estimator,
+    "guarded estimator": lambda: uo.scenarios.case1(noise=True).estimator(),
+    "readings as they are": lambda: uo.scenarios.case1().estimator().estimator,
     "curve": lambda: min_snap(np.array([[0.0], [1.0]]), [0.0, 1.0]),
 }
 
@@ -91,6 +112,31 @@ def test_a_mission_tells_which_tasks_are_on_when() -> None:
     rows = repr(uo.scenarios.case1().mission).splitlines()
     assert rows[1].split()[:3] == ["task", "type", "A"]
     assert next(row for row in rows if " PC " in row).split()[:6] == ["PC", "[R,E,AD]", "1", "0", "0", "0"]
+
+
+def test_a_controller_tells_where_its_mission_is() -> None:
+    shown = repr(uo.scenarios.case1().controller())
+    assert "phases" in shown
+    assert "in phase A" in shown
+    assert "borne by the joints [-] 1" in " ".join(shown.split())
+
+
+def test_an_estimator_tells_until_when_its_channels_were_used() -> None:
+    scenario = replace(uo.scenarios.case1(noise=True), duration=0.1)
+    guarded = scenario.estimator()
+    assert repr(guarded.estimator).count("no reading yet") == 6
+    suite = SensorSuite(scenario.robot, scenario.environment.seafloor, scenario.specs)
+    state = State(q=np.array(scenario.start), v=np.zeros(scenario.robot.n_v))
+    for t in (0.0, 0.005):
+        guarded(suite.read(state, t), t)
+    assert "no reading yet" not in repr(guarded.estimator)
+    assert "good" in repr(guarded)
+
+
+def test_metadata_tells_values_of_many_fields_by_their_names_or_their_number() -> None:
+    shown = repr(uo.scenarios.case1(plant="kinematic", duration=0.1).run().meta)
+    assert "A, B, C, D" in shown
+    assert "NR, JL, MAC" in " ".join(shown.split())
 
 
 def test_a_robot_tells_its_joints_in_a_notebook() -> None:

@@ -7,7 +7,7 @@ import pickle
 import pytest
 
 from uvms_ocp.control.receding.workers import WorkerStatus
-from uvms_ocp.identification.excitation.design import DesignStatus
+from uvms_ocp.identification.excitation.expected import DesignStatus
 from uvms_ocp.identification.methods.output_error import FitStatus
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.planning.soft_collision import PlanStatus

@@ -14,10 +14,10 @@ from uvms_ocp.arguments import checked, late
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.record_checks import check_series
 from uvms_ocp.run_meta import PlanMeta, RunMeta, read_meta, write_meta
+from uvms_ocp.shown.small_table import SmallTable, Tabled
 from uvms_ocp.tables import record_files
 from uvms_ocp.tables.mcap import mcap_file
 from uvms_ocp.tables.series_table import meaning_of, unit_of
-from uvms_ocp.tables.small_table import SmallTable, Tabled
 from uvms_ocp.untrusted.array_file import read_arrays
 from uvms_ocp.validation import shown
 

@@ -36,6 +36,8 @@ from uvms_ocp.meta_values import (
     ThresholdMeta,
     require_once,
 )
+from uvms_ocp.shown.fielded import in_a_row
+from uvms_ocp.shown.small_table import SmallTable, Tabled
 from uvms_ocp.validation import one_line
 from uvms_ocp.version import __version__
 
@@ -49,7 +51,7 @@ VEHICLE_V = 6
 _DEPENDENCIES = ("pin", "casadi", "coal", "numpy")
 
 
-class RecordMeta(MetaValue):
+class RecordMeta(Tabled, MetaValue):
     """What figures, scenes and reports ask of any record."""
 
     version: Literal["0.2"] = VERSION
@@ -82,6 +84,18 @@ class RecordMeta(MetaValue):
         require_once("tasks", (task.name for task in self.tasks))
         require_once("quantities", self.quantities)
         return self
+
+    def _table(self) -> SmallTable:
+        told = {name: getattr(self, name) for name in type(self).model_fields}
+        rows = ((name, in_a_row(_by_name(value))) for name, value in told.items() if value not in ("", (), None))
+        return SmallTable(title=f"{type(self).__name__} of {self.scenario}", rows=tuple(rows))
+
+
+def _by_name(value: Any) -> Any:
+    """Values of many fields by their names; those without one are counted."""
+    if not (isinstance(value, tuple) and any(isinstance(item, MetaValue) for item in value)):
+        return value
+    return tuple(getattr(item, "name", {}) for item in value)
 
 
 class RunMeta(RecordMeta):

@@ -36,6 +36,7 @@ from uvms_ocp.preflight.setup import Setup
 from uvms_ocp.record import Record, Recorder
 from uvms_ocp.report.meta import Ending, PartNames, run_meta
 from uvms_ocp.run_meta import RunMeta
+from uvms_ocp.shown.fielded import Fielded
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.faults.fault import Fault
@@ -44,7 +45,6 @@ from uvms_ocp.sim.loop import Progress, Sensors, StateEstimator, Watch, require_
 from uvms_ocp.sim.plant import KinematicPlant, Plant
 from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.solvers.hierarchy.active_set.solver import LexicographicActiveSet
-from uvms_ocp.tables.fielded import Fielded
 
 
 def our_controller(scenario: Scenario, guide: Guide | None = None) -> KinematicController | DynamicController:

@@ -206,3 +206,16 @@ def test_a_robot_that_rests_at_first_has_lost_no_samples() -> None:
     assert "exactly zero" not in told(slow)
     holes = with_values(moved(), "linear_velocity", lambda x: x * (np.arange(len(x)) % 50 > 0)[:, None])
     assert "15 of 800 samples are exactly zero" in told(holes)  # of the first it may be so
+
+
+@pytest.mark.parametrize("name", ["position", "attitude", "linear_velocity", "angular_velocity"])
+def test_a_sensor_that_stops_while_the_vehicle_moves_is_named(name: str) -> None:
+    stopped = with_values(moved(), name, lambda x: np.where(np.arange(len(x))[:, None] < 400, x, x[400]))
+    assert re.search(rf"{name}: stays exactly as it is from 20.0 to 40.0 s", told(stopped)), told(stopped)
+
+
+def test_commands_that_are_all_zero_are_doubtful_where_the_vehicle_never_comes_to_rest() -> None:
+    silent = with_values(driven(), "wrench", lambda x: 0 * x)
+    assert told(silent) == "wrench: zero throughout, and the vehicle moves to the end: what drove it?"
+    resting = with_values(silent, "linear_velocity", lambda x: x * np.exp(-np.arange(len(x)) / 50)[:, None])
+    assert "zero throughout" not in told(resting)

@@ -97,6 +97,14 @@ def test_what_is_wrong_with_a_record_of_ours_is_said_with_a_mapping_too(tmp_path
         read_recording(PLAN, read_mapping(tmp_path / "map.yaml"))
 
 
+@pytest.mark.parametrize("name", ["none.csv", "none.csv.gz", "none.parquet", "none.mcap", "none.npz", "none"])
+def test_what_is_not_there_is_said_to_be_so_with_a_mapping_and_without(name: str, tmp_path: Path) -> None:
+    (tmp_path / "map.yaml").write_text(MAPPING.format(where="body: FRD"))
+    for mapping in (None, read_mapping(tmp_path / "map.yaml")):
+        with pytest.raises(InvalidInput, match=f"{name}: there is no such file"):
+            read_recording(tmp_path / name, mapping)
+
+
 def checked(*words: object) -> str:
     result = CliRunner().invoke(app, ["check-recording", *map(str, words)], env={"COLUMNS": "200"})
     assert result.exit_code == 0, result.output

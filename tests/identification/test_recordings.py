@@ -166,7 +166,7 @@ def test_wrong_files_are_told_in_a_line(tmp_path: Path) -> None:
     (tmp_path / "b.csv").write_text("t,a\n0,one\n")
     with pytest.raises(InvalidInput, match="no table of numbers"):
         mapped_recording(tmp_path / "b.csv", good)
-    with pytest.raises(InvalidInput, match="No such file"):
+    with pytest.raises(InvalidInput, match="there is no such file"):
         mapped_recording(tmp_path / "c.csv", good)
     (tmp_path / "d.csv.gz").write_bytes(b"\x1f\x8b nothing")
     with pytest.raises(InvalidInput, match="no table of numbers"):

@@ -10,7 +10,6 @@ import pinocchio as pin
 import pytest
 from reaches import PATIENCE, patient, reach
 
-from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.dynamics import robot_dynamics
 from uvms_ocp.model.limits import Limits
 from uvms_ocp.model.robot import Robot
@@ -133,10 +132,3 @@ def test_the_magnus_integrator_follows_constant_acceleration_more_closely(robot:
         moved = np.array(ca.DM(StageModel(problem).moved(ca.SX(q), ca.SX(v), ca.SX(a), ca.SX(h)))).ravel()
         errors.append(np.linalg.norm(pin.difference(robot.model, exact, moved)))
     assert errors[1] < 0.1 * errors[0]
-
-
-def test_variables_that_are_no_numbers_make_no_trajectory(planner: Planner) -> None:
-    x = planner.transcription.pack(hold(planner.problem))
-    x[7] = np.nan
-    with pytest.raises(InvalidInput, match=r"variables with x\[7\] = nan; give finite ones"):
-        planner.transcription.unpack(x)

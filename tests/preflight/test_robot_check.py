@@ -133,6 +133,14 @@ def test_links_that_could_touch_something_unseen_are_named(tmp_path: Path) -> No
     assert [any(text.startswith(said) for text in texts[bare]) for bare in (True, False)] == [True, False]
 
 
+def test_a_variant_in_the_place_of_a_whole_file_is_named(tmp_path: Path) -> None:
+    hull, links = f"<link name='base_link'>{MASS.format(1)}</link>", "links: {base_link: {sphere: {radius: 0.1}}}"
+    variant = check_robot_files(write(tmp_path, hull, links))
+    assert "a variant belongs over a whole file" in finding(variant, "thrusters").text
+    whole = check_robot_files(write(tmp_path, hull, f"{links}\nwater_density: 1025.0"))
+    assert "variant" not in finding(whole, "thrusters").text
+
+
 def test_the_command_has_the_options_of_the_loader() -> None:
     urdf = str(example_robot_data() / "robots" / "panda_description/urdf/panda.urdf")
     refused = CliRunner().invoke(app, ["check-robot", urdf, "--base", "fixed", "--json"])

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound, OutputError
+from uvms_ocp.identification.calibration.settings import Learnt, NoiseSettings, Settings
 from uvms_ocp.identification.recordings.mapping import ChannelMapping
 from uvms_ocp.identification.recordings.recording import KINDS
 from uvms_ocp.reference import build
@@ -73,6 +74,14 @@ def test_tables_hold_every_series_every_field_and_every_command() -> None:
     assert all(f"| `{name}` |" in pages["channels"] for name in (*KINDS, *ChannelMapping.model_fields))
     assert "`--ghost PATH`" in pages["commands"]
     assert "[Thruster](#thruster)" in pages["robot_files"]
+    known = (
+        *Settings.model_fields,
+        *Learnt.model_fields,
+        *NoiseSettings.model_fields,
+        "quadratic_drag",
+        "wrench_offset",
+    )
+    assert all(f"| `{name}` |" in pages["identification_settings"] for name in known)
 
 
 def test_a_name_that_is_not_there_is_refused() -> None:

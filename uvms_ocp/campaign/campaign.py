@@ -19,7 +19,7 @@ from uvms_ocp.campaign.variations.samplers import Design
 from uvms_ocp.campaign.variations.variation import Variation, require_known
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.scenario import Scenario
-from uvms_ocp.tables.fielded import Fielded
+from uvms_ocp.shown.fielded import Fielded
 from uvms_ocp.version import __version__
 
 _MOST_RUNS = 10_000_000

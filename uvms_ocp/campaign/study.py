@@ -19,8 +19,8 @@ from uvms_ocp.campaign.store.identity import Identity, types_of
 from uvms_ocp.campaign.store.table import read_table
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.output.durable import write_durably
-from uvms_ocp.tables.fielded import Fielded, in_a_row
-from uvms_ocp.tables.small_table import SmallTable, Tabled
+from uvms_ocp.shown.fielded import Fielded, in_a_row
+from uvms_ocp.shown.small_table import SmallTable, Tabled
 from uvms_ocp.version import __version__
 
 _MOST_RUNS = 1_000_000

@@ -12,11 +12,12 @@ from uvms_ocp.arguments import trusted
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.state import Command, Measurement
+from uvms_ocp.shown.small_table import SmallTable, Tabled
 
 _command = trusted(Command)
 
 
-class WatchedController:
+class WatchedController(Tabled):
     """A callable ``(Measurement, t) -> Command`` that asks another one, and tells what the mission makes of it.
 
     A kinematic layer of its own measures all quantities, goes through the phases and ends the run; what it would command goes
@@ -62,6 +63,9 @@ class WatchedController:
             finished=watched.finished or command.finished,
             telemetry={**watched.telemetry, **times, **command.telemetry},
         )
+
+    def _table(self) -> SmallTable:
+        return SmallTable(title=f"{type(self).__name__} of {self.name}", rows=self.kinematic._table().rows)
 
     def _require(self, command: Any, watched: Command) -> None:
         if not isinstance(command, Command):

@@ -30,7 +30,7 @@ from uvms_ocp.mission.progress import (
     write_conditions,
     write_state,
 )
-from uvms_ocp.tables.small_table import SmallTable, Tabled
+from uvms_ocp.shown.small_table import SmallTable, Tabled
 from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.pose import PoseTask
 from uvms_ocp.tasks.task import Task
@@ -193,6 +193,12 @@ class Mission(Tabled):
             return f"given up, {state.aborted}"
         waits = " or ".join(tr.describe(quantities) for tr in self.all_phases[state.phase].transitions)
         return f"giving up, {state.why}; {waits}" if state.why else waits
+
+    def told(self, state: MissionState) -> dict[str, str]:
+        """What a controller that flies it says of it in a few words."""
+        names = [phase.name for phase in self.all_phases]
+        now = "completed" if state.completed else state.aborted or f"in phase {names[state.phase]}"
+        return {"tasks": ", ".join(self.hierarchy.names), "phases": ", ".join(names), "now": now}
 
     def table(self) -> list[dict[str, Any]]:
         """Tasks by phases: one row per task with its external activation in each phase ([Gao2022] Table 4)."""

@@ -11,7 +11,7 @@ import numpy as np
 from uvms_ocp.arguments import Shape, checked
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.mission.conditions import Condition, Transition
-from uvms_ocp.tables.fielded import Fielded
+from uvms_ocp.shown.fielded import Fielded
 
 GoalFunctions: TypeAlias = tuple[tuple[Callable[[float], np.ndarray], bool], ...]
 """Of each task, highest priority first: its goal at a time [s] as `Task.reference` gives it, and whether that time is the

@@ -18,8 +18,8 @@ from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.record import Record
 from uvms_ocp.scenario import MissionController, Scenario
+from uvms_ocp.shown.small_table import SmallTable, Tabled, rows_of
 from uvms_ocp.sim.loop import Progress
-from uvms_ocp.tables.small_table import SmallTable, Tabled, rows_of
 from uvms_ocp.validation import shown
 
 

@@ -14,7 +14,7 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
 from uvms_ocp.model.water.coefficients import links_in_water
 from uvms_ocp.model.water.hydrodynamics import STILL_WATER, Water
-from uvms_ocp.tables.fielded import Fielded
+from uvms_ocp.shown.fielded import Fielded
 
 
 @late

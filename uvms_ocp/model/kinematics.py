@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from uvms_ocp.arguments import late
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.tables.fielded import Fielded
+from uvms_ocp.shown.fielded import Fielded
 
 STEEP = 0.1
 """[-] cosine of a beam's tilt below which its range says nothing about the height."""

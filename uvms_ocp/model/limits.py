@@ -12,7 +12,7 @@ import pinocchio as pin
 from uvms_ocp.arguments import checked
 from uvms_ocp.arguments.frozen import read_only
 from uvms_ocp.model.files.description import RobotDescription
-from uvms_ocp.tables.fielded import Fielded
+from uvms_ocp.shown.fielded import Fielded
 
 _UNLIMITED = 1e12  # Pinocchio writes the largest float where a URDF has no limit
 

@@ -18,7 +18,7 @@ from uvms_ocp.model.files.description import RobotDescription, checked_copy
 from uvms_ocp.model.limits import Joint, Limits
 from uvms_ocp.model.water.coefficients import links_in_water
 from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics
-from uvms_ocp.tables.small_table import SmallTable
+from uvms_ocp.shown.small_table import SmallTable
 
 
 @checked

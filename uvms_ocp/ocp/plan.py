@@ -28,9 +28,9 @@ from uvms_ocp.ocp.plans.stored_result import (
 )
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.record import Record
+from uvms_ocp.shown.small_table import SmallTable, Tabled, rows_of
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
 from uvms_ocp.status import AdvisedStatus
-from uvms_ocp.tables.small_table import SmallTable, Tabled, rows_of
 from uvms_ocp.validation import shown
 
 if TYPE_CHECKING:

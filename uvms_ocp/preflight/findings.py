@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from uvms_ocp.arguments import checked
-from uvms_ocp.tables.small_table import SmallTable, Tabled
+from uvms_ocp.shown.small_table import SmallTable, Tabled
 
 
 class Severity(enum.Enum):

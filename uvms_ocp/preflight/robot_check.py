@@ -25,6 +25,9 @@ _RANK_TOLERANCE = 1e-6  # relative to the largest singular value
 _TRIANGLE_TOLERANCE = 1e-3  # relative; published inertias are rounded
 _LIMITING = "give vehicle_limits and joints in hydrodynamics.yaml, velocity and effort of joints in <limit> of the URDF"
 _FRAMES = ("base_link", "altimeter", "tool")
+_ALONE = (
+    "the file has links alone: a variant belongs over a whole file; identify writes that beside it, hydrodynamics.yaml"
+)
 _AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 
 
@@ -229,7 +232,9 @@ def _trim_advice(robot: Robot, force: float, moment: np.ndarray) -> str:
 def _thrusters(robot: Robot) -> Finding:
     matrix = thruster_matrix(robot)
     if not matrix.shape[1]:
-        return _warning("thrusters", "none: the vehicle cannot be driven on the dynamic plant")
+        text = "none: the vehicle cannot be driven on the dynamic plant"
+        alone = robot.description.model_fields_set <= {"links"}  # as variants have them
+        return _warning("thrusters", f"{text}; {_ALONE}" if alone else text)
     U, singular, _ = np.linalg.svd(matrix)
     rank = int((singular > _RANK_TOLERANCE * singular[0]).sum())
     text = f"{matrix.shape[1]} thrusters, rank {rank}, singular values {' '.join(f'{s:.3g}' for s in singular)}"

@@ -1,13 +1,17 @@
-"""Pages that are made of what the code already says: robot files, series of a record, commands."""
+"""Pages that are made of what the code already says: robot files, settings, series of a record, commands."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
+import numpy as np
 import typer.main
 
 from uvms_ocp.cli import app
+from uvms_ocp.identification.calibration.settings import Settings
+from uvms_ocp.identification.parameters.declaration import Quantity
+from uvms_ocp.identification.parameters.vehicle_quantities import Actuators, Start, vehicle_declaration
 from uvms_ocp.identification.recordings.mapping import ChannelMapping
 from uvms_ocp.identification.recordings.recording import KINDS, Kind
 from uvms_ocp.model.files.description import RobotDescription
@@ -16,7 +20,8 @@ from uvms_ocp.tables.series_table import series_markdown
 
 def generated_pages() -> dict[str, str]:
     """Markdown by the name of the page."""
-    return {"robot_files": _robot_files(), "series": _series(), "channels": _channels(), "commands": _commands()}
+    made = {"robot_files": _robot_files, "identification_settings": _settings, "series": _series, "channels": _channels}
+    return {name: page() for name, page in (made | {"commands": _commands}).items()}
 
 
 def _table(head: tuple[str, ...], rows: Iterator[tuple[str, ...]]) -> str:
@@ -64,6 +69,39 @@ def _robot_files() -> str:
         + "\n\n".join(["## Top level\n\n" + _fields(schema), *parts])
         + "\n"
     )
+
+
+def _settings() -> str:
+    schema = Settings.model_json_schema()
+    parts = [f"## {name}\n\n{_fields(part)}" for name, part in sorted(schema["$defs"].items())]
+    units = (
+        (f"`{name}`", one.unit, ", ".join(filter(None, one.coordinates.names)) or "-")
+        for name, one in _learnable().items()
+    )
+    return (
+        "# Settings of identification\n\nA YAML file that says what of which robot is to be learnt: `uvms-ocp excite` and "
+        "`uvms-ocp identify` take it. The code that reads it: `uvms_ocp.identification.calibration.settings.Settings`.\n\n"
+        + "\n\n".join(["## Top level\n\n" + _fields(schema), *parts])
+        + "\n\n## What may be learnt\n\n"
+        + _table(("quantity", "unit", "coordinates, for `free`"), units)
+        + "\n"
+    )
+
+
+def _learnable() -> Mapping[str, Quantity]:
+    """Of any vehicle: of actuators that have names of their own, coordinates are those."""
+    own, axes = np.eye(3), np.eye(6)
+    start = Start(
+        mass=1.0,
+        centre_of_mass=np.zeros(3),
+        inertia=own,
+        volume=1.0,
+        centre_of_buoyancy=np.zeros(3),
+        added_mass=axes,
+        linear_drag=axes,
+        quadratic_drag=axes,
+    )
+    return vehicle_declaration(start, np.array([-np.ones(3), np.ones(3)]), Actuators(names=("thrusters",))).quantities
 
 
 def _fields(part: dict[str, Any]) -> str:

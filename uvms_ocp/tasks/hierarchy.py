@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from uvms_ocp.arguments import checked
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
-from uvms_ocp.tables.small_table import SmallTable, Tabled
+from uvms_ocp.shown.small_table import SmallTable, Tabled
 from uvms_ocp.tasks.task import Task
 
 

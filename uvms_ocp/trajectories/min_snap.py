@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.arguments import checked
 from uvms_ocp.arrays import Array, Mask
-from uvms_ocp.tables.fielded import Fielded
+from uvms_ocp.shown.fielded import Fielded
 from uvms_ocp.trajectories.free_derivatives import (
     Pieces,
     coefficients,

@@ -20,7 +20,7 @@ from uvms_ocp.arguments import Count, Finite, checked, late
 from uvms_ocp.arguments.frozen import read_only
 from uvms_ocp.arrays import Array
 from uvms_ocp.exceptions import InvalidInput, OutputError
-from uvms_ocp.tables.fielded import Fielded
+from uvms_ocp.shown.fielded import Fielded
 from uvms_ocp.untrusted.array_file import read_arrays
 from uvms_ocp.validation import shown
 

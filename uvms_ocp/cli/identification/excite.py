@@ -13,10 +13,13 @@ from uvms_ocp.cli.options import NOT_COMPLETED, folder
 from uvms_ocp.cli.printing import console_of, print_paths
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.identification.calibration.settings import Settings, read_settings
+from uvms_ocp.identification.calibration.shapes import require_no_shape
 from uvms_ocp.identification.calibration.subject import Subject, subject_of
+from uvms_ocp.identification.calibration.variant import require_coefficients
 from uvms_ocp.identification.excitation.assignment import Assignment
 from uvms_ocp.identification.excitation.confines import Limits
-from uvms_ocp.identification.excitation.design import DesignStatus, Effort, designed
+from uvms_ocp.identification.excitation.design import Effort, designed
+from uvms_ocp.identification.excitation.expected import DesignStatus
 from uvms_ocp.identification.excitation.report import excitation_text
 from uvms_ocp.identification.methods.output_error import Noise
 from uvms_ocp.identification.methods.rollout import Rollout
@@ -47,7 +50,10 @@ def excite(
     """
     given = read_settings(settings)
     subject, console = subject_of(given, settings.parent), console_of()
-    limits = Limits(thrust=thrust_within(subject, given, share), pool=np.outer([-0.5, 0.5], pool), slew=slew)
+    require_no_shape(subject)  # rather than after it was driven
+    require_coefficients(subject)
+    thrust = thrust_within(subject, given, share)
+    limits = Limits(thrust=thrust, pool=np.outer([-0.5, 0.5], pool), hull=subject.hull_in_body(given.hull), slew=slew)
     wanted = _assignment(subject, given, limits, duration)
     with claimed(out, [COMMANDS, REPORT]) as claim:
         with console.status("designing") as status, told_of_compiling(status.update, console):

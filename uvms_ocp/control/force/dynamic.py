@@ -27,6 +27,7 @@ from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import SensorSpecs
 from uvms_ocp.model.state import Command, Measurement
 from uvms_ocp.model.thrusters import largest_force, largest_wrench
+from uvms_ocp.shown.small_table import SmallTable, Tabled, rows_of
 
 _command, _strain = trusted(Command), trusted(Strain)
 
@@ -68,7 +69,7 @@ class VelocityGains:
 
 
 @checked
-class DynamicController:
+class DynamicController(Tabled):
     """Tracks the velocities of a kinematic layer: a callable ``(Measurement, t) -> Command`` with thrust and torque.
 
     The force of `VelocityLaw` less the disturbance of an `ObserverLaw`, shared out by an `Allocation`; thrusters are inverted
@@ -125,6 +126,18 @@ class DynamicController:
         if self._look.changed and self.monitor is not None:
             self._hear(self.monitor, tick.t)
         return self._told(command, told)
+
+    def _table(self) -> SmallTable:
+        told = {
+            "bandwidth borne by the vehicle [-]": self.memory.bears,
+            "bandwidth borne by the joints [-]": self.memory.joints_bear,
+            "faults of thrusters and joints": "not searched for"
+            if self.monitor is None
+            else self._handicap or "none found",
+            "load of the tool": "not learnt" if self.learner is None else "learnt",
+        }
+        below = self.kinematic._table()
+        return SmallTable(title=type(self).__name__, rows=(*below.rows, *rows_of(told)))
 
     def _ticked(self, sound: Measurement, t: float, known: bool) -> list[np.ndarray]:
         """Parts of `Told`, of a tick with what is learnt of the load."""

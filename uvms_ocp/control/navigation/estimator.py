@@ -22,6 +22,7 @@ from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import SensorSpecs
 from uvms_ocp.model.state import Command, Measurement, Reading, Readings
+from uvms_ocp.shown.small_table import SmallTable, Tabled, rows_of
 
 _measurement = trusted(Measurement)
 _outcome = trusted(Outcome)
@@ -31,7 +32,7 @@ _LATEST = 1e9  # [s] of any clock; thirty years
 
 
 @checked
-class Estimator:
+class Estimator(Tabled):
     """A callable ``(Readings, t, command) -> Measurement``. Holds its estimate: build one per run.
 
     Until a channel has its first reading its part of the estimate means nothing, and `Measurement.age` is inf. A reading
@@ -91,6 +92,11 @@ class Estimator:
             self._beam.place(self._joints)
         self.advance()
         return self._told()
+
+    def _table(self) -> SmallTable:
+        known = {name: self.memory.used[NUMBER[name]] for name in CHANNELS if self.memory.needed[NUMBER[name]]}
+        used = {name: f"used until {t:.4g} s" if math.isfinite(t) else "no reading yet" for name, t in known.items()}
+        return SmallTable(title=type(self).__name__, rows=rows_of(used))
 
     @late
     def outcome(self, channel: str) -> Outcome | None:

@@ -12,12 +12,13 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import IDEAL_SENSORS, SensorSpecs
 from uvms_ocp.model.state import Command, Measurement, Readings
+from uvms_ocp.shown.small_table import SmallTable, Tabled, rows_of
 
 _measurement = trusted(Measurement)
 
 
 @checked
-class PassThrough:
+class PassThrough(Tabled):
     """Takes readings for the truth: for sensors without noise, which it repeats exactly."""
 
     def __init__(self, robot: Robot, specs: SensorSpecs = IDEAL_SENSORS, altimeter_frame: str | None = None) -> None:
@@ -37,6 +38,10 @@ class PassThrough:
             *needed_channels(robot, specs, altimeter_frame or robot.description.altimeter),
             "joint_velocities",
         )
+
+    def _table(self) -> SmallTable:
+        told = {"q from": ", ".join(self.q_channels), "v from": ", ".join(self.v_channels)}
+        return SmallTable(title=type(self).__name__, rows=rows_of(told))
 
     @late
     def __call__(self, readings: Readings, t: float, command: Command | None = None) -> Measurement:

@@ -20,6 +20,7 @@ from uvms_ocp.model.state import Command, Measurement, State
 from uvms_ocp.model.water.hydrodynamics import Water
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
 from uvms_ocp.ocp.trajectory import hold
+from uvms_ocp.shown.small_table import SmallTable, Tabled, rows_of
 from uvms_ocp.solvers.nlp.sqp_options import SqpOptions
 
 _state = trusted(State)
@@ -46,7 +47,7 @@ class NmpcStatistics:
 
 
 @checked
-class Nmpc:
+class Nmpc(Tabled):
     """A callable ``(Measurement, t) -> Command``.
 
     Once per `period` a plan is made: from the state in which the present plan will leave the measured one by the time that
@@ -107,6 +108,20 @@ class Nmpc:
         """[s] when the next solve begins."""
         self._times: list[tuple[float, float]] = []
         self._missed = self._rejected = 0
+
+    def _table(self) -> SmallTable:
+        horizon = float(self._problem.nominal_times()[-1])
+        told = {
+            "robot": self._robot.name,
+            "levels": ", ".join(level.name for level in self._problem.levels),
+            "horizon [s]": horizon,
+            "period of planning [s]": self.period,
+            "plans": self.worker_status.value,
+            "solved": len(self._times),
+            "missed": self._missed,
+            "rejected": self._rejected,
+        }
+        return SmallTable(title=type(self).__name__, rows=rows_of(told))
 
     @property
     def statistics(self) -> NmpcStatistics:

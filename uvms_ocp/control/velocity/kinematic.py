@@ -51,11 +51,10 @@ from uvms_ocp.model.health import ChannelHealth
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.distance_room import distance_room
 from uvms_ocp.model.state import Command, Measurement
+from uvms_ocp.shown.small_table import SmallTable, Tabled, rows_of
 from uvms_ocp.solvers.hierarchy.tick import SharedTick, Tick
 
-_command = trusted(Command)
-_tick_state = trusted(TickState)
-
+_command, _tick_state = trusted(Command), trusted(TickState)
 _FRESHNESS = tuple(Freshness)
 
 
@@ -66,7 +65,7 @@ class HierarchySolver(Protocol):
 
 
 @checked
-class KinematicController:
+class KinematicController(Tabled):
     """Runs a mission: a callable ``(Measurement, t) -> Command``.
 
     One tick: `observe` what is known, solve the hierarchy, keep what a stop can keep, advance the mission, `command`. Holds
@@ -120,6 +119,10 @@ class KinematicController:
         self._state = mission.start()
         write_state(memory.mission, self._state)
 
+    def _table(self) -> SmallTable:
+        told = {"robot": self.robot.name, **self.mission.told(self._state), "period [s]": self.dt}
+        return SmallTable(title=type(self).__name__, rows=rows_of(told))
+
     @property
     def state(self) -> MissionState:
         """Where the mission is."""
@@ -152,8 +155,7 @@ class KinematicController:
         """What is known at time t [s]; what is missing of the measurement is replaced by what was known last."""
         started, memory, arrays = perf_counter(), self.memory, self._arrays
         self._sound.check(measurement)
-        arrays.q[:] = measurement.q
-        arrays.v[:] = measurement.v
+        arrays.q[:], arrays.v[:] = measurement.q, measurement.v
         memory.t, memory.altimeter_range = t, measurement.altimeter_range
         memory.age, memory.joint_age = measurement.age, measurement.joint_age
         bad = self._bad.among(measurement.health)
@@ -238,8 +240,7 @@ class KinematicController:
         motion = self._arrays.command / self.memory.pace, self._arrays.change
         outputs = self.problem.function(q, measurement.v, *motion, echo, parameters, gates)
         quantities = np.array(outputs[self.problem.function.index_out("quantities")]).ravel()
-        of_altitude = self.problem.rests_on[ALTIMETER]
-        unknown = [is_unknown(measurement.age, bool(of), known) for of in of_altitude]
+        unknown = [is_unknown(measurement.age, bool(of), known) for of in self.problem.rests_on[ALTIMETER]]
         return self._named(np.where(unknown, np.nan, quantities))
 
     def _restricted(self, bad: list[ChannelHealth]) -> Restriction:

@@ -6,12 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from uvms_ocp.identification.calibration.mixed_thrusters import mixed_thrusters
 from uvms_ocp.identification.calibration.settings import Settings
 from uvms_ocp.identification.calibration.subject import Subject
 from uvms_ocp.identification.parameters.declaration import Quantity
 from uvms_ocp.identification.recordings.doubts.doubt import Doubt
 from uvms_ocp.identification.recordings.recording import Channel, Recording
-from uvms_ocp.model.thrusters import thrust_limits
+from uvms_ocp.model.thrusters import thrust_limits, thruster_matrix
 
 _FLOWS = 0.01  # [m/s] of a current that is told
 _SOON = 0.005  # [s] of a delay that is not
@@ -29,7 +30,7 @@ def neglected(subject: Subject, settings: Settings, recording: Recording) -> Ite
             text = "thrusters were driven ahead of their lag to give it, and a lag by it is not theirs: give commands: thrust"
             yield Doubt(channel="wrench", problem=text)
     if "thrust" in channels and settings.commands == "thrust":
-        yield from _of_limits(channels["thrust"], subject)
+        yield from _of_thrust(recording, channels["thrust"].of(subject.robot.thruster_names, "thrust"), subject)
 
 
 def _of_current(current: Channel, *, learnt: bool) -> Iterator[Doubt]:
@@ -48,10 +49,12 @@ def _of_delay(settings: Settings, delay: Quantity) -> Iterator[Doubt]:
         yield Doubt(channel=settings.commands, problem=f"commands of a run of this toolkit act at once, {held}")
 
 
-def _of_limits(thrust: Channel, subject: Subject) -> Iterator[Doubt]:
+def _of_thrust(recording: Recording, thrust: Channel, subject: Subject) -> Iterator[Doubt]:
     lower, upper = thrust_limits(subject.robot)
-    asked = thrust.of(subject.robot.thruster_names, "thrust").values
-    beyond = ((asked > upper * (1.0 + _BEYOND)) | (asked < lower * (1.0 + _BEYOND))).any(axis=0)
+    beyond = ((thrust.values > upper * (1.0 + _BEYOND)) | (thrust.values < lower * (1.0 + _BEYOND))).any(axis=0)
     if beyond.any():
         names = ", ".join(np.array(subject.robot.thruster_names)[beyond])
         yield Doubt(channel="thrust", problem=f"more is asked of {names} than they can give: a fit takes it for given")
+    mixed = mixed_thrusters(recording, thrust, thruster_matrix(subject.robot), subject.robot.thruster_names)
+    if mixed:
+        yield Doubt(channel="thrust", problem=f"the vehicle accelerates as with {mixed}: their order, their signs?")

@@ -30,6 +30,7 @@ from uvms_ocp.untrusted.yaml_file import read_yaml_as
 from uvms_ocp.validation import one_line_errors
 
 _Positive = Annotated[float, Field(gt=0.0)]
+_NonNegative = Annotated[float, Field(ge=0.0)]
 _Corner = tuple[float, float, float]
 _NOISE, _SEARCH, _ACTUATORS = Noise(), Search(), Actuators()  # whose defaults are those of the file
 
@@ -67,22 +68,26 @@ class NoiseSettings(_Section):
 class Settings(_Section):
     """All of it."""
 
-    robot: str = Field(description="name, see `uvms-ocp list`, or a URDF beside this file")
+    robot: str = Field(description="name, see `uvms-ocp list`, or a URDF or its folder beside this file")
     hydrodynamics: str | None = Field(default=None, description="YAML beside this file; default: the robot's own")
-    arm: Literal["as it is", "taken off"] = "as it is"
-    hull: tuple[_Corner, _Corner] = Field(description="box that holds the hull, lowest and highest corner [m]")
+    arm: Literal["as it is", "taken off"] = Field(
+        default="as it is", description="taken off: of a vehicle driven without it"
+    )
+    hull: tuple[_Corner, _Corner] = Field(
+        description="box that holds the hull, lowest and highest corner [m], in its link"
+    )
     commands: Literal["thrust", "wrench"] = Field(default="thrust", description="channel of what was commanded")
-    lag: _Positive | None = Field(
+    lag: _NonNegative | None = Field(
         default=None, description="of actuators, where the search begins [s]; default: of thrusters their mean, or 0.1"
     )
-    delay: Annotated[float, Field(gt=0.0, lt=_ACTUATORS.longest_delay)] = Field(
-        default=0.05, description="of commands, where the search begins [s]"
+    delay: Annotated[float, Field(ge=0.0, lt=_ACTUATORS.longest_delay)] = Field(
+        default=0.05, description="of commands, where the search begins [s]; of runs of this toolkit 0"
     )
-    dead_zone: _Positive | None = Field(
-        default=None, description="of actuators [N, N m]; default: of thrusters their mean, at least 0.001, or 0.001"
+    dead_zone: _NonNegative | None = Field(
+        default=None, description="of actuators [N, N m]; default: of thrusters their mean, or 0.001"
     )
     learn: dict[str, Learnt] = Field(min_length=1, description="by the names of quantities")
-    noise: NoiseSettings = NoiseSettings()
+    noise: NoiseSettings = Field(default=NoiseSettings(), description="of sensors")
     step: _Positive = Field(default=_SEARCH.step, description="of the simulation [s]")
     stretch: _Positive = Field(default=_SEARCH.stretch, description="length of stretches [s]")
 

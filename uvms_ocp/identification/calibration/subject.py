@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from uvms_ocp.model.symbolic.dynamics import SymbolicDynamics
 from uvms_ocp.model.thrusters import thruster_matrix
 
 _VEHICLE = 1  # joint of Pinocchio's, after the universe
-_LEAST = 1e-3  # [s], [N] of thrusters that have no lag or no dead zone
+_LEAST = 1e-3  # [s], [N] of what is given as 0: logarithms are searched
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -39,6 +40,13 @@ class Subject:
     def frame(self) -> str:
         """Link whose coefficients are learnt."""
         return self.vehicle.dynamics.links[self.vehicle.link].frame
+
+    def hull_in_body(self, hull: Sequence[Sequence[float]]) -> np.ndarray:
+        """(2, 3) [m] box in B that holds one in the link's frame; hull: its lowest and highest corner [m]."""
+        model = self.vehicle.dynamics.model
+        X, low_high = model.frames[model.getFrameId(self.frame)].placement, np.array(hull)
+        middle, reach = X.act(low_high.mean(axis=0)), np.abs(X.rotation) @ (np.diff(low_high, axis=0)[0] / 2)
+        return np.array([middle - reach, middle + reach])
 
 
 def subject_of(settings: Settings, folder: Path) -> Subject:
@@ -83,14 +91,17 @@ def _own_link(robot: Robot, dynamics: SymbolicDynamics) -> int:
 def _files(settings: Settings, folder: Path) -> tuple[Path, Path | None]:
     """URDF and hydrodynamics."""
     named = folder / settings.robot
-    urdf = named if named.suffix == ".urdf" else robot_folder(settings.robot) / "robot.urdf"
+    urdf = (
+        named if named.suffix == ".urdf" else (named if named.is_dir() else robot_folder(settings.robot)) / "robot.urdf"
+    )
     file = urdf.parent / "hydrodynamics.yaml" if settings.hydrodynamics is None else folder / settings.hydrodynamics
     return urdf, file if settings.hydrodynamics is not None or file.is_file() else None
 
 
 def _actuators(settings: Settings, robot: Robot) -> Actuators:
-    given = {name: getattr(settings, name) for name in ("lag", "dead_zone") if getattr(settings, name)}
-    known = Actuators(delay=settings.delay, commands=settings.commands)
+    asked = {name: getattr(settings, name) for name in ("lag", "dead_zone")}
+    given: dict[str, Any] = {name: value or _LEAST for name, value in asked.items() if value is not None}
+    known = Actuators(delay=settings.delay or _LEAST, commands=settings.commands)
     if settings.commands == "wrench":
         return replace(known, **given)
     names, thrusters = robot.thruster_names, robot.description.thrusters

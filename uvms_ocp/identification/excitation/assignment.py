@@ -56,10 +56,14 @@ class Assignment:
         n_j = self.vehicle.dynamics.model.nv - N_V
         return np.concatenate([self.joints or np.zeros(n_j), np.zeros(2 * n_j)])
 
+    @property
+    def chosen(self) -> list[int]:
+        """Places of the m numbers that matter, as `numbers` has them. Raises NameNotFound for one that there is not."""
+        return _chosen(slopes_of(self.vehicle, self.vehicle.shared.start)[0], self.matter)
+
     def aim(self) -> Aim:
         """Raises NameNotFound for a number that does not depend on the unknowns."""
-        names, slopes = slopes_of(self.vehicle, self.vehicle.shared.start)
-        chosen = slopes[_chosen(names, self.matter)]
+        chosen = slopes_of(self.vehicle, self.vehicle.shared.start)[1][self.chosen]
         priors = np.concatenate([self.vehicle.shared.sigma, self.vehicle.own.sigma])
         known = np.zeros((len(priors),) * 2) if self.known is None else self.known
         return Aim(

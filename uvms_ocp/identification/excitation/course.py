@@ -6,12 +6,14 @@ in the one direction that adjoints ask for: a course costs a few simulations wit
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.functions.buffered import BufferedFunction
 from uvms_ocp.functions.compile import compile_function
 from uvms_ocp.identification.methods.rollout import Rollout, chained
 from uvms_ocp.identification.models.stage import N_V, Stage
@@ -46,23 +48,24 @@ class Courses:
 
     def __init__(self, rollout: Rollout, p: np.ndarray, h: float, joints: np.ndarray) -> None:
         self._rollout, self._stage, self._p, self.h = rollout, rollout.stage, p, h
-        self._joints = joints
+        self._joints, self._called = joints, dict[tuple[str, int], BufferedFunction]()
         delays, slopes = (np.asarray(one) for one in self._stage.delays(p))
         self.delay, self._late, self._seen_late = float(delays[0, 0]), slopes[0], slopes[1]
 
     def states(self, u: np.ndarray) -> np.ndarray:
         """(n + 1, n_x) [as `Stage`] after commands u (n, n_u) [N, N m] as they act."""
         x = np.concatenate([_AT_REST, np.zeros(N_V + self._stage.n_u)])
-        after = self._rollout.many("step", self._rollout.step, len(u), 1)(x, *self._given(u))
-        return np.vstack([x, np.asarray(after).T])
+        whole = self._rollout.many("step", self._rollout.step, len(u), 1)
+        (after,) = self._outputs(("step", len(u)), whole, x, *self._given(u))
+        return np.vstack([x, after.T])
 
     def of(self, u: np.ndarray, late: np.ndarray) -> Course:
         """Simulate commands u (n, n_u) [N, N m] as they act, which change with the delay by late (n, n_u) [N/s, N m/s]."""
-        x, n, stage = self.states(u), len(u), self._stage
+        x, stage = self.states(u), self._stage
         A, B, C = self._mapped("slope", self._rollout.slope, x[:-1].T, *self._given(u))
         B += np.einsum("kij,kj->ki", C, late)[:, :, None] * self._late
         S = chained(A, B, np.zeros((stage.n_x, stage.n_p)))
-        y, y_x, y_p = self._mapped("seen", stage.seen, x.T, self._all(n + 1))
+        y, y_x, y_p = self._mapped("seen", stage.seen, x.T, self._p)
         J = y_x @ S + y_p
         J[1:, :3] -= np.diff(y[:, :3], axis=0) / self.h * self._seen_late
         return Course(x=x, u=u, late=late, y=y[:, :, 0], slopes=(A, B, C), S=S, y_x=y_x, J=J)
@@ -83,15 +86,13 @@ class Courses:
         return bent_u + np.einsum("kij,ki->kj", C, adjoint), np.einsum("kij,ki->kj", C, late)
 
     def _bent(self, one: Course, weights: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray]:
-        wide = [np.hstack(list(part)) for part in weights]
-        found = self._mapped("bent", self._functions[0], one.x[:-1].T, *self._given(one.u), *wide)
+        found = self._mapped("bent", self._functions[0], one.x[:-1].T, *self._given(one.u), *_wide(weights))
         return found[0][:, :, 0], found[1][:, :, 0]
 
     def _bent_seen(self, one: Course, M: np.ndarray) -> np.ndarray:
         """With x (n + 1, n_x), by what is seen."""
         weights = M @ np.swapaxes(one.S, 1, 2), M
-        wide = [np.hstack(list(part)) for part in weights]
-        (found,) = self._mapped("bent seen", self._functions[1], one.x.T, self._all(len(one.x)), *wide)
+        (found,) = self._mapped("bent seen", self._functions[1], one.x.T, self._p, *_wide(weights))
         with_y = np.zeros_like(one.y)
         rate = M[1:, :3] @ self._seen_late[:, None] / self.h
         with_y[1:, :3] -= rate[:, :, 0]
@@ -103,18 +104,23 @@ class Courses:
         return compile_function(_bent_step(self._stage)), _bent_seen(self._stage)
 
     def _given(self, u: np.ndarray) -> tuple[np.ndarray, ...]:
-        n = len(u)
-        return u.T, np.repeat(self._joints[:, None], n, axis=1), self._all(n), np.full((1, n), self.h)
-
-    def _all(self, n: int) -> np.ndarray:
-        return np.repeat(self._p[:, None], n, axis=1)
+        return u.T, self._joints, self._p, np.full(1, self.h)
 
     def _mapped(self, name: str, function: ca.Function, *given: np.ndarray) -> list[np.ndarray]:
-        """Outputs (n, rows, columns)."""
+        """Outputs (n, rows, columns), where given[0] has n columns; what has one is the same for all."""
         n = given[0].shape[1]
-        found = self._rollout.many(name, function, 0, n).call([ca.DM(one) for one in given])
-        split = [np.asarray(one).reshape(one.shape[0], n, -1) for one in found]
-        return [np.ascontiguousarray(one.transpose(1, 0, 2)) for one in split]
+        found = self._outputs((name, n), self._rollout.many(name, function, 0, n), *given)
+        return [np.ascontiguousarray(one.reshape(len(one), n, -1).swapaxes(0, 1)) for one in found]
+
+    def _outputs(self, key: tuple[str, int], function: ca.Function, *given: np.ndarray) -> tuple[np.ndarray, ...]:
+        if key not in self._called:
+            self._called[key] = BufferedFunction(function)
+        return self._called[key](*given)
+
+
+def _wide(parts: tuple[np.ndarray, ...]) -> Iterator[np.ndarray]:
+    """(rows, n columns), of parts (n, rows, columns) side by side."""
+    return (part.transpose(1, 0, 2).reshape(part.shape[1], -1) for part in parts)
 
 
 def _backward(A: np.ndarray, direct: np.ndarray) -> np.ndarray:

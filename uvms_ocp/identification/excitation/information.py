@@ -10,6 +10,9 @@ from uvms_ocp.identification.excitation.course import Course
 from uvms_ocp.identification.methods.output_error import Noise
 
 _NOTHING = 1e-6  # of information: what is known of an unknown without a prior
+_SHARP = (
+    20.0  # [-] power of standard errors whose mean counts: 0 would make all count alike, more and more the worst alone
+)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -34,14 +37,22 @@ class Aim:
         J = (one.J * np.sqrt(self.weights(h))[:, None]).reshape(-1, one.J.shape[-1])
         return np.asarray(J.T @ J)
 
-    def figure(self, one: Course, h: float) -> tuple[float, np.ndarray]:
-        """[-] Mean logarithm of the numbers' standard errors, and its slope with J (n + 1, 9, n_p); steps h [s]."""
+    def figure(self, one: Course, h: float, wanted: np.ndarray) -> tuple[float, np.ndarray]:
+        """[-] Logarithm of the numbers' standard errors over those wanted (m,) [units of numbers], those farthest off first.
+
+        With its slope with J (n + 1, 9, n_p); steps h [s].
+        """
         C = self.covariance(self.information(one, h))
         with_numbers = self.slopes @ C
         squares = np.maximum(np.einsum("ij,ij->i", with_numbers, self.slopes), 1e-300)
-        with_information = -np.einsum("ij,ik,i->jk", with_numbers, with_numbers, 0.5 / squares) / len(squares)
-        M = 2.0 * self.weights(h)[:, None] * (one.J @ with_information)
-        return float(np.log(squares).mean() / 2), M
+        value, share = _softly_largest(np.log(squares) / 2 - np.log(wanted))
+        with_information = -np.einsum("ij,ik,i->jk", with_numbers, with_numbers, 0.5 * share / squares)
+        return value, 2.0 * self.weights(h)[:, None] * (one.J @ with_information)
+
+    def deviations(self, information: np.ndarray) -> np.ndarray:
+        """(m,) [units of numbers] standard errors after recordings of some information (n_p, n_p) [1 / unknowns^2]."""
+        C = self.covariance(information)
+        return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", self.slopes, C, self.slopes)))
 
     def covariance(self, information: np.ndarray) -> np.ndarray:
         """(n_p, n_p) [unknowns^2] after recordings of some information (n_p, n_p) [1 / unknowns^2]."""
@@ -49,3 +60,10 @@ class Aim:
         # Unknowns differ by powers of ten in what is known of them.
         scale = 1.0 / np.sqrt(np.diag(whole))
         return np.asarray(scale[:, None] * np.linalg.inv(whole * np.outer(scale, scale)) * scale)
+
+
+def _softly_largest(values: np.ndarray) -> tuple[float, np.ndarray]:
+    """Of values (m,) [-], between their mean and the largest, with its slope (m,) [-]."""
+    most = float(values.max())
+    grown = np.exp(_SHARP * (values - most))
+    return most + float(np.log(grown.mean())) / _SHARP, grown / grown.sum()

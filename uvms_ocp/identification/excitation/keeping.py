@@ -20,8 +20,7 @@ def kept_inside(given: Assignment, rollout: Rollout, wanted: np.ndarray, step: f
     B, p, joints = given.vehicle.actuators.wrench, given.unknowns, given.still
     spread = np.linalg.pinv(B)
     most = 1.0 / (np.abs(spread) / np.abs(given.limits.thrust).min(axis=1)[:, None]).max(axis=0).clip(1e-9)
-    half = np.abs(given.limits.pool).min(axis=0)
-    stiff = most / np.concatenate([half, [given.limits.tilt, given.limits.tilt, np.inf]])
+    stiff = most / np.concatenate([given.limits.room, [given.limits.tilt, given.limits.tilt, np.inf]])
     x, found, before = np.zeros(rollout.stage.n_x), [], np.zeros(len(spread))
     x[N_Q - 1] = 1.0
     for one in wanted:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,12 +20,16 @@ class Objective:
     limits: Limits
     history: History
     courses: Courses
+    wanted: np.ndarray
+    """(m,) [units of numbers] standard errors that those of the aim are compared with."""
+    off: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    """(n + 1, n_x) [as `Stage`], or none (1,), that states are truly beside the course."""
 
     def value(self, knots: np.ndarray, price: float) -> tuple[float, np.ndarray]:
         """[-] at knots (n_knots, n_u) [N, N m], with its slope [1/N, 1/(N m)]; price [-] of leaving the pool."""
         one = self.courses.of(self.history.acting @ knots, self.history.late @ knots)
-        figure, M = self.aim.figure(one, self.courses.h)
-        out, slope = self.limits.beyond(one.x)
+        figure, M = self.aim.figure(one, self.courses.h, self.wanted)
+        out, slope = self.limits.beyond(one.x + self.off)
         share = 2.0 * price / len(one.x)
         with_x = np.pad(share * np.einsum("ki,kij->kj", out, slope), ((0, 0), (0, one.x.shape[1] - slope.shape[2])))
         with_u, with_late = self.courses.pulled(one, M, with_x)

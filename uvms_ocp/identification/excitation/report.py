@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from uvms_ocp.identification.excitation.design import Excitation
+from uvms_ocp.identification.excitation.expected import Excitation
 
 
 def excitation_text(one: Excitation, actuators: Sequence[str]) -> str:
@@ -15,14 +15,13 @@ def excitation_text(one: Excitation, actuators: Sequence[str]) -> str:
 
 
 def _course(one: Excitation, actuators: Sequence[str]) -> Iterator[str]:
-    places = one.states[:, :3]
-    spans = [f"{low:+.2f} to {high:+.2f}" for low, high in zip(places.min(axis=0), places.max(axis=0), strict=True)]
+    spans = [f"{low:+.2f} to {high:+.2f}" for low, high in one.swept.T]
     step = float(one.commands.t[1] - one.commands.t[0])
     tilt = 2.0 * np.arcsin(np.hypot(*one.states[:, 3:5].T).max())
     yield f"{one.status.value}: {one.status.advice}\n"
     yield f"Commands last {step * len(one.commands.t):.4g} s, held for {step:.4g} s each, of {', '.join(actuators)}.\n"
-    yield f"From where it begins the vehicle goes {', '.join(spans)} m in x, y and z, and tilts by {tilt:.2f} rad at most,"
-    yield "if it is as it is believed to be: keep it in sight, and record what was told if someone interferes."
+    yield f"From where its origin begins the hull sweeps {', '.join(spans)} m in x, y and z, and tilts by {tilt:.2f} rad at most,"
+    yield "if the vehicle is as it is believed to be: keep it in sight, and record what was told if someone interferes."
 
 
 def _numbers(one: Excitation) -> Iterator[str]:

@@ -10,7 +10,7 @@ from uvms_ocp.identification.recordings.messages import holds_messages, topics_o
 from uvms_ocp.identification.recordings.recording import Recording
 from uvms_ocp.identification.recordings.run_records import run_recording
 from uvms_ocp.identification.recordings.storage import is_stored, stored_recording
-from uvms_ocp.identification.recordings.tables import column_names
+from uvms_ocp.identification.recordings.tables import column_names, require_there
 from uvms_ocp.record import Record
 
 _OWN_ALONE = ".npz"  # files of others do not end so
@@ -22,6 +22,7 @@ def read_recording(path: Path, mapping: Mapping | None = None) -> Recording:
 
     Raises InvalidInput for one that needs a mapping, NameNotFound and NotInstalled.
     """
+    require_there(path)
     if mapping is not None and path.is_dir():
         return mapped_recording(path, mapping)
     try:

@@ -28,18 +28,26 @@ def read_columns(path: Path, wanted: Sequence[str]) -> np.ndarray:
 
     Raises NameNotFound for a column that there is not, NotInstalled, and InvalidInput for what is no table of numbers.
     """
+    require_there(path)
     require_regular(path)
     return _from_parquet(path, wanted) if path.suffix == ".parquet" else _from_csv(path, wanted)
 
 
 def column_names(path: Path) -> tuple[str, ...]:
     """Of a table. Raises InvalidInput for what is none, and NotInstalled."""
+    require_there(path)
     require_regular(path)
     if path.suffix == ".parquet":
         with _parquet(path) as file:
             return tuple(file.schema_arrow.names)
     with _opened(path) as file:
         return tuple(name.strip() for name in next(csv.reader(_rows_of(file)), []))
+
+
+def require_there(path: Path) -> None:
+    """Raises InvalidInput for a path where nothing is."""
+    if not path.exists():
+        raise InvalidInput(f"{path}: there is no such file")
 
 
 def _from_csv(path: Path, wanted: Sequence[str]) -> np.ndarray:

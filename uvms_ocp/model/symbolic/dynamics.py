@@ -22,7 +22,7 @@ from uvms_ocp.model.symbolic.tree import BodyMotions, SymbolicModel, function
 from uvms_ocp.model.symbolic.wet_links import WaterCoefficients, WetLink, wet_link
 from uvms_ocp.model.water import hydrodynamics as water
 from uvms_ocp.model.water.hydrodynamics import LinkHydrodynamics
-from uvms_ocp.tables.fielded import Fielded
+from uvms_ocp.shown.fielded import Fielded
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)

@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.arguments import Shape, checked
 from uvms_ocp.arrays import Array
+from uvms_ocp.shown.fielded import Fielded
 from uvms_ocp.solvers.hierarchy.certificate import certificate
 from uvms_ocp.solvers.hierarchy.gated_rows import residual
 from uvms_ocp.solvers.hierarchy.level import Level
 from uvms_ocp.status import AdvisedStatus
-from uvms_ocp.tables.fielded import Fielded
 
 
 class Status(AdvisedStatus):

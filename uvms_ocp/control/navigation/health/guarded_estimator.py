@@ -20,6 +20,8 @@ from uvms_ocp.model.health import ChannelHealth
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.sensing import SensorSpecs
 from uvms_ocp.model.state import Command, Measurement, Readings
+from uvms_ocp.shown.fielded import in_a_row
+from uvms_ocp.shown.small_table import SmallTable, Tabled, rows_of
 
 _measurement = trusted(Measurement)
 
@@ -44,7 +46,7 @@ class Gating(Protocol):
 
 
 @checked
-class GuardedEstimator:
+class GuardedEstimator(Tabled):
     """A callable ``(Readings, t, command) -> Measurement`` around another one. Build one per run.
 
     `Measurement.age` counts channels that q and v rest on, as far as nothing stands in for them (`support.stand_ins`); a lost
@@ -96,6 +98,10 @@ class GuardedEstimator:
         return self._told(
             measured.q, measured.v, measured.altimeter_range, health, measured.spread, measured.altimeter_spread
         )
+
+    def _table(self) -> SmallTable:
+        watched = {one.channel: one.trust.name.lower() for one in self.monitor.health}
+        return SmallTable(title=type(self).__name__, rows=rows_of({"estimator": in_a_row(self.estimator), **watched}))
 
     def _told(
         self,

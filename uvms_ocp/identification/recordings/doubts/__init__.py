@@ -15,6 +15,7 @@ from uvms_ocp.identification.recordings.doubts.gravity import of_gravity
 from uvms_ocp.identification.recordings.doubts.joint_rates import of_joints
 from uvms_ocp.identification.recordings.doubts.rates import of_rates
 from uvms_ocp.identification.recordings.doubts.samples import has_times, of_poses, of_samples
+from uvms_ocp.identification.recordings.doubts.stuck import of_stuck
 from uvms_ocp.identification.recordings.recording import KINDS, Recording
 
 
@@ -23,5 +24,7 @@ def doubts(recording: Recording) -> tuple[Doubt, ...]:
     sound = {name: one for name, one in recording.channels.items() if KINDS[name].command or has_times(one)}
     others = replace(recording, channels=sound)
     found = [*recording.known_doubts, *of_samples(recording)]
-    found += [each for kind in (of_poses, of_rates, of_joints, of_gravity, of_commands) for each in kind(others)]
+    found += [
+        each for kind in (of_poses, of_rates, of_joints, of_gravity, of_stuck, of_commands) for each in kind(others)
+    ]
     return tuple(Doubt(channel=name, problem=text) for name, text in found)

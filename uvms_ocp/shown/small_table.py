@@ -74,5 +74,7 @@ class Tabled:
     def __repr__(self) -> str:
         return self._table().text()
 
+    __str__ = __repr__
+
     def _repr_html_(self) -> str:
         return self._table().html()

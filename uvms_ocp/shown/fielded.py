@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.tables.small_table import SmallTable, Tabled
+from uvms_ocp.shown.small_table import SmallTable, Tabled
 
 _FEW = 8  # entries of what is told in full
 _LONGEST = 120  # letters of a row

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from uvms_ocp.identification.excitation.assignment import Assignment
-from uvms_ocp.identification.excitation.design import DesignStatus, Excitation, excitation_of
+from uvms_ocp.identification.excitation.expected import DesignStatus, Excitation, excitation_of
 from uvms_ocp.identification.excitation.keeping import kept_inside
 from uvms_ocp.identification.methods.rollout import Rollout
 from uvms_ocp.identification.recordings.recording import Channel
