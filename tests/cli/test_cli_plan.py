@@ -271,7 +271,7 @@ def test_a_plan_against_anything_else_is_refused_in_one_line(around: Run, tmp_pa
         ("run.npz", "the second a run"),
         ("other.npz", "a record of neither a run nor a plan"),
         ("broken.npz", "broken.npz: "),
-        ("", "not a record"),
+        ("", "holds no record.npz; give the folder of a run"),
     ):
         process = compared(around[1], tmp_path / name)
         assert process.returncode == 2

@@ -71,7 +71,7 @@ def test_what_a_plan_is_proven_to_keep_clear_of_comes_back(
     small: Plan, suffix: str, distance: float, tmp_path: Path
 ) -> None:
     nearest = Nearest(distance=distance, time=0.5, pair="link_1 - ball")
-    report = ClearanceReport(collision_free=True, undecided=False, nearest=nearest, n_samples=9)
+    report = ClearanceReport(collision_free=True, undecided=False, nearest=nearest, n_samples=9, unshaped=("arm",))
     plan = replace(small, clearance=report)
     assert_same(plan, Plan.load(plan.save(tmp_path / f"plan.{suffix}")))
 

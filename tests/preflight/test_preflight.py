@@ -16,6 +16,9 @@ from scipy.optimize import minimize
 from uvms_ocp.mission.conditions import DONE, Below, Transition
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Phase
+from uvms_ocp.model.assembly.trim import with_trim
+from uvms_ocp.model.files.description import TrimBody
+from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.sensing import SensorSpecs
 from uvms_ocp.model.shapes.obstacles import obstacle
 from uvms_ocp.preflight.findings import PreflightReport, Severity
@@ -51,6 +54,26 @@ def test_case_1_is_accepted_without_a_warning(plant: str) -> None:
     report = case1(plant=plant).check()
     assert report.accepted
     assert not report.warnings
+
+
+def test_a_vehicle_that_rests_on_its_side_is_told_by_how_much() -> None:
+    level = case1(robot=load_robot("girona_maris7"), plant="dynamic")
+    lead = TrimBody(name="lead", mass=8.0, volume=0.0, position=(0.0, 0.8, 0.0))
+    listing = replace(level, robot=with_trim(level.robot, [lead]))
+    (finding,) = listing.check().of_check("attitude at rest")
+    assert finding.severity is Severity.WARNING
+    assert 0.1 < abs(finding.figures["roll_rad"]) == pytest.approx(finding.figures["tilt_rad"])
+    assert "HA is on, and its goal" in finding.text
+
+
+def test_a_mission_that_waits_for_less_tilt_than_there_will_be_is_refused() -> None:
+    level = case1(robot=load_robot("girona_maris7"), plant="dynamic")
+    lead = TrimBody(name="lead", mass=8.0, volume=0.0, position=(0.0, 0.8, 0.0))
+    first, *others = level.mission.phases
+    wait = Transition(to=others[0].name, when=(Below(quantity="HA.tilt", limit=0.05),))
+    waiting = with_phases(level, (replace(first, transitions=(wait,)), *others))
+    (finding,) = replace(waiting, robot=with_trim(level.robot, [lead])).check().of_check("attitude at rest")
+    assert (finding.severity, finding.phase) == (Severity.ERROR, first.name)
 
 
 def test_an_unreachable_goal_is_refused_with_the_distance_missing(refused: PreflightReport) -> None:

@@ -118,6 +118,21 @@ def test_a_free_flyer_without_water_or_thrusters_is_warned_about(tmp_path: Path)
     assert finding(wet, "thrusters").verdict is Verdict.WARNING
 
 
+def test_links_that_could_touch_something_unseen_are_named(tmp_path: Path) -> None:
+    box = "<collision><geometry><box size='1 1 1'/></geometry></collision>"
+    joint = (
+        "<joint name='j' type='fixed'><parent link='base_link'/><child link='arm'/></joint><link name='arm'>{}</link>"
+        "<joint name='k' type='fixed'><parent link='arm'/><child link='frame'/></joint><link name='frame'/>"
+    )
+    hull = f"<link name='base_link'>{MASS.format(1)}{box}</link>"
+    texts = {
+        bare: [f.text for f in check_robot_files(write(tmp_path, hull + joint.format(inside))).findings]
+        for bare, inside in ((True, MASS.format(1)), (False, MASS.format(1) + box))
+    }
+    said = "links with a mass, without a collision shape: arm: "
+    assert [any(text.startswith(said) for text in texts[bare]) for bare in (True, False)] == [True, False]
+
+
 def test_a_variant_in_the_place_of_a_whole_file_is_named(tmp_path: Path) -> None:
     hull, links = f"<link name='base_link'>{MASS.format(1)}</link>", "links: {base_link: {sphere: {radius: 0.1}}}"
     variant = check_robot_files(write(tmp_path, hull, links))

@@ -11,7 +11,7 @@ from rich.console import Console
 from uvms_ocp.cli.compiling import told_of_compiling
 from uvms_ocp.cli.options import SCENARIO_HELP, Json, build_scenario
 from uvms_ocp.cli.printing import console_of, print_json, table_of
-from uvms_ocp.exceptions import plain_line
+from uvms_ocp.exceptions import InvalidInput, plain_line
 from uvms_ocp.output import settle
 from uvms_ocp.record import Record
 from uvms_ocp.report.compare import compare
@@ -26,7 +26,11 @@ def compare_runs(
     second: Annotated[str, typer.Argument(metavar="B", help="The other of the same kind.")],
     as_json: Json = False,
 ) -> None:
-    """Compare the resources that two runs took, or two plans would take."""
+    """Compare the resources that two runs took, or two plans would take.
+
+    \f
+    Raises `InvalidInput` for a folder without a record.
+    """
     console = console_of(stderr=as_json)
     records = [_record(words, console) for words in (first, second)]
     rows = compare(records[0], records[1])
@@ -47,6 +51,8 @@ def _record(words: str, console: Console) -> Record:
 def _load(path: Path) -> Record:
     folder, file = (path, path / "record.npz") if path.is_dir() else (path.parent, path)
     settle(folder)
+    if path.is_dir() and not file.is_file():
+        raise InvalidInput(f"{path}: holds no record.npz; give the folder of a run, or of a plan of `plan`")
     return Record.load(file)
 
 

@@ -14,6 +14,7 @@ from rich.console import Console
 
 from uvms_ocp.cli.printing import console_of, print_paths
 from uvms_ocp.exceptions import InvalidInput
+from uvms_ocp.mission_plan import MissionPlan
 from uvms_ocp.model.files.library import list_robots
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.ocp.plan import Plan
@@ -118,6 +119,11 @@ def _motion(path: Path) -> Record | Plan:
             return read(file)
         except InvalidInput as error:
             wrong.append(str(error))
+    with suppress(InvalidInput):
+        MissionPlan.load(file)
+        wrong[0] = (
+            f"{file}: a plan of a mission, which is shown once flown; give the folder of `run NAME --follow PLAN`"
+        )
     raise InvalidInput(wrong[0])
 
 

@@ -18,6 +18,7 @@ from uvms_ocp.arguments import Count, Positive, checked
 from uvms_ocp.arrays import Array
 from uvms_ocp.collision.collision_scene import CollisionScene, Nearest
 from uvms_ocp.model.axis_reach import largest_change
+from uvms_ocp.model.shapes.unshaped import links_without_shape
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 
 
@@ -45,6 +46,8 @@ class ClearanceReport:
     nearest: Nearest
     """The smallest distance at any sample; negative in collision."""
     n_samples: int
+    unshaped: tuple[str, ...] = ()
+    """Links with a mass but no collision shape: nothing of this holds for them."""
 
 
 @checked
@@ -108,6 +111,7 @@ def check_motion(
         undecided=worst.distance > 0.0 and undecided,
         nearest=worst,
         n_samples=n_samples,
+        unshaped=links_without_shape(scene.coordinates.robot),
     )
 
 

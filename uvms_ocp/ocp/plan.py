@@ -118,7 +118,10 @@ class Plan(Tabled):
 
     @property
     def certified_free(self) -> bool:
-        """True if it is proven that nothing touches: by true shapes, along the motion between the nodes too."""
+        """True if it is proven that nothing touches: by true shapes, along the motion between the nodes too.
+
+        Of links without a shape, which ``clearance.unshaped`` names, nothing is proven.
+        """
         return self.clearance is not None and self.clearance.collision_free
 
     @property

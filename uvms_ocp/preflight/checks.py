@@ -15,7 +15,7 @@ from uvms_ocp.preflight.accuracy import check_accuracy
 from uvms_ocp.preflight.altitude import check_altitude, check_echo, check_goals
 from uvms_ocp.preflight.delays import check_delays
 from uvms_ocp.preflight.findings import Finding, PreflightReport, Severity
-from uvms_ocp.preflight.forces import check_forces
+from uvms_ocp.preflight.forces import check_forces, check_rest
 from uvms_ocp.preflight.forecast import Visit, forecast
 from uvms_ocp.preflight.load import check_load
 from uvms_ocp.preflight.obstacles import check_obstacles
@@ -41,7 +41,7 @@ def check_mission(setup: Setup) -> PreflightReport:
     setup.mission.check_quantities(problem.quantity_names)
     if not setup.robot.n_vehicle:
         findings = [*check_structure(setup.mission), *check_echo(setup), *check_goals(setup), *check_accuracy(setup)]
-        return PreflightReport(findings=(*findings, *check_delays(setup), *_check_rest(setup)))
+        return PreflightReport(findings=(*findings, *check_delays(setup), *_check_wherever(setup)))
     visits = forecast(setup)
     findings = [
         *check_structure(setup.mission),
@@ -51,14 +51,15 @@ def check_mission(setup: Setup) -> PreflightReport:
         *check_obstacles(setup, visits),
         *check_freedom(setup, visits, problem),
         *check_forces(setup, visits),
+        *check_rest(setup, visits),
         *check_accuracy(setup),
         *check_delays(setup, visits),
-        *_check_rest(setup),
+        *_check_wherever(setup),
     ]
     return PreflightReport(findings=(*findings, *check_tool(setup, visits)))
 
 
-def _check_rest(setup: Setup) -> Iterator[Finding]:
+def _check_wherever(setup: Setup) -> Iterator[Finding]:
     """What is looked at wherever the mission leads."""
     yield from check_unknowns(setup)
     yield from check_own_parts(setup)

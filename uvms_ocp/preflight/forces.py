@@ -1,4 +1,5 @@
-"""Check: thrusters and motors can hold the robot still in the current, and move it against the current."""
+"""Checks: thrusters and motors can hold the robot still in the current and move it against that, and where they cannot
+hold its attitude, how far it will tilt."""
 
 from __future__ import annotations
 
@@ -8,17 +9,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uvms_ocp.control.force.allocation import allocation_of
+from uvms_ocp.mission.phase import Phase
+from uvms_ocp.model.assembly.rest import up_at_rest
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.model.thrusters import unactuated_axes
 from uvms_ocp.preflight.findings import Finding, Severity
-from uvms_ocp.preflight.forecast import Visit
+from uvms_ocp.preflight.forecast import Visit, limit_of
 from uvms_ocp.preflight.setup import Setup
 from uvms_ocp.sim.currents import water_at
+from uvms_ocp.tasks.attitude import HorizontalAttitude
 from uvms_ocp.tasks.pose import PoseTask, VehiclePose
 
 CHECK = "forces"
 _TIMES = np.linspace(0.0, 120.0, 9)  # [s] at which a current that varies is sampled
 _FULL = 0.8  # share of a limit above which holding still is called tight
+_TILTED = 0.1  # [rad] that is worth a word where no task asks for a level vehicle
 _SHORT = 1e-3  # [N, N m] of force missing that counts
 
 
@@ -116,3 +121,55 @@ def _load(setup: Setup, q: np.ndarray, tau: np.ndarray) -> Load:
         torque=float(np.max(np.abs(tau[robot.joint_v]) / effort, initial=0.0)),
         missing=missing,
     )
+
+
+def check_rest(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
+    """The attitude in which weight and buoyancy leave the vehicle, with the arm as at the start.
+
+    An error where a phase waits for less tilt than that.
+    """
+    if not (setup.with_forces and setup.robot.description.thrusters):
+        return
+    up = up_at_rest(setup.robot, setup.start)
+    missed = [(visit.phase, task) for visit in visits if (task := _missed(visit, up)) is not None]
+    waiting = [pair for pair in missed if _waits(*pair, up)]
+    severity = Severity.ERROR if waiting else Severity.WARNING
+    for phase, task in (waiting or missed)[:1]:
+        yield _at_rest(up, severity, phase, task)
+    if not missed and _tilt(up) > _TILTED:
+        yield _at_rest(up, severity)
+
+
+def _missed(visit: Visit, up: np.ndarray) -> HorizontalAttitude | None:
+    """The task that is on and cannot bring the tilt into the range in which it lets the vehicle be."""
+    task = visit.active(HorizontalAttitude)
+    return task if task is not None and _tilt(up) > task.bell.end else None
+
+
+def _waits(phase: Phase, task: HorizontalAttitude, up: np.ndarray) -> bool:
+    limit = limit_of(phase, f"{task.name}.tilt")
+    return limit is not None and limit < _tilt(up)
+
+
+def _tilt(up: np.ndarray) -> float:
+    return float(np.arccos(np.clip(up[2], -1.0, 1.0)))
+
+
+def _at_rest(
+    up: np.ndarray, severity: Severity, phase: Phase | None = None, task: HorizontalAttitude | None = None
+) -> Finding:
+    roll, pitch = float(np.arctan2(up[1], up[2])), float(-np.arcsin(up[0]))
+    text = f"where no thruster drives it the vehicle will rest at roll {_degrees(roll)}, pitch {_degrees(pitch)}"
+    if task is not None:
+        text += f": {task.name} is on, and its goal, a tilt of {task.aim:.2g} rad, is missed"
+    return Finding(
+        severity=severity,
+        check="attitude at rest",
+        phase="" if phase is None else phase.name,
+        text=f"{text}; trim the robot (`check-robot` tells by what)",
+        figures={"roll_rad": roll, "pitch_rad": pitch, "tilt_rad": _tilt(up)},
+    )
+
+
+def _degrees(angle: float) -> str:
+    return f"{np.rad2deg(angle):.0f} deg"

@@ -12,10 +12,11 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.exceptions import RobotDataError
-from uvms_ocp.model.assembly.trim import static_residual, without_trim
+from uvms_ocp.model.assembly.trim import body_of_lift, static_residual, without_trim
 from uvms_ocp.model.files.unknowns import unknowns
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.unshaped import links_without_shape
 from uvms_ocp.model.thrusters import thruster_matrix
 
 FORCE_TOLERANCE = 0.5  # [N] residual of a trimmed robot with its arm stowed
@@ -178,7 +179,8 @@ def _limits(robot: Robot) -> Iterator[Finding]:
 
 
 def _frames(robot: Robot) -> Iterator[Finding]:
-    missing = [name for name in _FRAMES if not robot.has_frame(name)]
+    named = robot.description.altimeter
+    missing = [name for name in _FRAMES if not robot.has_frame(name) and not (name == "altimeter" and named)]
     if missing:
         yield _warning("frames", f"without {', '.join(missing)}: name the frames to use in the tasks")
     else:
@@ -190,6 +192,10 @@ def _shapes(robot: Robot) -> Iterator[Finding]:
         meshes = sum(bool(shape.meshPath and Path(shape.meshPath).is_file()) for shape in shapes.geometryObjects)
         text = f"{shapes.ngeoms} {kind} shapes, {meshes} of them meshes, all found"
         yield _good("shapes", text) if shapes.ngeoms else _warning("shapes", f"no {kind} shapes; give <{kind}>")
+    unshaped = links_without_shape(robot)
+    if unshaped and robot.collision_model.ngeoms:
+        text = f"{', '.join(unshaped)}: nothing is told of what they touch; give them <collision>"
+        yield _warning("shapes", f"links with a mass, without a collision shape: {text}")
 
 
 def _water(robot: Robot) -> Iterator[Finding]:
@@ -216,7 +222,11 @@ def _trim_advice(robot: Robot, force: float, moment: np.ndarray) -> str:
         return "shift a float or ballast"
     x, y = -moment[1] / force, moment[0] / force
     kind = "ballast" if force > 0.0 else "float"
-    return f"a {kind} of {abs(force):.3g} N at x = {x:.3g} m, y = {y:.3g} m of {robot.name} would trim it"
+    body = body_of_lift("NAME", x, y, -force, robot)
+    link = next(frame.name for frame in robot.model.frames if frame.type == pin.FrameType.BODY)
+    entry = f"{{name: {kind}, link: {link}, position: [{x:.3g}, {y:.3g}, {body.position[2]:g}], "
+    entry += f"mass: {body.mass:.4g}, volume: {body.volume:.4g}}}"
+    return f"a {kind} of {abs(force):.3g} N at x = {x:.3g} m, y = {y:.3g} m of {link} would trim it; in trim: - {entry}"
 
 
 def _thrusters(robot: Robot) -> Finding:

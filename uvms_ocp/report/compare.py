@@ -12,7 +12,7 @@ from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.record import Record
 from uvms_ocp.report.estimate import error_bound
 from uvms_ocp.report.resources import resources
-from uvms_ocp.report.series import known, largest, max_velocity_step, quantities_at, quantity
+from uvms_ocp.report.series import known, largest_tilt, max_velocity_step, quantities_at
 
 
 @checked
@@ -39,7 +39,7 @@ def _run_figures(record: Record) -> Iterator[tuple[str, Any]]:
     yield "estimated_tool_position_error_m", known(estimated.get(f"{meta.tool_task}.position_error"))
     yield "tool_position_bound_m", error_bound(record, f"{meta.tool_task}.position_error")
     yield "sensors_allow_tool_position_m", meta.allowance.get(f"{meta.tool_task}.position_error")
-    yield "largest_tilt_rad", largest(quantity(record, "HA.tilt"))
+    yield "largest_tilt_rad", largest_tilt(record)
     yield "max_velocity_step", max_velocity_step(record)
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from uvms_ocp.arguments import checked
 from uvms_ocp.meta_values import AxisLimitsMeta
+from uvms_ocp.model.shapes.unshaped import links_without_shape
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.plans.motion_series import axis_series, motion_series
 from uvms_ocp.ocp.request import OcpResult
@@ -37,6 +38,7 @@ def ocp_report(result: OcpResult) -> dict[str, Any]:
         "reason": summary["reason"],
         "advice": _TOUCHING if usable and not free else _ADVICE.get(plan.status, summary["advice"]),
         "collision_free": free,
+        "links_without_shape": list(links_without_shape(request.robot)),
         "duration_s": summary["duration"],
         "n_steps": request.n_steps,
         "energy_j": summary["energy"] if usable else None,

@@ -11,6 +11,7 @@ from uvms_ocp.collision.coal_distances import CoalDistances
 from uvms_ocp.collision.collision_scene import Nearest
 from uvms_ocp.collision.conservative_advancement import clearance_along
 from uvms_ocp.meta_values import AxisLimitsMeta
+from uvms_ocp.model.shapes.unshaped import links_without_shape
 from uvms_ocp.planning.request import PlanResult
 from uvms_ocp.planning.soft_collision import CollisionPlan
 from uvms_ocp.record import Record
@@ -32,6 +33,7 @@ def plan_report(result: PlanResult) -> dict[str, Any]:
     report = {
         "robot": request.robot.name,
         "collision_free": result.collision_free,
+        "links_without_shape": list(links_without_shape(request.robot)),
         "status": _UNREACHED if result.plan is None else result.plan.status.value,
         "advice": _UNREACHED_ADVICE if result.plan is None else result.plan.status.advice,
         "axes": list(scene.coordinates.names),

@@ -26,6 +26,17 @@ def largest(values: np.ndarray | None) -> float | None:
     return None if values is None or np.isnan(values).all() else float(np.nanmax(values))
 
 
+def largest_tilt(record: Record) -> float | None:
+    """[rad] while a task on it is on; `None` where none ever is."""
+    meta = record.run_meta
+    on = (
+        np.where(record["gates"][:, k] > 0.0, tilt, np.nan)
+        for k, task in enumerate(meta.tasks)
+        if (tilt := quantity(record, f"{task.name}.tilt")) is not None
+    )
+    return max((value for series in on if (value := largest(series)) is not None), default=None)
+
+
 def quantities_at(record: Record, t: float) -> dict[str, float]:
     """All quantities [in their units] at time t [s], as estimated."""
     row = record["quantities"][min(int(np.searchsorted(record["t"], t - 1e-9)), len(record) - 1)]

@@ -16,7 +16,7 @@ from uvms_ocp.report.load import learnt_load
 from uvms_ocp.report.meta import versions
 from uvms_ocp.report.resources import figures_between, resources
 from uvms_ocp.report.sensor_health import sensor_health
-from uvms_ocp.report.series import known, largest, max_velocity_step, quantities_at, quantity
+from uvms_ocp.report.series import known, largest_tilt, max_velocity_step, quantities_at
 
 _SETTLING = 0.5  # [s] after the start of a phase, before its drift counts
 
@@ -56,7 +56,7 @@ def summarize(record: Record) -> dict[str, Any]:
         "sensors_allow_tool_orientation_rad": meta.allowance.get(f"{task}.orientation_error"),
         "estimate": estimate_table(record),
         "vehicle_drift_in_last_phase_m": _drift_in_last_phase(record),
-        "largest_tilt_rad": largest(quantity(record, "HA.tilt")),
+        "largest_tilt_rad": largest_tilt(record),
         "min_altimeter_m": _smallest(record["altimeter_range"]),
         "max_velocity_step": max_velocity_step(record),
         "failed_ticks": _failed_ticks(record),

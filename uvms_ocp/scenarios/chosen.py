@@ -58,7 +58,8 @@ def with_robot(options: Mapping[str, Any]) -> dict[str, Any]:
     if isinstance(given.get("robot"), str):
         given["robot"] = robot_of(given["robot"], water)
     elif water is not None:
-        raise InvalidInput(f"hydrodynamics {water} without a robot; give both, or a robot alone")
+        text = "give both, --robot the folder or URDF that they are of, or a robot alone"
+        raise InvalidInput(f"hydrodynamics {water} without a robot; {text}")
     return given
 
 

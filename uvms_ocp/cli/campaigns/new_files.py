@@ -6,12 +6,15 @@ import os
 from pathlib import Path
 from typing import Annotated
 
+import pinocchio as pin
 import typer
 
 from uvms_ocp import scenarios
 from uvms_ocp.cli.options import folder
 from uvms_ocp.cli.printing import console_of, print_paths
 from uvms_ocp.exceptions import InvalidInput, OutputError
+from uvms_ocp.model.robot import Robot
+from uvms_ocp.scenarios.chosen import robot_of
 
 _TEMPLATES = Path(scenarios.__file__).parent / "templates"
 _BESIDE = 'uo.load_robot(urdf=ROBOT / "robot.urdf", hydrodynamics=ROBOT / "hydrodynamics.yaml")'
@@ -40,18 +43,31 @@ def new_mission(
     """Write a mission to begin with, and what is uncertain about it, with comments.
 
     \f
-    Raises `InvalidInput` for files that are there or another name, `OutputError` where they cannot be written.
+    Raises `InvalidInput` for files that are there or another name, `RobotDataError` for a robot that cannot be loaded,
+    whose frames the tasks name, `OutputError` where they cannot be written.
     """
     if file.suffix != ".py":
         raise InvalidInput(f"{file}: give the name of a Python file, such as my_mission.py")
     vary = file.with_name(f"{file.stem}_variations.py")
     text = (_TEMPLATES / "mission.py.txt").read_text(encoding="utf-8")
     place, load = ('"bluerov2_alpha5"', "return uo.load_robot(ROBOT)")
+    frames = _frames(None)
     if robot is not None:
         way = os.path.relpath(robot.resolve(), file.resolve().parent).replace(os.sep, "/")
         place, load = f'HERE / "{way}"', f"return {_BESIDE}"
-    filled = text.format(file=file.name, vary=vary.name, robot=place, load=load)
+        frames = _frames(robot_of(str(robot)))
+    filled = text.format(file=file.name, vary=vary.name, robot=place, load=load, **frames)
     _write({file: filled, vary: (_TEMPLATES / "variations.py.txt").read_text(encoding="utf-8")})
+
+
+def _frames(robot: Robot | None) -> dict[str, str]:
+    """Arguments of the tasks that name frames of the robot, where these are not those that tasks take by themselves."""
+    if robot is None:
+        return {"vehicle": "", "pose": "", "tool": ""}
+    links = [frame.name for frame in robot.model.frames if frame.type == pin.FrameType.BODY]
+    vehicle = "" if robot.has_frame("base_link") else f'frame="{links[0]}"'
+    tool = "" if robot.has_frame("tool") else f'frame="{links[-1]}", '
+    return {"vehicle": vehicle, "pose": vehicle and f"{vehicle}, ", "tool": tool}
 
 
 def _write(files: dict[Path, str]) -> None:

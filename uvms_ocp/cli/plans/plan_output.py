@@ -82,6 +82,11 @@ def _print_plan(console: Console, made: MadePlan, paths: list[Path]) -> None:
         near += "" if least is None else f"at {report['min_clearance_at_s']:.2f} s"
         found = f"{report['duration_s']:.1f} s long{near}; found in {report['solve_time_s']:.2f} s"
         console.print(plain_line(found))
+    if unshaped := report["links_without_shape"]:
+        text = (
+            f"{', '.join(unshaped)}: no collision shape in the robot's file, so that nothing is said of what they touch"
+        )
+        console.print(plain_line(text), style="yellow")
     if report.get("peak_thrust_n") is not None:
         energy = report["energy_j"]
         taken = "- J (not known)" if energy is None else f"{energy:.0f} J"

@@ -21,6 +21,15 @@ _HEIGHT = 0.1  # [m] floats above, ballast below the origin, for stability
 
 def static_residual(robot: Robot, q: np.ndarray) -> tuple[float, np.ndarray]:
     """Return the net upward force [N] and the moment (3,) [N m] about the origin of B, in W, at rest at q (n_q,) [m, rad]."""
+    arms, lift = lifts(robot, q)
+    return float(lift.sum()), np.array([arms[:, 1] @ lift, -arms[:, 0] @ lift, 0.0])
+
+
+def lifts(robot: Robot, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return where buoyancy and weight act, arms (n, 3) [m] from the origin of B, in W, and how much each lifts (n,) [N].
+
+    At q (n_q,) [m, rad]; weight lifts less than nothing.
+    """
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, q)
     density, inertias = robot.description.water_density, robot.model.inertias
@@ -30,8 +39,7 @@ def static_residual(robot: Robot, q: np.ndarray) -> tuple[float, np.ndarray]:
         *((data.oMi[i].act(inertias[i].lever), -inertias[i].mass) for i in range(1, robot.model.njoints)),
     ]  # fmt: skip
     arms = np.array([point for point, _ in loads]) - q[:3]
-    lift = float(np.linalg.norm(robot.model.gravity.linear)) * np.array([mass for _, mass in loads])
-    return float(lift.sum()), np.array([arms[:, 1] @ lift, -arms[:, 0] @ lift, 0.0])
+    return arms, float(np.linalg.norm(robot.model.gravity.linear)) * np.array([mass for _, mass in loads])
 
 
 def without_trim(robot: Robot) -> Robot:
@@ -69,10 +77,11 @@ def _trim_bodies(robot: Robot, bow: float, stern: float) -> list[TrimBody]:
     if abs(lifts[strongest]) > 0.0:
         y[strongest] = -moment[0] / lifts[strongest]
     stations = zip(("trim_bow", "trim_stern"), (bow, stern), y, lifts, strict=True)
-    return [_body(robot, *station) for station in stations if abs(station[-1]) > 0.0]
+    return [body_of_lift(*station, robot) for station in stations if abs(station[-1]) > 0.0]
 
 
-def _body(robot: Robot, name: str, x: float, y: float, lift: float) -> TrimBody:
+def body_of_lift(name: str, x: float, y: float, lift: float, robot: Robot) -> TrimBody:
+    """Return a float of foam, or ballast of lead, at x [m], y [m] in ``base_link`` with a lift [N] in the robot's water."""
     material = _FOAM if lift > 0.0 else _LEAD
     gravity = float(np.linalg.norm(robot.model.gravity.linear))
     volume = lift / (gravity * (robot.description.water_density - material))

@@ -54,7 +54,7 @@ def read_urdf(
         _log.warning("%s: not read, since it is no part of URDF: %s", path, unread)
     for joint in root.findall("joint[mimic]"):
         _log.warning("%s: joint %r moves on its own, its <mimic> is not kept", path, joint.get("name"))
-    _resolve_meshes(path, root, (*package_dirs, *path.resolve().parents))
+    _resolve_meshes(path, root, (*(folder.resolve() for folder in package_dirs), *path.resolve().parents))
     return _build(path, root, free_flyer)
 
 
@@ -81,7 +81,10 @@ def _resolve_mesh(path: Path, filename: str, folders: Sequence[Path]) -> Path:
         if candidate.is_file():
             tell_read(candidate)
             return candidate
-    raise RobotDataError(path, f"mesh {filename!r} not found; give package_dirs=[folder that contains the package]")
+    advice = (
+        "give package_dirs=[folder that contains the package], `check-robot --packages DIR`; or put that above the URDF"
+    )
+    raise RobotDataError(path, f"mesh {filename!r} not found; {advice}")
 
 
 def _mesh_candidates(path: Path, filename: str, folders: Sequence[Path]) -> list[Path]:

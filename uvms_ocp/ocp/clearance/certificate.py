@@ -20,6 +20,7 @@ from uvms_ocp.arrays import Array, Indices
 from uvms_ocp.collision.collision_scene import Nearest
 from uvms_ocp.collision.conservative_advancement import ClearanceReport, check_motion
 from uvms_ocp.model.robot import Robot
+from uvms_ocp.model.shapes.unshaped import links_without_shape
 from uvms_ocp.ocp.clearance.shape_clearance import ShapeClearance
 from uvms_ocp.ocp.trajectory import Trajectory, intervals_of
 
@@ -39,7 +40,13 @@ def certificate(term: ShapeClearance, trajectory: Trajectory) -> ClearanceReport
 def _unproven(motion: SteppedMotion) -> ClearanceReport:
     nearest = motion.nearest()
     n = _LOOKS * len(motion.trajectory.a) + 1
-    return ClearanceReport(collision_free=False, undecided=nearest.distance > 0.0, nearest=nearest, n_samples=n)
+    return ClearanceReport(
+        collision_free=False,
+        undecided=nearest.distance > 0.0,
+        nearest=nearest,
+        n_samples=n,
+        unshaped=links_without_shape(motion.term.scene.coordinates.robot),
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -53,6 +53,7 @@ class SolverValues(MetaValue):
 class ClearanceValues(MetaValue):
     """See `uvms_ocp.collision.conservative_advancement.ClearanceReport`, and `Nearest` for the last three."""
 
+    unshaped: tuple[str, ...] = ()
     collision_free: bool
     undecided: bool
     n_samples: int

@@ -113,7 +113,11 @@ def clearance_values(report: ClearanceReport) -> ClearanceValues:
     """What the certificate found, as values."""
     nearest = asdict(report.nearest)
     return ClearanceValues(
-        collision_free=report.collision_free, undecided=report.undecided, n_samples=report.n_samples, **nearest
+        collision_free=report.collision_free,
+        undecided=report.undecided,
+        n_samples=report.n_samples,
+        unshaped=report.unshaped,
+        **nearest,
     )
 
 
@@ -124,4 +128,5 @@ def stored_clearance(values: ClearanceValues) -> ClearanceReport:
         undecided=values.undecided,
         n_samples=values.n_samples,
         nearest=Nearest(distance=values.distance, time=values.time, pair=values.pair),
+        unshaped=values.unshaped,
     )

@@ -1,0 +1,42 @@
+"""A mission written for a robot names the frames that this robot has."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from typer.testing import CliRunner
+from yaml import safe_dump, safe_load
+
+from uvms_ocp.cli import app
+from uvms_ocp.model.assembly.trim import static_residual, with_trim, without_trim
+from uvms_ocp.model.files.description import TrimBody
+from uvms_ocp.model.files.library import robot_folder
+from uvms_ocp.model.loading import load_robot
+from uvms_ocp.preflight.robot_check import check_robot
+from uvms_ocp.scenarios.own_code import own_code
+
+
+def test_a_mission_of_a_robot_with_frames_of_other_names_can_be_made(tmp_path: Path) -> None:
+    folder = robot_folder("girona_maris7")
+    urdf = (folder / "robot.urdf").read_text(encoding="utf-8")
+    water = safe_load((folder / "hydrodynamics.yaml").read_text(encoding="utf-8").replace("base_link", "hull"))
+    for name in ("trim", "thrusters"):
+        water[name] = [{"link": "hull"} | entry for entry in water[name]]
+    (tmp_path / "robot.urdf").write_text(urdf.replace("base_link", "hull").replace('"tool"', '"gripper"'))
+    (tmp_path / "hydrodynamics.yaml").write_text(safe_dump(water))
+    told = CliRunner().invoke(app, ["new-mission", str(tmp_path / "m.py"), "--robot", str(tmp_path)])
+    assert told.exit_code == 0, told.output
+    code = own_code(str(tmp_path / "m.py"))
+    assert code is not None
+    frames = {getattr(task, "frame", "hull") for task in code.load()().mission.hierarchy.tasks}
+    assert frames >= {"hull", "gripper"}
+    assert not frames & {"base_link", "tool"}
+
+
+def test_the_body_that_check_robot_advises_trims_the_robot() -> None:
+    robot = without_trim(load_robot("girona_maris7"))
+    text = next(found.text for found in check_robot(robot).findings if found.subject == "trim")
+    entry = text.partition("in trim: - ")[2]
+    force, moment = static_residual(with_trim(robot, [TrimBody(**safe_load(entry))]), robot.configuration())
+    assert abs(force) < 0.5
+    assert abs(moment).max() < 1.0

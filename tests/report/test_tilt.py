@@ -1,0 +1,31 @@
+"""The largest tilt of a run is that which a task was to prevent."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uvms_ocp.record import Record, quantity
+from uvms_ocp.report.series import largest_tilt
+
+STORED = Path(__file__).parents[1] / "records" / "run_v0_1.npz"
+
+
+def with_gate(record: Record, gate: np.ndarray) -> Record:
+    """With the task on tilt on where `gate` (n,) is above 0."""
+    gates = record["gates"].copy()
+    gates[:, [task.name for task in record.run_meta.tasks].index("HA")] = gate
+    return Record(series={**record.series, "gates": gates}, meta=record.meta)
+
+
+def test_the_largest_tilt_is_that_of_the_time_in_which_a_task_on_it_is_on() -> None:
+    record = Record.load(STORED)
+    tilt = quantity(record, "HA.tilt")
+    assert tilt is not None
+    late = np.arange(len(record)) > int(np.argmax(tilt))
+    assert largest_tilt(with_gate(record, np.ones(len(record)))) == pytest.approx(float(tilt.max()))
+    assert largest_tilt(with_gate(record, 1.0 * late)) == pytest.approx(float(tilt[late].max()))
+    assert tilt[late].max() < tilt.max()
+    assert largest_tilt(with_gate(record, np.zeros(len(record)))) is None
