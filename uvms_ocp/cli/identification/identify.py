@@ -39,7 +39,7 @@ def identify(
     """Identify a robot from recordings: calibrated file, report and figures.
 
     calibrated.yaml has what was learnt, each number with its source; hydrodynamics.yaml is the robot's file with these in
-    their places, for --hydrodynamics of other commands.
+    their places, for --hydrodynamics of other commands. Where the search does not converge neither is written.
     """
     given = read_settings(settings)
     subject = subject_of(given, settings.parent)
@@ -57,6 +57,7 @@ def identify(
     console.print(f"{result.estimate.status.value}; {known} of {len(result.numbers)} numbers determined")
     print_paths(console, written)
     if result.estimate.status is not FitStatus.CONVERGED:
+        print_line(console, f"no robot file is written: {result.estimate.status.advice}")
         raise typer.Exit(NOT_COMPLETED)
 
 
@@ -69,7 +70,8 @@ def _names(n: int, profiles: bool, leave_one_out: bool) -> list[str]:
 def _write(result: Calibration, names: list[str], staging: Path) -> None:
     from uvms_ocp.viz.calibration.figures import write_identification_figures
 
-    (staging / VARIANT).write_text(variant_text(result, names), encoding="utf-8")
-    (staging / WHOLE).write_text(whole_text(result, staging / VARIANT), encoding="utf-8")
+    if result.estimate.status is FitStatus.CONVERGED:  # or nobody should fly with it
+        (staging / VARIANT).write_text(variant_text(result, names), encoding="utf-8")
+        (staging / WHOLE).write_text(whole_text(result, staging / VARIANT), encoding="utf-8")
     (staging / REPORT).write_text(report_text(result), encoding="utf-8")
     write_identification_figures(result, staging / FIGURES)

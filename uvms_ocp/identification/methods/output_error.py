@@ -29,7 +29,7 @@ class FitStatus(AdvisedStatus):
     """How a fit has ended."""
 
     CONVERGED = "converged", "Look at what is not determined before numbers are used."
-    ITERATION_LIMIT = "iteration limit", "Allow more iterations, or give shorter stretches first."
+    ITERATION_LIMIT = "iteration limit", "Look at the recordings' doubts, learn less, or give shorter stretches."
     STALLED = "stalled", "No step lowers the cost: look at the recordings' doubts, and at starts and priors."
 
 
