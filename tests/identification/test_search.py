@@ -45,7 +45,9 @@ def test_a_search_goes_on_by_itself_where_its_iterations_are_too_few() -> None:
     one = vehicle()
     rollout = Rollout(stage_of(one))
     truth = one.shared.start + 0.1
-    error = OutputError(one, Prepared.of(drive(rollout.stage, truth, seed=4), one).stretches(0.05, 15.0), NOISE, rollout)
+    error = OutputError(
+        one, Prepared.of(drive(rollout.stage, truth, seed=4), one).stretches(0.05, 15.0), NOISE, rollout
+    )
     short = error.solve(error.start(), iterations=1)
     found, wanted = gone_on(error, short, 1), error.solve(error.start(), iterations=20)
     assert (short.status, wanted.status) == (FitStatus.ITERATION_LIMIT, FitStatus.CONVERGED)

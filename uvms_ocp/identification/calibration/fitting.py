@@ -14,7 +14,7 @@ from uvms_ocp.identification.answers.numbers import Number, numbers
 from uvms_ocp.identification.answers.predictions import Predicted
 from uvms_ocp.identification.answers.profiles import Profile, profiles
 from uvms_ocp.identification.answers.whiteness import Whiteness, whiteness
-from uvms_ocp.identification.calibration.neglected import neglected
+from uvms_ocp.identification.calibration.neglected import neglected, require_current
 from uvms_ocp.identification.calibration.settings import Settings
 from uvms_ocp.identification.calibration.subject import Subject
 from uvms_ocp.identification.methods.output_error import Estimate, Noise
@@ -78,13 +78,14 @@ def calibrated(
     """Identify; with profiles and leave-one-out, which take longer, if wanted; tell is told what is being done.
 
     warn is told every doubt before anything is searched.
-    Raises InvalidInput for no recordings, one alone to be left out, or equal names, and NameNotFound for a channel that is
-    missing.
+    Raises InvalidInput for no recordings, one alone to be left out, equal names, or a current that is recorded and not
+    learnt, and NameNotFound for a channel that is missing.
     """
     _require(recordings, leave_one_out)
     prepared = tuple(Prepared.of(one, subject.vehicle) for one in recordings)
     for one in prepared:
         one.stretches(settings.step, settings.stretch)  # or it is too short
+        require_current(subject, one.recording)
     doubtful = tuple(_doubtful(subject, settings, recordings))
     for doubt in doubtful:
         warn(doubt)
