@@ -17,6 +17,7 @@ from uvms_ocp.identification.calibration.settings import read_settings
 from uvms_ocp.identification.calibration.subject import subject_of
 from uvms_ocp.identification.calibration.variant import require_coefficients, variant_text, whole_text
 from uvms_ocp.identification.methods.output_error import FitStatus
+from uvms_ocp.identification.recordings.silences import parted
 from uvms_ocp.output import claimed
 
 VARIANT, WHOLE, REPORT, FIGURES = "calibrated.yaml", "hydrodynamics.yaml", "report.md", "figures"
@@ -44,7 +45,7 @@ def identify(
     given = read_settings(settings)
     subject = subject_of(given, settings.parent)
     require_coefficients(subject)
-    found = read_recordings(recordings, mapping)
+    found = parted(read_recordings(recordings, mapping))
     console = console_of()
     with claimed(out, _names(len(found), profiles, leave_one_out)) as claim:
         with console.status("identifying") as status, told_of_compiling(status.update, console):

@@ -24,6 +24,7 @@ from uvms_ocp.identification.methods.stretch import Prepared
 from uvms_ocp.identification.models.stage import stage_of
 from uvms_ocp.identification.recordings.doubts import doubts
 from uvms_ocp.identification.recordings.recording import Recording
+from uvms_ocp.identification.recordings.silences import parted
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -77,10 +78,11 @@ def calibrated(
 ) -> Calibration:
     """Identify; with profiles and leave-one-out, which take longer, if wanted; tell is told what is being done.
 
-    warn is told every doubt before anything is searched.
+    warn is told every doubt before anything is searched. Recordings with silences are cut there.
     Raises InvalidInput for no recordings, one alone to be left out, equal names, or a current that is recorded and not
     learnt, and NameNotFound for a channel that is missing.
     """
+    recordings = parted(recordings)
     _require(recordings, leave_one_out)
     prepared = tuple(Prepared.of(one, subject.vehicle) for one in recordings)
     for one in prepared:

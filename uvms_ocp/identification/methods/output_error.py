@@ -130,7 +130,7 @@ class OutputError:
         """
         blocks, status, done = self._blocks(point), FitStatus.ITERATION_LIMIT, 0
         if not finite(blocks):
-            return self._lost(point)
+            return self._estimate(point, blocks, FitStatus.RUNS_AWAY, 0)
         while done < iterations:
             done += 1
             tried = self._step(point, blocks, damping, frozen)
@@ -199,24 +199,15 @@ class OutputError:
             inverses.append(inverse)
         return H, g, inverses
 
-    def _lost(self, point: Point) -> Estimate:
-        """Nothing is learnt there."""
-        weight, own = 1.0 / self._vehicle.shared.sigma**2, dict(zip(self._names, point.own, strict=True))
-        starts = tuple(one for group in point.starts for one in group)
-        given = {"shared": point.shared, "own": own, "starts": starts, "cost": np.inf, "information": np.diag(weight)}
-        return Estimate(**given, status=FitStatus.RUNS_AWAY, iterations=0)
-
-    @property
-    def _names(self) -> list[str]:
-        return [group[0].recording for group in self._recordings]
-
     def _estimate(self, point: Point, blocks: list[Block], status: FitStatus, done: int) -> Estimate:
+        names = [group[0].recording for group in self._recordings]
+        told = [] if status is FitStatus.RUNS_AWAY else blocks  # of which nothing is learnt
         return Estimate(
             shared=point.shared,
-            own=dict(zip(self._names, point.own, strict=True)),
+            own=dict(zip(names, point.own, strict=True)),
             starts=tuple(one for group in point.starts for one in group),
             cost=self._total(point, [block.cost for block in blocks]),
-            information=self._reduced(point, blocks, 0.0)[0],
+            information=self._reduced(point, told, 0.0)[0],
             status=status,
             iterations=done,
         )
