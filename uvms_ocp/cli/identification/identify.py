@@ -16,7 +16,6 @@ from uvms_ocp.identification.calibration.report import report_text
 from uvms_ocp.identification.calibration.settings import read_settings
 from uvms_ocp.identification.calibration.subject import subject_of
 from uvms_ocp.identification.calibration.variant import require_coefficients, variant_text, whole_text
-from uvms_ocp.identification.methods.output_error import FitStatus
 from uvms_ocp.identification.recordings.silences import parted
 from uvms_ocp.output import claimed
 
@@ -57,8 +56,8 @@ def identify(
     known = sum(one.determined for one in result.numbers)
     console.print(f"{result.estimate.status.value}; {known} of {len(result.numbers)} numbers determined")
     print_paths(console, written)
-    if result.estimate.status is not FitStatus.CONVERGED:
-        print_line(console, f"no robot file is written: {result.estimate.status.advice}")
+    if not result.flown.usable:
+        print_line(console, f"no robot file is written: {result.flown.estimate.status.advice}")
         raise typer.Exit(NOT_COMPLETED)
 
 
@@ -71,7 +70,7 @@ def _names(n: int, profiles: bool, leave_one_out: bool) -> list[str]:
 def _write(result: Calibration, names: list[str], staging: Path) -> None:
     from uvms_ocp.viz.calibration.figures import write_identification_figures
 
-    if result.estimate.status is FitStatus.CONVERGED:  # or nobody should fly with it
+    if result.flown.usable:  # or nobody should fly with it
         (staging / VARIANT).write_text(variant_text(result, names), encoding="utf-8")
         (staging / WHOLE).write_text(whole_text(result, staging / VARIANT), encoding="utf-8")
     (staging / REPORT).write_text(report_text(result), encoding="utf-8")

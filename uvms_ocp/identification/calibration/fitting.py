@@ -14,6 +14,7 @@ from uvms_ocp.identification.answers.numbers import Number, numbers
 from uvms_ocp.identification.answers.predictions import Predicted
 from uvms_ocp.identification.answers.profiles import Profile, profiles
 from uvms_ocp.identification.answers.whiteness import Whiteness, whiteness
+from uvms_ocp.identification.calibration.flown import Flown, flown
 from uvms_ocp.identification.calibration.neglected import neglected, require_current
 from uvms_ocp.identification.calibration.settings import Settings
 from uvms_ocp.identification.calibration.subject import Subject
@@ -51,6 +52,8 @@ class Calibration:
 
     subject: Subject
     estimate: Estimate
+    flown: Flown
+    """What the robot's file says of it."""
     numbers: tuple[Number, ...]
     open: tuple[Open, ...]
     """Combinations of unknowns that the recordings do not determine."""
@@ -98,6 +101,7 @@ def calibrated(
     return Calibration(
         subject=subject,
         estimate=fitted.estimate,
+        flown=flown(fitted, together),
         numbers=told,
         open=left_open(subject.vehicle, fitted.estimate, together),
         together=together,

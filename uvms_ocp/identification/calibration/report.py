@@ -29,13 +29,20 @@ def _numbers(one: Calibration) -> Iterator[str]:
     yield f"\nThe search has ended: {one.estimate.status.value}. {one.estimate.status.advice}"
     yield f"Standard errors take {one.together:.3g} samples for one, as residuals are not white; a number is called"
     yield f"determined below {100 * KNOWN:.0f} % of its size (lengths: of 5 cm), beyond what priors said, and none where the"
-    yield "search has not converged; intervals of many decades are called open."
+    yield "search has not converged; intervals of many decades are called open. What stays open is in the file as it was"
+    yield "before, where the recordings allow it, and the others as they were fitted anew beside it."
     yield "\n| number | value | unit | standard error | 95 % interval | determined | in the file |"
     yield "|---|---:|---|---:|---|---|---|"
     for each in one.numbers:
-        words = "yes" if each.determined else "no", "yes" if each.quantity in IN_FILE else "no"
+        words = "yes" if each.determined else "no", _in_file(one, each)
         told = f"{each.value:.4g} | {each.unit} | {each.sigma:.2g} | {_ends(each.interval)}"
         yield f"| {each.name} | {told} | {words[0]} | {words[1]} |"
+
+
+def _in_file(one: Calibration, each: Number) -> str:
+    if each.quantity not in IN_FILE or not one.flown.usable:
+        return "no"
+    return "as before" if each.name in one.flown.kept else "yes"
 
 
 def _profiles(one: Calibration) -> Iterator[str]:
