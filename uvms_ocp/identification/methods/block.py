@@ -15,16 +15,17 @@ class Block:
     """Of n shared unknowns and n_local others [as `Unknowns.start`]."""
 
     cost: float
+    """[-] half the weighted squares."""
     H: np.ndarray
-    """(n, n)"""
+    """(n, n) [1 / unknowns^2]"""
     g: np.ndarray
-    """(n,)"""
+    """(n,) [1 / unknowns]"""
     H_local: np.ndarray
-    """(n_local, n_local)"""
+    """(n_local, n_local) [1 / unknowns^2]"""
     g_local: np.ndarray
-    """(n_local,)"""
+    """(n_local,) [1 / unknowns]"""
     cross: np.ndarray
-    """(n, n_local)"""
+    """(n, n_local) [1 / unknowns^2]"""
 
 
 def finite(blocks: Sequence[Block]) -> bool:

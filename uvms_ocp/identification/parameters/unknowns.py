@@ -72,7 +72,7 @@ class Unknowns:
         return Unknowns(Declaration(quantities=found), self.own)
 
     def held(self, which: np.ndarray) -> Unknowns:
-        """A copy in which those of which (n,) bool are next to known: where they start."""
+        """A copy in which those of which (n,) [bool] are next to known: where they start."""
         found, first = dict(self.declaration.quantities), 0
         for name, one in self._items():
             sigma, n = one.sigma.copy(), int(one.free.sum())
