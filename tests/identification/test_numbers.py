@@ -10,7 +10,7 @@ import pytest
 from driven import drive, known, vehicle_of
 
 from uvms_ocp.identification.answers.numbers import Number, numbers, values_of
-from uvms_ocp.identification.methods.output_error import Estimate, Noise, OutputError
+from uvms_ocp.identification.methods.output_error import Estimate, FitStatus, Noise, OutputError
 from uvms_ocp.identification.methods.rollout import Rollout
 from uvms_ocp.identification.methods.stretch import Prepared
 from uvms_ocp.identification.models.stage import Vehicle, stage_of
@@ -76,3 +76,11 @@ def test_a_number_determined_to_a_tenth_of_its_size_is_called_so() -> None:
     assert one.determined
     assert not replace(one, sigma=0.006).determined
     assert not replace(one, learnt=False).determined
+
+
+def test_nothing_is_determined_where_the_search_has_not_converged() -> None:
+    one, estimate = found()
+    assert any(each.determined for each in numbers(one, estimate))
+    for each in numbers(one, replace(estimate, status=FitStatus.ITERATION_LIMIT)):
+        assert not each.determined
+        assert each.interval == (0.0 if each.positive else -np.inf, np.inf)

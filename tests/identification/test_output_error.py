@@ -11,7 +11,9 @@ import pytest
 from driven import drive, known, turned, vehicle_of
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
+from uvms_ocp.identification.methods.block import Block
 from uvms_ocp.identification.methods.output_error import Estimate, FitStatus, Noise, OutputError
+from uvms_ocp.identification.methods.point import Point
 from uvms_ocp.identification.methods.rollout import N_START, Rollout, Start
 from uvms_ocp.identification.methods.stretch import Prepared, Stretch
 from uvms_ocp.identification.models.stage import Vehicle, stage_of
@@ -156,3 +158,27 @@ def test_of_several_commands_those_are_taken_that_the_actuators_name() -> None:
     named = replace(one, actuators=replace(one.actuators, commands="thrust"))
     with pytest.raises(NameNotFound, match="unknown channel 'thrust'"):
         Prepared.of(recording(), named)
+
+
+def test_a_search_that_begins_where_the_simulation_runs_away_ends_with_a_status() -> None:
+    one, rollout = problem()
+    error = OutputError(one, stretches(recording()), EXACT, rollout)
+    stiff = np.where([name.startswith("linear_drag") for name in one.shared.names], 40.0, one.shared.start)
+    found = error.solve(error.start(stiff))
+    assert found.status is FitStatus.RUNS_AWAY
+    np.testing.assert_array_equal(found.information, np.diag(1.0 / one.shared.sigma**2))
+
+
+def test_a_step_to_where_slopes_are_not_finite_is_shortened(monkeypatch: pytest.MonkeyPatch) -> None:
+    one, rollout = problem()
+    error, seen, calls = OutputError(one, stretches(recording()), EXACT, rollout), OutputError._blocks, []
+
+    def steep(self: OutputError, point: Point) -> list[Block]:
+        calls.append(point)
+        found = seen(self, point)
+        return [replace(block, H=np.inf * block.H) for block in found] if len(calls) == 2 else found
+
+    monkeypatch.setattr(OutputError, "_blocks", steep)
+    assert error.solve(error.start(), damping=1e-6).status is FitStatus.CONVERGED
+    first, second = (np.abs(each.shared - one.shared.start).max() for each in calls[1:3])
+    assert second <= first

@@ -15,7 +15,7 @@ from uvms_ocp import load_robot
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.identification.answers.numbers import Number
 from uvms_ocp.identification.calibration.fitting import calibrated
-from uvms_ocp.identification.calibration.neglected import neglected
+from uvms_ocp.identification.calibration.neglected import neglected, require_current
 from uvms_ocp.identification.calibration.settings import Settings
 from uvms_ocp.identification.calibration.subject import Subject, subject_of
 from uvms_ocp.identification.calibration.variant import variant_text, whole_text
@@ -163,6 +163,18 @@ def also_told(record: Record, **changed: object) -> str:
     (one, settings), recording = subject(), run_recording(record, "run")
     other = Settings.model_validate(settings.model_dump() | changed)
     return "; ".join(map(str, neglected(subject_of(other, Path()) if changed else one, other, recording)))
+
+
+def test_a_strong_current_that_nothing_learns_is_refused_before_the_search() -> None:
+    (one, settings), recording = subject(), run_recording(run(), "run")
+    still = recording.channels["current"]
+    flow = replace(still, values=still.values + np.array([0.1, 0.1, 0.0]))
+    flowing = replace(recording, channels={**recording.channels, "current": flow})
+    with pytest.raises(InvalidInput, match=r"run: a current of 0\.14 m/s.*learn it too"):
+        calibrated(one, settings, [flowing])
+    learning = Settings.model_validate(settings.model_dump() | {"learn": {"current": {}}})
+    require_current(subject_of(learning, Path()), flowing)
+    require_current(one, recording)
 
 
 def test_what_a_fit_neglects_is_told_and_nothing_else() -> None:

@@ -219,3 +219,34 @@ def test_the_mean_of_a_held_command_is_its_integral_and_its_slope_a_difference()
     step = 1e-7
     slope = (held.mean(edges + step) - held.mean(edges - step)) / (2 * step)
     np.testing.assert_allclose(held.mean_slope(edges), slope, atol=1e-5)
+
+
+def with_holes(tmp_path: Path, name: str, holes: np.ndarray) -> Recording:
+    """A table of a velocity and thrust whose cells are empty in holes (n,) of one of both."""
+    n, rng = len(holes), np.random.default_rng(0)
+    table = {"t": 0.1 * np.arange(n), **{f"{key}{k}": rng.normal(size=n) for key in ("v", "f") for k in range(3)}}
+    table |= {f"{name}{k}": np.where(holes, np.nan, table[f"{name}{k}"]) for k in range(3)}
+    write_columns(tmp_path / "a.csv", table)
+    pairs = (("linear_velocity", "v"), ("thrust", "f"))
+    channels = {key: {"time": "t", "columns": [f"{column}{k}" for k in range(3)]} for key, column in pairs}
+    return mapped_recording(tmp_path / "a.csv", Mapping(channels=channels))
+
+
+@pytest.mark.parametrize(("name", "channel"), [("v", "linear_velocity"), ("f", "thrust")])
+def test_rows_with_nan_are_counted_and_of_a_command_it_is_said_what_a_fit_makes_of_them(
+    name: str, channel: str, tmp_path: Path
+) -> None:
+    holes = np.arange(70) % 7 == 3
+    one = with_holes(tmp_path, name, holes)
+    assert len(one.channels[channel].t) == 60
+    assert f"{channel}: 10 of 70 rows have NaN ({name}0, {name}1, {name}2) and are left out" in told(one)
+    assert ("the command before them" in told(one)) == (channel == "thrust")
+
+
+def test_rows_of_other_channels_in_a_table_are_no_lost_ones(tmp_path: Path) -> None:
+    assert "NaN" not in told(with_holes(tmp_path, "v", np.arange(70) % 7 != 3))
+
+
+def test_a_channel_that_is_nan_in_every_row_says_so(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match=r"linear_velocity: NaN in every row \(v0, v1, v2\)"):
+        with_holes(tmp_path, "v", np.ones(70, dtype=bool))

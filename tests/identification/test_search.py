@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from driven import drive, known, vehicle_of
 
-from uvms_ocp.identification.methods.output_error import FitStatus, Noise
+from uvms_ocp.identification.methods.output_error import FitStatus, Noise, OutputError
 from uvms_ocp.identification.methods.rollout import Rollout
-from uvms_ocp.identification.methods.search import Search, searched
+from uvms_ocp.identification.methods.search import Search, gone_on, searched
 from uvms_ocp.identification.methods.stretch import Prepared
 from uvms_ocp.identification.models.stage import Vehicle, stage_of
 from uvms_ocp.identification.parameters.status import Free
@@ -39,3 +39,18 @@ def test_a_lag_shorter_than_a_step_leaves_its_whole_impulse() -> None:
         fine = np.asarray(stage.step(fine, u, np.zeros(0), p, 0.0005)).ravel()
     rough = np.asarray(stage.step(x, u, np.zeros(0), p, 0.05)).ravel()
     np.testing.assert_allclose(rough[7], fine[7], rtol=0.01)
+
+
+def test_a_search_goes_on_by_itself_where_its_iterations_are_too_few() -> None:
+    one = vehicle()
+    rollout = Rollout(stage_of(one))
+    truth = one.shared.start + 0.1
+    error = OutputError(
+        one, Prepared.of(drive(rollout.stage, truth, seed=4), one).stretches(0.05, 15.0), NOISE, rollout
+    )
+    short = error.solve(error.start(), iterations=1)
+    found, wanted = gone_on(error, short, 1), error.solve(error.start(), iterations=20)
+    assert (short.status, wanted.status) == (FitStatus.ITERATION_LIMIT, FitStatus.CONVERGED)
+    assert found.status is FitStatus.CONVERGED
+    assert 1 < found.iterations < 10
+    np.testing.assert_allclose(found.shared, wanted.shared, atol=1e-3)

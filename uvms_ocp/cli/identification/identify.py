@@ -17,7 +17,7 @@ from uvms_ocp.identification.calibration.settings import read_settings
 from uvms_ocp.identification.calibration.shapes import require_no_shape
 from uvms_ocp.identification.calibration.subject import subject_of
 from uvms_ocp.identification.calibration.variant import require_coefficients, variant_text, whole_text
-from uvms_ocp.identification.methods.output_error import FitStatus
+from uvms_ocp.identification.recordings.silences import parted
 from uvms_ocp.output import claimed
 
 VARIANT, WHOLE, REPORT, FIGURES = "calibrated.yaml", "hydrodynamics.yaml", "report.md", "figures"
@@ -40,13 +40,13 @@ def identify(
     """Identify a robot from recordings: calibrated file, report and figures.
 
     calibrated.yaml has what was learnt, each number with its source; hydrodynamics.yaml is the robot's file with these in
-    their places, for --hydrodynamics of other commands.
+    their places, for --hydrodynamics of other commands. Where the search does not converge neither is written.
     """
     given = read_settings(settings)
     subject = subject_of(given, settings.parent)
     require_no_shape(subject)
     require_coefficients(subject)
-    found = read_recordings(recordings, mapping)
+    found = parted(read_recordings(recordings, mapping))
     console = console_of()
     with claimed(out, _names(len(found), profiles, leave_one_out)) as claim:
         with console.status("identifying") as status, told_of_compiling(status.update, console):
@@ -58,7 +58,8 @@ def identify(
     known = sum(one.determined for one in result.numbers)
     console.print(f"{result.estimate.status.value}; {known} of {len(result.numbers)} numbers determined")
     print_paths(console, written)
-    if result.estimate.status is not FitStatus.CONVERGED:
+    if not result.flown.usable:
+        print_line(console, f"no robot file is written: {result.flown.estimate.status.advice}")
         raise typer.Exit(NOT_COMPLETED)
 
 
@@ -71,7 +72,8 @@ def _names(n: int, profiles: bool, leave_one_out: bool) -> list[str]:
 def _write(result: Calibration, names: list[str], staging: Path) -> None:
     from uvms_ocp.viz.calibration.figures import write_identification_figures
 
-    (staging / VARIANT).write_text(variant_text(result, names), encoding="utf-8")
-    (staging / WHOLE).write_text(whole_text(result, staging / VARIANT), encoding="utf-8")
+    if result.flown.usable:  # or nobody should fly with it
+        (staging / VARIANT).write_text(variant_text(result, names), encoding="utf-8")
+        (staging / WHOLE).write_text(whole_text(result, staging / VARIANT), encoding="utf-8")
     (staging / REPORT).write_text(report_text(result), encoding="utf-8")
     write_identification_figures(result, staging / FIGURES)

@@ -40,6 +40,7 @@ class LeftOut:
     predictor: Predictor
     """With that estimate."""
     horizons: tuple[Horizon, ...]
+    """Those over which what the others tell does not run away."""
 
 
 def left_out(
@@ -58,7 +59,12 @@ def left_out(
         predictor, step = fitted.predictor(found.shared), fitted.search.step
         asked = _lengths(held, step, predictor.known, horizons)
         told = tuple(_horizon(fitted, predictor, balance, held, *pair) for pair in asked)
-        yield LeftOut(name=held.recording.name, estimate=found, predictor=predictor, horizons=told)
+        yield LeftOut(
+            name=held.recording.name,
+            estimate=found,
+            predictor=predictor,
+            horizons=tuple(each for each in told if each.by[OTHERS].finite),
+        )
 
 
 def without(fitted: Fitted, held: Prepared) -> Estimate:

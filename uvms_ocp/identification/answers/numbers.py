@@ -6,13 +6,13 @@ Mass and added mass of an axis weigh the same in most motions: their sum is ofte
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
 from uvms_ocp.identification.answers.certainty import NARROWED, covariance, prior_covariance
-from uvms_ocp.identification.methods.output_error import Estimate
+from uvms_ocp.identification.methods.output_error import Estimate, FitStatus
 from uvms_ocp.identification.models.stage import Vehicle
 from uvms_ocp.identification.parameters.rigid_body import spatial_inertia
 from uvms_ocp.identification.parameters.vehicle_quantities import AXES
@@ -46,6 +46,8 @@ class Number:
     """Whether the recordings say more than the priors."""
     positive: bool
     """Whether it can only be positive."""
+    settled: bool = True
+    """Whether it is where a search has converged: elsewhere its standard error says nothing."""
 
     @property
     def name(self) -> str:
@@ -54,12 +56,14 @@ class Number:
 
     @property
     def determined(self) -> bool:
-        """By the recordings, to within `KNOWN`."""
-        return self.learnt and self.sigma < KNOWN * self.size
+        """By the recordings, to within `KNOWN`, where the search has converged."""
+        return self.settled and self.learnt and self.sigma < KNOWN * self.size
 
     @property
     def interval(self) -> tuple[float, float]:
-        """[unit] that holds it with 95 %."""
+        """[unit] that holds it with 95 %: all that there is, where the search has not converged."""
+        if not self.settled:
+            return 0.0 if self.positive else -np.inf, np.inf
         if self.positive:
             factor = float(np.exp(min(INTERVAL * self.sigma / max(self.value, 1e-300), 500.0)))
             return self.value / factor, self.value * factor
@@ -76,7 +80,8 @@ class _Entry:
 
 def numbers(vehicle: Vehicle, estimate: Estimate, together: float = 1.0) -> tuple[Number, ...]:
     """Every number that depends on a shared unknown. together: [-] samples that miss alike, as in `certainties`."""
-    return numbers_at(vehicle, estimate.shared, covariance(vehicle, estimate, together))
+    found = numbers_at(vehicle, estimate.shared, covariance(vehicle, estimate, together))
+    return tuple(replace(one, settled=estimate.status is FitStatus.CONVERGED) for one in found)
 
 
 def numbers_at(vehicle: Vehicle, shared: np.ndarray, C: np.ndarray) -> tuple[Number, ...]:

@@ -35,6 +35,11 @@ class Predicted:
         ]
         return Predicted(t=parts[0], rows=parts[1], seen=parts[2])
 
+    @property
+    def finite(self) -> bool:
+        """Whether all of it is: a vehicle that was identified on too little may run away."""
+        return all(bool(np.isfinite(rows).all()) for rows in self.rows)
+
     @staticmethod
     def joined(parts: Sequence[Predicted]) -> Predicted:
         """One after the other."""

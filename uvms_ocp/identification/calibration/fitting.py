@@ -14,7 +14,8 @@ from uvms_ocp.identification.answers.numbers import Number, numbers
 from uvms_ocp.identification.answers.predictions import Predicted
 from uvms_ocp.identification.answers.profiles import Profile, profiles
 from uvms_ocp.identification.answers.whiteness import Whiteness, whiteness
-from uvms_ocp.identification.calibration.neglected import neglected
+from uvms_ocp.identification.calibration.flown import Flown, flown
+from uvms_ocp.identification.calibration.neglected import neglected, require_current
 from uvms_ocp.identification.calibration.settings import Settings
 from uvms_ocp.identification.calibration.subject import Subject
 from uvms_ocp.identification.methods.output_error import Estimate, Noise
@@ -24,6 +25,7 @@ from uvms_ocp.identification.methods.stretch import Prepared
 from uvms_ocp.identification.models.stage import stage_of
 from uvms_ocp.identification.recordings.doubts import doubts
 from uvms_ocp.identification.recordings.recording import Recording
+from uvms_ocp.identification.recordings.silences import parted
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -50,6 +52,8 @@ class Calibration:
 
     subject: Subject
     estimate: Estimate
+    flown: Flown
+    """What the robot's file says of it."""
     numbers: tuple[Number, ...]
     open: tuple[Open, ...]
     """Combinations of unknowns that the recordings do not determine."""
@@ -77,14 +81,16 @@ def calibrated(
 ) -> Calibration:
     """Identify; with profiles and leave-one-out, which take longer, if wanted; tell is told what is being done.
 
-    warn is told every doubt before anything is searched.
-    Raises InvalidInput for no recordings, one alone to be left out, or equal names, and NameNotFound for a channel that is
-    missing.
+    warn is told every doubt before anything is searched. Recordings with silences are cut there.
+    Raises InvalidInput for no recordings, one alone to be left out, equal names, or a current that is recorded and not
+    learnt, and NameNotFound for a channel that is missing.
     """
+    recordings = parted(recordings)
     _require(recordings, leave_one_out)
     prepared = tuple(Prepared.of(one, subject.vehicle) for one in recordings)
     for one in prepared:
         one.stretches(settings.step, settings.stretch)  # or it is too short
+        require_current(subject, one.recording)
     doubtful = tuple(_doubtful(subject, settings, recordings))
     for doubt in doubtful:
         warn(doubt)
@@ -95,6 +101,7 @@ def calibrated(
     return Calibration(
         subject=subject,
         estimate=fitted.estimate,
+        flown=flown(fitted, together),
         numbers=told,
         open=left_open(subject.vehicle, fitted.estimate, together),
         together=together,

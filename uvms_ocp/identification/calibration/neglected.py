@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.identification.calibration.mixed_thrusters import mixed_thrusters
 from uvms_ocp.identification.calibration.settings import Settings
 from uvms_ocp.identification.calibration.subject import Subject
@@ -15,6 +16,7 @@ from uvms_ocp.identification.recordings.recording import Channel, Recording
 from uvms_ocp.model.thrusters import thrust_limits, thruster_matrix
 
 _FLOWS = 0.01  # [m/s] of a current that is told
+_STRONG = 0.05  # [m/s] of one that spoils a fit without it: added mass and drag take its place
 _SOON = 0.005  # [s] of a delay that is not
 _BEYOND = 1e-3  # [-] of a limit
 
@@ -31,6 +33,18 @@ def neglected(subject: Subject, settings: Settings, recording: Recording) -> Ite
             yield Doubt(channel="wrench", problem=text)
     if "thrust" in channels and settings.commands == "thrust":
         yield from _of_thrust(recording, channels["thrust"].of(subject.robot.thruster_names, "thrust"), subject)
+
+
+def require_current(subject: Subject, recording: Recording) -> None:
+    """Raises InvalidInput for a recorded current that is strong, and that no unknown may take.
+
+    Such a fit converges where its numbers are wrong by many of their standard errors.
+    """
+    current, free = recording.channels.get("current"), subject.vehicle.own.declaration.quantities["current"].free
+    size = 0.0 if current is None else float(np.linalg.norm(current.values.mean(axis=0)))
+    if size > _STRONG and not free.any():
+        given = f"{recording.name}: a current of {size:.2g} m/s, which the fit would take for still water"
+        raise InvalidInput(f"{given}; learn it too: `current: {{prior: 0.2}}`, or leave the recording out")
 
 
 def _of_current(current: Channel, *, learnt: bool) -> Iterator[Doubt]:

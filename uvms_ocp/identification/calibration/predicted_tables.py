@@ -68,6 +68,9 @@ def _by_recording(one: Sequence[LeftOut]) -> Iterator[str]:
     for each in one:
         if each.horizons:
             yield f"| {each.name} | {' | '.join(_beside(each.horizons[-1]))} |"
+    for each in one:
+        if not each.horizons:
+            yield f"\n{each.name}: the others determine too little to predict it (their search: {each.estimate.status.value})."
 
 
 def _beside(one: Horizon) -> Iterator[str]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from uvms_ocp.identification.answers.advice import advice
 from uvms_ocp.identification.answers.numbers import KNOWN, Number
 from uvms_ocp.identification.answers.profiles import Profile
@@ -13,6 +15,7 @@ from uvms_ocp.identification.calibration.predicted_tables import fits, left_out_
 from uvms_ocp.identification.calibration.variant import IN_FILE
 
 _TOLD = 6  # combinations, the worst first
+_DECADES = 1e3  # [-] between the ends of an interval that is told of what is positive
 
 
 def report_text(one: Calibration) -> str:
@@ -25,13 +28,21 @@ def report_text(one: Calibration) -> str:
 def _numbers(one: Calibration) -> Iterator[str]:
     yield f"\nThe search has ended: {one.estimate.status.value}. {one.estimate.status.advice}"
     yield f"Standard errors take {one.together:.3g} samples for one, as residuals are not white; a number is called"
-    yield f"determined below {100 * KNOWN:.0f} % of its size (lengths: of 5 cm), beyond what priors said."
+    yield f"determined below {100 * KNOWN:.0f} % of its size (lengths: of 5 cm), beyond what priors said, and none where the"
+    yield "search has not converged; intervals of many decades are called open. What stays open is in the file as it was"
+    yield "before, where the recordings allow it, and the others as they were fitted anew beside it."
     yield "\n| number | value | unit | standard error | 95 % interval | determined | in the file |"
     yield "|---|---:|---|---:|---|---|---|"
     for each in one.numbers:
-        words = "yes" if each.determined else "no", "yes" if each.quantity in IN_FILE else "no"
+        words = "yes" if each.determined else "no", _in_file(one, each)
         told = f"{each.value:.4g} | {each.unit} | {each.sigma:.2g} | {_ends(each.interval)}"
         yield f"| {each.name} | {told} | {words[0]} | {words[1]} |"
+
+
+def _in_file(one: Calibration, each: Number) -> str:
+    if each.quantity not in IN_FILE or not one.flown.usable:
+        return "no"
+    return "as before" if each.name in one.flown.kept else "yes"
 
 
 def _profiles(one: Calibration) -> Iterator[str]:
@@ -52,7 +63,9 @@ def _profile(one: Profile, told: Number) -> str:
 
 
 def _ends(interval: tuple[float, float]) -> str:
-    return f"{interval[0]:.4g} to {interval[1]:.4g}"
+    if interval[1] > _DECADES * abs(interval[0]) and interval[0] >= 0.0:
+        return "open"
+    return f"{interval[0]:.4g} to {interval[1]:.4g}" if np.isfinite(interval).all() else "open"
 
 
 def _open(one: Calibration) -> Iterator[str]:

@@ -61,14 +61,14 @@ def _lines(one: Calibration) -> Iterator[str]:
         learnt |= {"volume", "centre_of_buoyancy"}  # with floats beside the hull one follows from the other
     for name in IN_FILE:
         if name in learnt:
-            yield f"# {_source(name, one.numbers)}"
+            yield f"# {_source(name, one)}"
             yield f"{name}: {_written(values[name])}"
 
 
 def _of_file(one: Calibration) -> dict[str, np.ndarray]:
     """As the file has them: floats and ballast are in the vehicle's numbers, and not in those of its link."""
     before = require_coefficients(one.subject)
-    found = one.subject.vehicle.shared.values(ca.SX(ca.DM(one.estimate.shared)))
+    found = one.subject.vehicle.shared.values(ca.SX(ca.DM(one.flown.estimate.shared)))
     now = {name: np.asarray(ca.DM(value)) for name, value in found.items() if name in IN_FILE}
     start = one.subject.start
     volume = float(now["volume"].item()) + before.volume - start.volume
@@ -78,13 +78,15 @@ def _of_file(one: Calibration) -> dict[str, np.ndarray]:
     return {**now, "volume": np.array(volume), "centre_of_buoyancy": first / volume}
 
 
-def _source(name: str, told: Sequence[Number]) -> str:
-    parts = [
-        f"{each.entry or name} {'identified' if each.determined else 'not determined'}, +-{each.sigma:.2g}"
-        for each in told
-        if each.quantity == name
-    ]
+def _source(name: str, one: Calibration) -> str:
+    parts = [f"{each.entry or name} {_word(each, one)}" for each in one.numbers if each.quantity == name]
     return "; ".join(parts) + "; the others as before" if parts else "follows from the others: floats are apart"
+
+
+def _word(number: Number, one: Calibration) -> str:
+    if number.name in one.flown.kept:
+        return "not determined, as before"
+    return f"{'identified' if number.determined else 'not determined'}, +-{number.sigma:.2g}"
 
 
 def _written(value: np.ndarray) -> str:

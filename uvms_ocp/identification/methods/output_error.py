@@ -13,6 +13,7 @@ from itertools import groupby
 
 import numpy as np
 
+from uvms_ocp.identification.methods.block import Block, finite, places_of
 from uvms_ocp.identification.methods.loss import loss, weighted
 from uvms_ocp.identification.methods.point import Point, difference
 from uvms_ocp.identification.methods.pull import Pull
@@ -29,7 +30,11 @@ class FitStatus(AdvisedStatus):
     """How a fit has ended."""
 
     CONVERGED = "converged", "Look at what is not determined before numbers are used."
-    ITERATION_LIMIT = "iteration limit", "Allow more iterations, or give shorter stretches first."
+    ITERATION_LIMIT = "iteration limit", "Look at the recordings' doubts, learn less, or give shorter stretches."
+    RUNS_AWAY = (
+        "runs away",
+        "The simulation is not finite where the search begins: look at times and units of the recordings.",
+    )
     STALLED = "stalled", "No step lowers the cost: look at the recordings' doubts, and at starts and priors."
 
 
@@ -70,24 +75,11 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Block:
-    """Normal equations of one recording, its local unknowns apart."""
-
-    cost: float
-    H: np.ndarray
-    g: np.ndarray
-    H_local: np.ndarray
-    g_local: np.ndarray
-    cross: np.ndarray
-    """(n, n_local)"""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Expansion:
     """A point, and the problem to second order there."""
 
     point: Point
-    blocks: list[_Block]
+    blocks: list[Block]
 
 
 class OutputError:
@@ -137,34 +129,36 @@ class OutputError:
         damping: [-] of the first step.
         """
         blocks, status, done = self._blocks(point), FitStatus.ITERATION_LIMIT, 0
+        if not finite(blocks):
+            return self._estimate(point, blocks, FitStatus.RUNS_AWAY, 0)
         while done < iterations:
             done += 1
             tried = self._step(point, blocks, damping, frozen)
             if tried is None:
                 status = FitStatus.STALLED
                 break
-            after, damping, cost = tried
+            after, damping, cost, further = tried
             gained = 1.0 - cost / self._total(point, [block.cost for block in blocks])
-            point, blocks = after, self._blocks(after)
+            point, blocks = after, further
             if gained < tolerance:
                 status = FitStatus.CONVERGED
                 break
         return self._estimate(point, blocks, status, done)
 
     def _step(
-        self, point: Point, blocks: list[_Block], damping: float, frozen: bool
-    ) -> tuple[Point, float, float] | None:
-        """Where the cost is lower, damping there, and the cost."""
+        self, point: Point, blocks: list[Block], damping: float, frozen: bool
+    ) -> tuple[Point, float, float, list[Block]] | None:
+        """Where the cost is lower, damping there, the cost, and the problem there: finite, all of it."""
         before = self._total(point, [block.cost for block in blocks])
         for _ in range(8):
             after = self._moved(point, blocks, damping, frozen)
             cost = self._total(after, self._costs(after))
-            if np.isfinite(cost) and cost < before:
-                return after, max(damping / 5.0, _NEARLY_NONE), cost
+            if np.isfinite(cost) and cost < before and finite(blocks_there := self._blocks(after)):
+                return after, max(damping / 5.0, _NEARLY_NONE), cost, blocks_there
             damping *= 8.0
         return None
 
-    def _moved(self, point: Point, blocks: list[_Block], damping: float, frozen: bool) -> Point:
+    def _moved(self, point: Point, blocks: list[Block], damping: float, frozen: bool) -> Point:
         H, g, eliminated = self._reduced(point, blocks, damping)
         change = np.zeros(self._n)
         if not frozen and self._n:
@@ -188,7 +182,7 @@ class OutputError:
         return Point(shared=shared, own=tuple(own), starts=tuple(starts))
 
     def _reduced(
-        self, point: Point, blocks: list[_Block], damping: float
+        self, point: Point, blocks: list[Block], damping: float
     ) -> tuple[np.ndarray, np.ndarray, list[_Inverse]]:
         """Normal equations of the shared unknowns, and what solves those of the others: a stretch knows its neighbours only."""
         weight = 1.0 / self._vehicle.shared.sigma**2
@@ -205,14 +199,15 @@ class OutputError:
             inverses.append(inverse)
         return H, g, inverses
 
-    def _estimate(self, point: Point, blocks: list[_Block], status: FitStatus, done: int) -> Estimate:
+    def _estimate(self, point: Point, blocks: list[Block], status: FitStatus, done: int) -> Estimate:
         names = [group[0].recording for group in self._recordings]
+        told = [] if status is FitStatus.RUNS_AWAY else blocks  # of which nothing is learnt
         return Estimate(
             shared=point.shared,
             own=dict(zip(names, point.own, strict=True)),
             starts=tuple(one for group in point.starts for one in group),
             cost=self._total(point, [block.cost for block in blocks]),
-            information=self._reduced(point, blocks, 0.0)[0],
+            information=self._reduced(point, told, 0.0)[0],
             status=status,
             iterations=done,
         )
@@ -226,8 +221,9 @@ class OutputError:
         with np.errstate(all="ignore"):
             return [self._cost(k, point, seen) for k, seen in enumerate(self._all_seen(point, slopes=False))]
 
-    def _blocks(self, point: Point) -> list[_Block]:
-        return [self._block(k, point, seen) for k, seen in enumerate(self._all_seen(point, slopes=True))]
+    def _blocks(self, point: Point) -> list[Block]:
+        with np.errstate(all="ignore"):
+            return [self._block(k, point, seen) for k, seen in enumerate(self._all_seen(point, slopes=True))]
 
     def _all_seen(self, point: Point, *, slopes: bool) -> list[list[Seen]]:
         """By recording; stretches that have equally many steps are simulated together."""
@@ -270,7 +266,7 @@ class OutputError:
             found.append((difference(after, end) / self._noise.process, slope / self._noise.process))
         return found
 
-    def _block(self, k: int, point: Point, seen: list[Seen]) -> _Block:
+    def _block(self, k: int, point: Point, seen: list[Seen]) -> Block:
         n, m, count = self._n, self._m, len(seen)
         size = n + m + N_START * count
         H, g = np.zeros((size, size)), np.zeros(size)
@@ -279,7 +275,7 @@ class OutputError:
         H[range(n, n + m), range(n, n + m)] = weight
         g[n : n + m] = weight * (point.own[k] - self._vehicle.own.start)
         for i, (one, rows) in enumerate(zip(seen, self._residuals(k, seen), strict=True)):
-            places = _places(n + m, i)
+            places = places_of(n + m, i)
             for slope, row, sigma in zip(one.slopes, rows, self._sigma, strict=True):
                 r, J = weighted(row, slope / sigma, self._noise.outliers)
                 H[np.ix_(places, places)] += J.T @ J
@@ -288,12 +284,8 @@ class OutputError:
             H[begin, begin] += 1.0 / self._noise.start**2
             g[begin] += far[i] / self._noise.start
         for i, (gap, slope) in enumerate(self._gaps(k, point, seen)):
-            places = np.concatenate([_places(n + m, i), _places(n + m, i + 1)[-N_START:]])
+            places = np.concatenate([places_of(n + m, i), places_of(n + m, i + 1)[-N_START:]])
             J = np.hstack([slope @ seen[i].end_slope, -np.eye(N_START) / self._noise.process])
             H[np.ix_(places, places)] += J.T @ J
             g[places] += J.T @ gap
-        return _Block(self._cost(k, point, seen), H[:n, :n], g[:n], H[n:, n:], g[n:], H[:n, n:])
-
-
-def _places(n_p: int, stretch: int) -> np.ndarray:
-    return np.concatenate([np.arange(n_p), n_p + N_START * stretch + np.arange(N_START)])
+        return Block(self._cost(k, point, seen), H[:n, :n], g[:n], H[n:, n:], g[n:], H[:n, n:])

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from uvms_ocp.identification.methods.output_error import Estimate, Noise, OutputError
+from uvms_ocp.identification.methods.output_error import Estimate, FitStatus, Noise, OutputError
 from uvms_ocp.identification.methods.rollout import Rollout
 from uvms_ocp.identification.methods.stretch import Prepared
 from uvms_ocp.identification.models.stage import Vehicle
@@ -18,6 +18,7 @@ _COARSER = 10.0  # noise of the first search, which is to find the way and not t
 _COARSE = 4.0  # times the steps with which most of the way is gone: few of the fine ones, which take long, are left
 _ROUGH_STEP, _ROUGH_STRETCH = 0.05, 1.0  # [s]
 _ROUGH_ITERATIONS, _ROUGH_TOLERANCE = 20, 1e-3
+_ROUNDS = 10  # of iterations, the first among them, while each of them still lowers the cost
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -29,6 +30,7 @@ class Search:
     stretch: float = 20.0
     """[s]"""
     iterations: int = 15
+    """After which a search goes on, some times, where it has not converged: the way may be long."""
 
 
 def searched(
@@ -41,7 +43,17 @@ def searched(
     for step in (min(_COARSE * chosen.step, _ROUGH_STEP), chosen.step):
         error = _error(vehicle, recordings, noise, rollout, step, chosen.stretch)
         near = error.solve(error.start(near.shared), iterations=chosen.iterations)
-    return near
+    return gone_on(error, near, chosen.iterations)
+
+
+def gone_on(error: OutputError, found: Estimate, iterations: int) -> Estimate:
+    """From where a search has reached its limit, in rounds of iterations, until it converges or no step is left."""
+    for _ in range(_ROUNDS - 1):
+        if found.status is not FitStatus.ITERATION_LIMIT:
+            break
+        further = error.solve(error.resumed(found), iterations=iterations)
+        found = replace(further, iterations=found.iterations + further.iterations)
+    return found
 
 
 def _rough(noise: Noise) -> Noise:

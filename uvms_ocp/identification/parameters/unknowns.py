@@ -10,6 +10,8 @@ import numpy as np
 
 from uvms_ocp.identification.parameters.declaration import Declaration, Quantity
 
+_HELD = 1e-4  # [as start] deviation of what is held
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Unknowns:
@@ -67,6 +69,15 @@ class Unknowns:
             x, n = one.x.copy(), int(one.free.sum())
             x[one.free] = about[first : first + n]
             found[name], first = replace(one, x=x, sigma=wider * one.sigma), first + n
+        return Unknowns(Declaration(quantities=found), self.own)
+
+    def held(self, which: np.ndarray) -> Unknowns:
+        """A copy in which those of which (n,) [bool] are next to known: where they start."""
+        found, first = dict(self.declaration.quantities), 0
+        for name, one in self._items():
+            sigma, n = one.sigma.copy(), int(one.free.sum())
+            sigma[one.free] = np.where(which[first : first + n], _HELD, sigma[one.free])
+            found[name], first = replace(one, sigma=sigma), first + n
         return Unknowns(Declaration(quantities=found), self.own)
 
     def _items(self) -> Iterator[tuple[str, Quantity]]:

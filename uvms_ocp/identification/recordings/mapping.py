@@ -26,6 +26,7 @@ where it has its x axis changes no fit.
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -46,6 +47,7 @@ from uvms_ocp.validation import one_line_errors
 
 _DOWN = np.diag([1.0, -1.0, -1.0])  # from axes with z down to axes with z up, and back
 _UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_FOREIGN = 0.5  # [-] of all rows, above which those without any cell are of other channels
 _LARGEST_ANGLE = 2.5 * np.pi  # [rad] of roll, pitch and yaw as files have them, unless yaw is unwound
 
 
@@ -99,13 +101,18 @@ def read_mapping(path: Path) -> Mapping:
 def mapped_recording(source: Path, mapping: Mapping, name: str = "") -> Recording:
     """A recording of a file, or of files in a folder whose names have the name of the recording in them.
 
-    Times begin with the first sample of any channel. Raises NameNotFound, NotInstalled and InvalidInput.
+    Times begin with the first sample of any channel. Rows with NaN are left out, and a doubt says how many.
+    Raises NameNotFound, NotInstalled and InvalidInput.
     """
     name = name or source.name.partition(".")[0]
     rows = _rows(source, mapping, name)
     found = {key: _samples(key, one, rows[key]) for key, one in mapping.channels.items()}
     start = min(channel.t[0] for channel in found.values())
-    return Recording(name=name, channels={key: replace(one, t=one.t - start) for key, one in found.items()})
+    return Recording(
+        name=name,
+        channels={key: replace(one, t=one.t - start) for key, one in found.items()},
+        known_doubts=tuple(doubt for key, one in mapping.channels.items() for doubt in _unknown(key, one, rows[key])),
+    )
 
 
 def _rows(source: Path, mapping: Mapping, name: str) -> dict[str, np.ndarray]:
@@ -135,8 +142,29 @@ def _table_rows(key: str, one: ChannelMapping, path: Path) -> np.ndarray:
     return read_columns(path, [one.time, *one.columns]) * [_UNITS[one.time_unit], *np.ones(len(one.columns))]
 
 
+def _unknown(key: str, one: ChannelMapping, rows: np.ndarray) -> Iterator[tuple[str, str]]:
+    """Rows that are no numbers; where most have no cell at all, a file has the rows of other channels between them."""
+    open_cells = ~np.isfinite(rows)
+    empty, lost = open_cells[:, 1:].all(axis=1), open_cells.any(axis=1)
+    foreign = empty if empty.mean() > _FOREIGN else np.zeros(len(rows), dtype=bool)
+    n, m = int((lost & ~foreign).sum()), int((~foreign).sum())
+    if n:
+        text = f"{n} of {m} rows have NaN ({_named(one, open_cells[~foreign].any(axis=0))}) and are left out"
+        command = key in KINDS and KINDS[key].command
+        yield key, text + (", and a fit takes the command before them for what was asked" if command else "")
+
+
+def _named(one: ChannelMapping, chosen: np.ndarray) -> str:
+    """Of its time and columns (1 + k,) those that are chosen."""
+    return ", ".join(name for name, each in zip((one.time, *one.columns), chosen, strict=True) if each)
+
+
 def _samples(key: str, one: ChannelMapping, rows: np.ndarray) -> Channel:
-    rows = rows[np.isfinite(rows).all(axis=1)]
+    known = np.isfinite(rows)
+    if len(rows) > 1 and not known.all(axis=1).any():
+        columns = _named(one, ~known.any(axis=0)) or "one column or another"
+        raise InvalidInput(f"{key}: NaN in every row ({columns}); leave the channel out")
+    rows = rows[known.all(axis=1)]
     if one.lost == "all zero":
         rows = rows[(rows[:, 1:] != 0.0).any(axis=1)]
     if len(rows) < 2:

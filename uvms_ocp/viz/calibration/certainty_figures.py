@@ -96,7 +96,9 @@ def figure_left_out(found: Sequence[LeftOut]) -> Figure:
 
 
 def _bars(axis: Axes, found: Sequence[LeftOut], asked: Sequence[float], i: int) -> None:
-    names = list(found[0].horizons[0].by)
+    names = list(next((each.by for one in found for each in one.horizons), ()))
+    if not names:
+        return
     heights = np.array([[_median(found, horizon, name, i) for horizon in asked] for name in names])
     for k, name in enumerate(names):
         axis.bar(np.arange(len(asked)) + 0.2 * (k - 1.5), heights[k], 0.2, color=_PREDICTORS[k], label=name)
