@@ -25,11 +25,11 @@ def parted(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
 
 
 def _parts(one: Recording) -> tuple[Recording, ...]:
-    silences = _silences(one)
-    if not len(silences):
+    silences, (begin, end) = _silences(one), one.span
+    if not len(silences) or begin >= end:  # channels without a time in common are no matter of silences
         return (one,)
     ends = [-np.inf, *silences.ravel(), np.inf]
-    found = [part for begin, end in zip(ends[::2], ends[1::2], strict=True) if (part := _between(one, begin, end))]
+    found = [part for pair in zip(ends[::2], ends[1::2], strict=True) if (part := _between(one, *pair))]
     longest = float(np.diff(silences).max())
     if not found:
         given = f"{one.name}: nothing is recorded for up to {longest:.3g} s, again and again"
