@@ -214,7 +214,7 @@ def squeezed(text: str) -> str:
 def test_tables_and_lines_show_every_name(name: str) -> None:
     finding = Finding(severity=Severity.ERROR, check=name, text=name, phase=name)
     rows = [{name: name, "value": 1.0}]
-    report = {"status": name, "advice": name}
+    report = {"status": name, "advice": name, "links_without_shape": [name]}
     plan = MadePlan(robot=load_robot("planar5"), report=report, record=None, good=False, save=Path)
     outputs = [
         printed(lambda console: console.print(table_of(name, rows, (name, "value")))),
