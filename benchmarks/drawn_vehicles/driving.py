@@ -46,7 +46,7 @@ def vehicle(learnt: Mapping[str, Status] = LEARNT, name: str = "bluerov2_alpha5"
     """A robot of the package without its arm."""
     robot = without_arm(load_robot(name))
     dynamics, B = robot_dynamics(robot).symbolic, thruster_matrix(robot)
-    names = tuple(thruster.name for thruster in robot.description.thrusters)
+    names = robot.thruster_names
     actuators = Actuators(names=names, wrench=B, allocation=np.eye(len(names)), lag=0.1, dead_zone=0.3, delay=0.05)
     known = vehicle_declaration(Start.of(dynamics), _HULL, actuators).learning(**learnt)
     return Vehicle(dynamics=dynamics, shared=Unknowns(known), own=Unknowns(known, own=True), actuators=actuators)

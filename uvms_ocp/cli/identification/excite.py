@@ -13,7 +13,6 @@ from uvms_ocp.cli.options import NOT_COMPLETED, folder
 from uvms_ocp.cli.printing import console_of, print_paths
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.identification.calibration.settings import Settings, read_settings
-from uvms_ocp.identification.calibration.shapes import require_no_shape
 from uvms_ocp.identification.calibration.subject import Subject, subject_of
 from uvms_ocp.identification.calibration.variant import require_coefficients
 from uvms_ocp.identification.excitation.assignment import Assignment
@@ -50,8 +49,7 @@ def excite(
     """
     given = read_settings(settings)
     subject, console = subject_of(given, settings.parent), console_of()
-    require_no_shape(subject)  # rather than after it was driven
-    require_coefficients(subject)
+    require_coefficients(subject)  # rather than after it was driven
     thrust = thrust_within(subject, given, share)
     limits = Limits(thrust=thrust, pool=np.outer([-0.5, 0.5], pool), hull=subject.hull_in_body(given.hull), slew=slew)
     wanted = _assignment(subject, given, limits, duration)

@@ -14,7 +14,6 @@ from uvms_ocp.cli.printing import console_of, print_line, print_paths
 from uvms_ocp.identification.calibration.fitting import Calibration, calibrated
 from uvms_ocp.identification.calibration.report import report_text
 from uvms_ocp.identification.calibration.settings import read_settings
-from uvms_ocp.identification.calibration.shapes import require_no_shape
 from uvms_ocp.identification.calibration.subject import subject_of
 from uvms_ocp.identification.calibration.variant import require_coefficients, variant_text, whole_text
 from uvms_ocp.identification.recordings.silences import parted
@@ -44,7 +43,6 @@ def identify(
     """
     given = read_settings(settings)
     subject = subject_of(given, settings.parent)
-    require_no_shape(subject)
     require_coefficients(subject)
     found = parted(read_recordings(recordings, mapping))
     console = console_of()

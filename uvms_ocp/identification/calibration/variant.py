@@ -15,6 +15,7 @@ import yaml
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.identification.answers.numbers import Number
 from uvms_ocp.identification.calibration.fitting import Calibration
+from uvms_ocp.identification.calibration.shapes import require_no_shape
 from uvms_ocp.identification.calibration.subject import Subject
 from uvms_ocp.model.files.description import LinkCoefficients
 from uvms_ocp.model.files.description_file import read_description
@@ -26,8 +27,9 @@ IN_FILE = ("added_mass", "linear_drag", "quadratic_drag", "volume", "centre_of_b
 def require_coefficients(subject: Subject) -> LinkCoefficients:
     """Those of the link that is calibrated, as the robot's file has them: what is learnt takes their places.
 
-    Raises InvalidInput for a robot whose link has none of its own, or a frame of theirs.
+    Raises InvalidInput for a robot whose link has none of its own, as `require_no_shape` does for a shape, or a frame of theirs.
     """
+    require_no_shape(subject)
     description, frame = subject.robot.description, subject.frame
     link = description.links.get(frame)
     found = None if link is None else link.coefficients

@@ -63,7 +63,8 @@ class Assignment:
 
     def aim(self) -> Aim:
         """Raises NameNotFound for a number that does not depend on the unknowns."""
-        chosen = slopes_of(self.vehicle, self.vehicle.shared.start)[1][self.chosen]
+        names, slopes = slopes_of(self.vehicle, self.vehicle.shared.start)
+        chosen = slopes[_chosen(names, self.matter)]
         priors = np.concatenate([self.vehicle.shared.sigma, self.vehicle.own.sigma])
         known = np.zeros((len(priors),) * 2) if self.known is None else self.known
         return Aim(
