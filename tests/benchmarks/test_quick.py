@@ -48,12 +48,16 @@ def test_a_benchmark_writes_its_files_with_one_head(benchmark: Benchmark, tmp_pa
 
 
 def test_two_versions_can_be_compared(tmp_path: Path) -> None:
+    """Every item is computed; two of them once more."""
     script = str(SCRIPTS / "same_numbers.py")
-    process = run(script, "record", str(tmp_path), "--quick")
-    assert process.returncode == 0, process.stderr
-    process = run(script, "compare", str(tmp_path), str(tmp_path))
-    assert process.returncode == 0
-    assert process.stdout.count("equal to the last bit") == 6
+    process = run(script, "--record", str(tmp_path), "--quick")
+    assert process.returncode == 0, process.stdout + process.stderr
+    again = (script, "--against", str(tmp_path), "--quick", "--only", "kinematic-lexls", "minimum-snap")
+    process = run(*again)
+    assert process.returncode == 0, process.stdout + process.stderr
+    assert process.stdout.count("same bits") == 2
+    (tmp_path / "minimum-snap.npz").unlink()
+    assert run(*again).returncode == 1
 
 
 def test_every_script_is_listed() -> None:
