@@ -80,7 +80,7 @@ GOAL = ("--tool", "12.2", "37.4", "-39.5", "--position", "11", "37", "-38.5")
 PLANS = {
     "curve": (*GOAL, "--sphere", "11.8,37.2,-38.9,0.1"),
     "ocp": (*GOAL, "--time-limit", f"{PATIENCE:g}"),
-    "mission": ("case2",),
+    "mission": ("case1", "--time-limit", f"{PATIENCE:g}"),
 }
 IDENTIFIED = """
 robot: bluerov2_alpha5
