@@ -485,6 +485,7 @@ def main() -> None:
     if shutil.which("cc") is None:
         parser.error("a C compiler `cc` is needed")
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # of the commands that are called
+    os.environ["UVMS_OCP_COMPILE_TIMEOUT"] = "7200"  # what is not compiled in time may differ in the last bits
     names = given.only or [name for name in ITEMS if not (given.quick and name in SLOW)]
     if not carried_out(given, names):
         raise SystemExit(1)
