@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from compiler import needs_compiler
 from typer.core import TyperGroup
 from typer.main import get_command
 
@@ -42,6 +43,7 @@ def program(text: str) -> Iterator[str]:
                 yield f"subprocess.run([sys.executable, '-m', 'uvms_ocp', *{words!r}], check=True)"
 
 
+@needs_compiler
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_every_block_runs_as_printed(page: Path, tmp_path: Path) -> None:
     # Processes that are started from it read no file again: there is none.

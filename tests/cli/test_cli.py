@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from compiler import needs_compiler
 
 from uvms_ocp.cli.options import default_folder
 from uvms_ocp.model.files.library import robot_folder
@@ -183,6 +184,7 @@ def test_a_mission_prints_as_a_table_or_a_diagram(tmp_path: Path) -> None:
     assert cli("mission", "case1", "--mermaid", cwd=tmp_path).stdout.startswith("stateDiagram-v2")
 
 
+@needs_compiler
 def test_export_writes_the_controller_whole_or_not_at_all(tmp_path: Path) -> None:
     process = cli("export", "controller", "case1", "c", "--plant", "kinematic", cwd=tmp_path)
     assert process.returncode == 0, process.stderr
@@ -209,6 +211,17 @@ def test_without_a_compiler_a_run_works_and_says_so_once(tmp_path: Path) -> None
     assert process.returncode == 3
     assert json.loads(process.stdout)["simulated_s"] == pytest.approx(0.1)
     assert process.stderr.count("no C compiler found (CC, cc, gcc, clang): everything works, only slower") == 1
+
+
+@needs_compiler
+def test_without_a_folder_for_compiled_libraries_a_run_works_and_says_so_once(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    options = ("--plant", "kinematic", "--duration", "0.1", "--json")
+    process = cli("run", *options, cwd=tmp_path, UVMS_OCP_CACHE=str(tmp_path / "file" / "cache"))
+    assert process.returncode == 3
+    assert json.loads(process.stdout)["simulated_s"] == pytest.approx(0.1)
+    told = f"cache {tmp_path}/file/cache cannot be used (Not a directory): everything works, only slower"
+    assert process.stderr.splitlines().count(told) == process.stderr.count("slower") == 1
 
 
 def test_daqp_runs_where_it_is_installed_and_is_one_line_where_it_is_not(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from io import StringIO
 from pathlib import Path
 
 import pytest
+from compiler import needs_compiler
 from rich.console import Console
 
 from uvms_ocp.cli.compiling import told_of_compiling
@@ -15,6 +16,7 @@ from uvms_ocp.functions.compile import compile_library
 LOGGER = logging.getLogger("uvms_ocp.functions.compile")
 
 
+@needs_compiler
 def test_it_tells_what_is_compiled_and_prints_warnings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("UVMS_OCP_CACHE", str(tmp_path / "cache"))
     told, printed = list[str](), StringIO()

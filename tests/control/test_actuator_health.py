@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from actuators.hovering import Hover, run
+from compiler import needs_compiler
 from scipy.optimize import linprog
 
 from uvms_ocp.control.actuator_health.actuator_look import ActuatorLook, look_at_actuators
@@ -254,6 +255,7 @@ def looks_of(machine: Robot) -> tuple[Any, Callable[..., int], int]:
     return memory, look, intake.every
 
 
+@needs_compiler
 @pytest.mark.parametrize("kind", MANNERS)
 def test_in_c_and_in_python_a_fault_is_judged_by_the_same_bits(kind: FaultKind) -> None:
     told, same = (watched(FULL, 2, *MANNERS[kind], STILL, compiled=compiled)[2] for compiled in (True, False))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -12,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from compiler import COMPILER, needs_compiler
 
 import uvms_ocp as uo
 from uvms_ocp.control.navigation.degraded import CHANNELS
@@ -20,8 +19,7 @@ from uvms_ocp.export import export_controller, exported_controller
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.scenarios import SCENARIOS, case1
 
-COMPILER = shutil.which("gcc") or shutil.which("cc") or ""
-pytestmark = pytest.mark.skipif(not COMPILER or sys.platform == "win32", reason="needs a C compiler")
+pytestmark = needs_compiler
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
 GENERATED = ("controller.c", "initial.c", "functions.c", "solver.c")
 SANITIZED = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")

@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 import pytest
+from compiler import needs_compiler
 
 from uvms_ocp.arguments import changed
 from uvms_ocp.control.actuator_health.effect import Effect
@@ -93,6 +94,7 @@ def test_a_push_that_the_model_does_not_know_is_found_and_worked_against(name: s
     np.testing.assert_allclose(v, 0.0, atol=1e-4)
 
 
+@needs_compiler
 @pytest.mark.parametrize("name", ROBOTS)
 def test_compiled_and_not_a_tick_gives_the_same_bits(name: str) -> None:
     rng = np.random.default_rng(2)
@@ -229,6 +231,7 @@ def test_whatever_is_given_what_is_told_and_remembered_is_numbers() -> None:
     assert 100 < refused < 200
 
 
+@needs_compiler
 @pytest.mark.parametrize("name", ROBOTS)
 def test_in_c_and_in_python_a_tick_gives_the_same_bits(name: str) -> None:
     tuning = ActuatorHealthTuning(sample_time=0.02, window=0.4, settling=0.02)

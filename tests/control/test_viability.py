@@ -9,6 +9,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from compiler import IN_C_AND_PYTHON, needs_compiler
 
 from uvms_ocp.campaign.random_limits import limit_violations, random_limits
 from uvms_ocp.control.velocity import viability
@@ -92,6 +93,7 @@ def test_reckless_wishes_break_no_limit(robot: Robot) -> None:
     assert min(lowest for _, lowest in runs) > -1e-6
 
 
+@needs_compiler
 def test_distances_that_kernels_measure_make_the_velocities_that_those_of_python_do(robot: Robot) -> None:
     """Kernels pass over what a bound tells to be clear, and Python is asked for every pair that counts."""
     kernels, python = Guarded(robot), Guarded(robot)
@@ -161,7 +163,7 @@ def test_a_reach_that_nobody_knows_guards_all_the_same(unknown: float) -> None:
     assert max(q[1] for q, _ in rule.stop.path(np.zeros(5), kept.v)) <= upper
 
 
-@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 def test_what_a_limit_raises_is_raised_by_the_rule(compiled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(q: np.ndarray, rows: np.ndarray | None) -> np.ndarray:
         raise ValueError("no such place")
@@ -178,6 +180,7 @@ def test_what_a_limit_raises_is_raised_by_the_rule(compiled: bool, monkeypatch: 
             rule.kept(**given, quantities=np.zeros(1))
 
 
+@needs_compiler
 def test_the_rule_without_compiler_gives_the_same_bits(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     quick = Guarded(robot)
     with monkeypatch.context() as without:

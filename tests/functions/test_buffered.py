@@ -7,6 +7,7 @@ import pickle
 import casadi as ca
 import numpy as np
 import pytest
+from compiler import needs_compiler
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions.buffered import BoundFunction, BufferedFunction
@@ -80,6 +81,7 @@ int failing(const double **arg, double **res, long long int *iw, double *w, int 
 """
 
 
+@needs_compiler
 def test_an_evaluation_that_was_abandoned_is_told() -> None:
     function = BufferedFunction(ca.external("failing", str(compile_library(FAILING))))
     for given in (1.0, -1.0, 2.0):

@@ -19,6 +19,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from compiler import needs_compiler
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions import compile as building
@@ -48,6 +49,7 @@ def _worker(source: str, results: multiprocessing.Queue) -> None:
     results.put(_answer(_compile_visible(source)))
 
 
+@needs_compiler
 def test_a_library_is_compiled_once(tmp_path: Path) -> None:
     first = _compile_visible()
     assert _answer(first) == 42.0
@@ -59,6 +61,7 @@ def test_a_library_is_compiled_once(tmp_path: Path) -> None:
     assert not list((tmp_path / "cache").glob("build-*"))
 
 
+@needs_compiler
 def test_compiled_minima_and_maxima_leave_out_what_is_no_number() -> None:
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
     function = ca.Function("extremes", [x, y], [ca.fmax(x, y), ca.fmin(x, y)])
@@ -70,6 +73,7 @@ def test_compiled_minima_and_maxima_leave_out_what_is_no_number() -> None:
         np.testing.assert_array_equal([float(value) for value in compiled(*pair)], expected)
 
 
+@needs_compiler
 @pytest.mark.parametrize("garbage", [b"", b"garbage", b"\x7fELF" + bytes(4096)])
 def test_garbage_in_the_cache_is_compiled_anew(garbage: bytes) -> None:
     path = _compile_visible()
@@ -80,6 +84,7 @@ def test_garbage_in_the_cache_is_compiled_anew(garbage: bytes) -> None:
     assert _answer(_compile_visible()) == 42.0
 
 
+@needs_compiler
 def test_processes_that_compile_at_once_all_succeed() -> None:
     context = multiprocessing.get_context("spawn")
     results = context.Queue()
@@ -92,6 +97,7 @@ def test_processes_that_compile_at_once_all_succeed() -> None:
     assert answers == [42.0] * 4
 
 
+@needs_compiler
 def test_a_process_killed_while_compiling_breaks_nothing() -> None:
     slow = SOURCE + "\n".join(f"double f{i}(double x) {{ return x * {i}; }}" for i in range(20000))
     context = multiprocessing.get_context("spawn")
@@ -105,6 +111,7 @@ def test_a_process_killed_while_compiling_breaks_nothing() -> None:
     assert _answer(_compile_visible()) == 42.0
 
 
+@needs_compiler
 def test_a_cache_that_others_can_write_is_refused(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     (tmp_path / "cache").mkdir()
     (tmp_path / "cache").chmod(0o777)
@@ -141,6 +148,7 @@ for number in (1, 2, 2):
 """
 
 
+@needs_compiler
 def test_the_first_compilation_is_announced_on_stderr_once_and_the_next_process_is_silent(tmp_path: Path) -> None:
     cache = str(tmp_path / "fresh")
     (line,) = _stderr_of(TWO_LIBRARIES, UVMS_OCP_CACHE=cache)
@@ -236,6 +244,7 @@ def test_a_time_limit_that_is_none_is_refused(monkeypatch: pytest.MonkeyPatch) -
             compile_timeout()
 
 
+@needs_compiler
 def test_an_intact_library_that_cannot_be_loaded_is_compiled_anew() -> None:
     path = _compile_visible()
     assert path is not None
@@ -244,6 +253,7 @@ def test_an_intact_library_that_cannot_be_loaded_is_compiled_anew() -> None:
     assert _answer(_compile_visible()) == 42.0
 
 
+@needs_compiler
 def test_a_library_without_the_function_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
     building._SAID.clear()
     with caplog.at_level(logging.WARNING):
@@ -252,6 +262,7 @@ def test_a_library_without_the_function_is_said_once(caplog: pytest.LogCaptureFi
     assert caplog.text.count("does not define missing") == 1
 
 
+@needs_compiler
 def test_without_a_home_or_with_one_that_is_read_only_the_cache_is_among_the_temporary_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -268,6 +279,7 @@ def test_without_a_home_or_with_one_that_is_read_only_the_cache_is_among_the_tem
     assert not Path("relative").exists()
 
 
+@needs_compiler
 def test_a_cache_on_a_disk_that_runs_no_programs_is_said_and_not_compiled_to(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -280,6 +292,7 @@ def test_a_cache_on_a_disk_that_runs_no_programs_is_said_and_not_compiled_to(
     assert not list((tmp_path / "cache").iterdir())
 
 
+@needs_compiler
 def test_source_that_does_not_compile_gives_nothing_but_a_warning(caplog: pytest.LogCaptureFixture) -> None:
     building._SAID.clear()
     with caplog.at_level(logging.WARNING):
@@ -287,6 +300,7 @@ def test_source_that_does_not_compile_gives_nothing_but_a_warning(caplog: pytest
     assert "failed" in caplog.text
 
 
+@needs_compiler
 def test_a_compiled_function_keeps_names_sparsity_and_values() -> None:
     x = ca.SX.sym("x", 3)
     function = ca.Function("f", [x], [ca.sin(x), ca.diag(x)], ["angle"], ["sine", "spread"])

@@ -7,10 +7,11 @@ import ctypes
 import casadi as ca
 import numpy as np
 import pytest
+from compiler import needs_compiler
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.functions import compile_function
-from uvms_ocp.functions.compile import compile_library, has_compiler, loaded_library
+from uvms_ocp.functions.compile import compile_library, loaded_library
 from uvms_ocp.ocp.stagewise import bound_calls
 from uvms_ocp.ocp.stagewise.bound_calls import BoundCalls
 
@@ -32,6 +33,7 @@ def _chained(function: ca.Function) -> tuple[np.ndarray, np.ndarray]:
     return second, jacobian
 
 
+@needs_compiler
 def test_machine_code_and_the_virtual_machine_give_the_same_numbers_one_call_after_the_other(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -63,7 +65,7 @@ int failing(const double **given, double **found, long long *iw, double *w, int 
 """
 
 
-@pytest.mark.skipif(not has_compiler(), reason="functions of CasADi's own do not fail")
+@needs_compiler  # functions of CasADi's own do not fail
 @pytest.mark.parametrize("by_address", [False, True])
 def test_what_a_call_that_fails_leaves_unwritten_is_not_taken_for_a_result(
     monkeypatch: pytest.MonkeyPatch, by_address: bool

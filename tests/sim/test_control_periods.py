@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from compiler import needs_compiler
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.dynamics import robot_dynamics
@@ -92,6 +93,7 @@ def test_a_period_is_its_steps_one_by_one(name: str) -> None:
     np.testing.assert_allclose(after[parts["a"]], (x["v"].ravel() - given["v"]) / DT, rtol=1e-12)
 
 
+@needs_compiler
 def test_without_a_compiler_the_plant_moves_the_same_way(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     faults = ("thruster3:weak=0.25@0.2-0.5", "thruster5:dead@0.3")
     compiled = rows_of(plant_of(robot, *faults), robot, 200)

@@ -11,6 +11,7 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 import pytest
+from compiler import IN_C_AND_PYTHON, needs_compiler
 from hierarchies import dependent_hierarchy, random_hierarchy, reference
 from test_hierarchy import _arguments, _tick_function
 
@@ -48,7 +49,7 @@ def test_dependent_and_conflicting_rows_are_solved_exactly(n: int, sizes: tuple[
 
 
 @pytest.mark.parametrize("nearly", [1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5])
-@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 def test_nearly_dependent_rows_end_with_a_truthful_status(nearly: float, compiled: bool) -> None:
     solver = LexicographicActiveSet(compiled=compiled)
     for n, sizes in ((4, (3, 2, 2)), (7, (1, 0, 6, 2, 7))):
@@ -66,7 +67,7 @@ def test_rows_dependent_to_1e_4_are_solved() -> None:
         assert COMPILED.solve(levels).status.exact, seed
 
 
-@pytest.mark.parametrize("solver", [COMPILED, NUMPY])
+@pytest.mark.parametrize("solver", [pytest.param(COMPILED, marks=needs_compiler), NUMPY])
 @pytest.mark.parametrize("decades", [1, 4])
 def test_rows_of_very_different_scale_end_with_a_truthful_status(solver: LexicographicActiveSet, decades: int) -> None:
     exact = 0
@@ -93,6 +94,7 @@ def test_what_is_given_up_on_nearly_dependent_rows_is_never_the_box_on_top() -> 
         assert np.abs(COMPILED.solve(levels).v).max() <= 0.5 + 1e-9, seed
 
 
+@needs_compiler
 @pytest.mark.parametrize(("n", "sizes"), STRUCTURES[:4])
 def test_numpy_and_c_give_the_same(n: int, sizes: tuple[int, ...]) -> None:
     for seed in range(20):
@@ -104,7 +106,7 @@ def test_numpy_and_c_give_the_same(n: int, sizes: tuple[int, ...]) -> None:
             np.testing.assert_allclose(ours.v, theirs.v, atol=1e-8)
 
 
-@pytest.mark.parametrize("solver", [COMPILED, NUMPY])
+@pytest.mark.parametrize("solver", [pytest.param(COMPILED, marks=needs_compiler), NUMPY])
 def test_a_warm_tick_follows_slow_changes_exactly(solver: LexicographicActiveSet) -> None:
     rng = np.random.default_rng(0)
     levels = random_hierarchy(2)
@@ -119,7 +121,7 @@ def test_a_warm_tick_follows_slow_changes_exactly(solver: LexicographicActiveSet
         assert certificate(now, result.v) < 1e-9
 
 
-@pytest.mark.parametrize("solver", [COMPILED, NUMPY])
+@pytest.mark.parametrize("solver", [pytest.param(COMPILED, marks=needs_compiler), NUMPY])
 def test_a_tick_that_reads_its_inputs_where_they_are_gives_what_a_call_gives(solver: LexicographicActiveSet) -> None:
     """Also where it recovers from an input that is no number."""
     rng, levels = np.random.default_rng(0), random_hierarchy(2)
@@ -146,6 +148,7 @@ def test_an_equality_that_becomes_an_inequality_is_released() -> None:
     np.testing.assert_allclose(second.v, [0.0, 0.0], atol=1e-12)
 
 
+@needs_compiler
 def test_the_function_is_pure_and_can_be_mapped() -> None:
     levels = random_hierarchy(5)
     function = COMPILED.function(_tick_function(13, 59), [level.n_rows for level in levels])
@@ -157,7 +160,7 @@ def test_the_function_is_pure_and_can_be_mapped() -> None:
         np.testing.assert_array_equal(np.asarray(mapped)[:, i], once)
 
 
-@pytest.mark.parametrize("solver", [COMPILED, NUMPY])
+@pytest.mark.parametrize("solver", [pytest.param(COMPILED, marks=needs_compiler), NUMPY])
 @pytest.mark.parametrize("wrong", [0, 1, 2, 5])
 def test_nan_gives_zero_velocity_and_says_so(solver: LexicographicActiveSet, wrong: int) -> None:
     levels = random_hierarchy(4)
@@ -222,7 +225,7 @@ def test_the_core_in_c_has_the_tolerances_and_the_patience_of_python() -> None:
         assert float(defined) == value
 
 
-@pytest.mark.parametrize("solver", [COMPILED, NUMPY, LexicographicQp()])
+@pytest.mark.parametrize("solver", [pytest.param(COMPILED, marks=needs_compiler), NUMPY, LexicographicQp()])
 def test_threads_that_share_a_solver_get_their_own_answers(solver: LexicographicActiveSet | LexicographicQp) -> None:
     def wrong(value: float) -> int:
         level = Level(jacobian=np.eye(4), lower=value, upper=value)
@@ -237,7 +240,7 @@ def test_threads_that_share_a_solver_get_their_own_answers(solver: Lexicographic
         sys.setswitchinterval(interval)
 
 
-@pytest.mark.parametrize("solver", [COMPILED, NUMPY])
+@pytest.mark.parametrize("solver", [pytest.param(COMPILED, marks=needs_compiler), NUMPY])
 def test_what_overflows_is_never_called_exact(solver: LexicographicActiveSet) -> None:
     levels = [Level(jacobian=np.eye(2), lower=[1e300, 0.0], upper=[1e300, 0.0])]
     assert certificate(levels, np.zeros(2)) == 1e300

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from compiler import needs_compiler
 from scipy.optimize import lsq_linear, minimize
 
 from uvms_ocp.solvers.bounded_least_squares import bounded_least_squares
@@ -44,6 +45,7 @@ def test_equal_bounds_fix_a_variable() -> None:
     np.testing.assert_allclose(x, [1.0, 3.0], atol=1e-12)
 
 
+@needs_compiler
 @pytest.mark.parametrize("seed", range(20))
 def test_python_and_c_give_the_same_bits(seed: int) -> None:
     problem = random_problem(seed)

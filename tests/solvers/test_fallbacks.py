@@ -9,6 +9,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from compiler import needs_compiler
 from hierarchies import dependent_hierarchy, random_hierarchy, reference
 
 from uvms_ocp.functions.compile import compile_library
@@ -85,6 +86,7 @@ def _certificate(levels: list[Level], v: np.ndarray) -> float:
     return normal_certificate(normal, v / normal.velocity)
 
 
+@needs_compiler
 @pytest.mark.parametrize("care", ["ORDINARY", "CAREFUL"])
 def test_level_by_level_finds_what_the_core_finds(care: str) -> None:
     only = _without(FIRST, LEVEL_BY_LEVEL, f"by_levels(s, &{care})")
@@ -96,6 +98,7 @@ def test_level_by_level_finds_what_the_core_finds(care: str) -> None:
         np.testing.assert_allclose(found.residual, np.concatenate(usual.residuals), atol=1e-7)
 
 
+@needs_compiler
 def test_with_fewer_levels_those_above_are_at_their_optimum() -> None:
     """As if only the levels below could not be solved."""
     only, statuses = _without(FIRST, LEVEL_BY_LEVEL, "by_fewer_levels(s)"), set()
@@ -130,6 +133,7 @@ def test_in_numpy_level_by_level_takes_over_where_the_core_gives_up(
     np.testing.assert_allclose(found.v, COMPILED.solve(random_hierarchy(1, 6, SIZES)).v, atol=1e-8)
 
 
+@needs_compiler
 def test_a_velocity_that_is_not_certified_is_the_best_and_called_inexact(monkeypatch: pytest.MonkeyPatch) -> None:
     """In C and in NumPy, whose runs all end at the optimum here, which nobody certifies."""
     monkeypatch.setattr(fallbacks, "normal_certificate", lambda rows, w: np.inf)
@@ -152,6 +156,7 @@ def test_where_no_run_ends_at_a_number_the_velocity_is_zero(monkeypatch: pytest.
     np.testing.assert_array_equal(solution.v, 0.0)
 
 
+@needs_compiler
 def test_what_the_core_leaves_unsolved_is_solved_and_certified_by_someone_else() -> None:
     """Nearly dependent rows. A certificate holds for whatever found the velocity."""
     for levels in _left():
@@ -166,6 +171,7 @@ def test_more_of_it_is_solved_than_by_quadratic_programs() -> None:
     assert sum(exact) < 0.5 * len(exact)
 
 
+@needs_compiler
 def test_where_velocities_have_limits_the_status_does_not_depend_on_a_compiler() -> None:
     """Without limits velocities of a million come of nearly dependent rows, and rounding decides what can be proven."""
     box, seen = Level(jacobian=np.eye(7), lower=-0.5, upper=0.5), set()
@@ -183,7 +189,7 @@ def test_in_numpy_nearly_all_of_it_is_solved_too() -> None:
     assert np.mean(exact) > 0.9
 
 
-@pytest.mark.parametrize("solver", [COMPILED, NUMPY])
+@pytest.mark.parametrize("solver", [pytest.param(COMPILED, marks=needs_compiler), NUMPY])
 def test_no_level_is_worse_for_those_below_it(solver: LexicographicActiveSet) -> None:
     """Also where rows are so nearly dependent that nothing is certified: the first level that differs is better."""
     box, compared = Level(jacobian=np.eye(7), lower=-0.5, upper=0.5), 0
@@ -215,6 +221,7 @@ def _adversaries() -> list[list[Level]]:
     return found
 
 
+@needs_compiler
 @pytest.mark.parametrize("certified", ["1e-07", "-1"])
 def test_no_call_takes_more_iterations_than_are_stated(certified: str) -> None:
     """Even if nothing were certified, so that everything is tried."""
@@ -234,6 +241,7 @@ def test_numpy_keeps_to_the_same_iterations(monkeypatch: pytest.MonkeyPatch) -> 
         assert 3 * len(SIZES) <= found.iterations <= patience(len(rows.lower)).most_of_all
 
 
+@needs_compiler
 @pytest.mark.parametrize("fill", [0x7F, 0xFF])
 def test_what_the_memory_held_before_changes_nothing(fill: int) -> None:
     soiled = _without("int status = INVALID_INPUT;", f"int status = INVALID_INPUT; memset(&s, {fill}, sizeof(s));")
@@ -242,6 +250,7 @@ def test_what_the_memory_held_before_changes_nothing(fill: int) -> None:
         np.testing.assert_array_equal(_broken(levels, soiled).v, _broken(levels, str).v)
 
 
+@needs_compiler
 def test_ticks_whose_rows_are_dependent_to_1e_7_are_solved_warm_in_c_as_in_numpy() -> None:
     """Two of obstacle_field. That they are solved is proven by multipliers of 1e7, which are hard to find."""
     kept = np.load(Path(__file__).with_name("dependent_ticks.npz"))

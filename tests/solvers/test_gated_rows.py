@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import casadi as ca
 import numpy as np
 import pytest
+from compiler import needs_compiler
 from hierarchies import random_hierarchy
 from test_hierarchy import _tick_function
 
@@ -79,6 +80,7 @@ def test_expressions_and_numbers_agree(expressions: ca.Function) -> None:
     assert 100 < valid_cases < 250
 
 
+@needs_compiler
 def test_the_core_in_c_takes_the_rows_that_are_valid_and_no_others(core: ca.Function) -> None:
     for rows in _cases(300):
         v, status, missed = _solved(core, *rows)
@@ -88,6 +90,7 @@ def test_the_core_in_c_takes_the_rows_that_are_valid_and_no_others(core: ca.Func
             assert not missed.any()
 
 
+@needs_compiler
 def test_the_core_in_c_gates_the_rows_and_tells_their_residuals_as_numpy_does(core: ca.Function) -> None:
     for seed in range(300):
         J, lower, upper, gate = _random_rows(np.random.default_rng(seed))

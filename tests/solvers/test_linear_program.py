@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from compiler import needs_compiler
 from scipy.optimize import linprog
 
 from uvms_ocp.functions.kernels.binding import bind_kernels
@@ -52,6 +53,7 @@ def test_the_answer_is_the_largest_value_and_there_is_one_where_scipy_finds_one(
         assert (x <= upper + 1e-9).all()
 
 
+@needs_compiler
 def test_in_c_and_in_python_the_answer_is_the_same_to_the_bit() -> None:
     rng = np.random.default_rng(1)
     A, c, lower, upper = rng.normal(size=(4, 9)), rng.normal(size=9), -np.ones(9), np.ones(9)

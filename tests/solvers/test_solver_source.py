@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from compiler import COMPILER, needs_compiler
 
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.solvers.hierarchy.active_set.codes import STATUSES
@@ -15,8 +15,6 @@ from uvms_ocp.solvers.hierarchy.active_set.core_source import core_source, solve
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.solvers.stagewise.compiled import core_source as stagewise_source
 
-COMPILER = shutil.which("gcc") or shutil.which("cc") or ""
-needs_compiler = pytest.mark.skipif(not COMPILER or sys.platform == "win32", reason="needs a C compiler")
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
 SANITIZED = ("-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 STRUCTURES = [(1, (1,)), (3, (1, 0, 2)), (13, (13, 3, 6, 1, 1, 6, 4, 6, 3, 3, 13))]
@@ -45,7 +43,7 @@ def test_it_compiles_without_a_warning(n: int, sizes: tuple[int, ...], level: st
 
 
 @needs_compiler
-@pytest.mark.skipif(shutil.which("nm") is None, reason="needs nm")
+@pytest.mark.skipif(shutil.which("nm") is None, reason="needs nm: install binutils")
 def test_it_defines_one_function_and_takes_what_libm_and_memory_calls_give(tmp_path: Path) -> None:
     built = _compiled(solver_source(13, STRUCTURES[-1][1]), tmp_path, "-O2", "-c")
     symbols = _symbols(built)
@@ -56,7 +54,7 @@ def test_it_defines_one_function_and_takes_what_libm_and_memory_calls_give(tmp_p
 
 
 @needs_compiler
-@pytest.mark.skipif(shutil.which("nm") is None, reason="needs nm")
+@pytest.mark.skipif(shutil.which("nm") is None, reason="needs nm: install binutils")
 def test_the_solver_of_stages_is_five_functions_that_allocate_nothing(tmp_path: Path) -> None:
     symbols = _symbols(_compiled(stagewise_source(), tmp_path, "-O2", "-c"))
     own = ["products", "solve_qp", "solve_whole", "stationarity", "steepest"]
@@ -76,7 +74,7 @@ def test_it_keeps_its_promises_for_random_numbers_under_the_sanitizers(tmp_path:
     try:
         program = _compiled(source, tmp_path, *SANITIZED)
     except subprocess.CalledProcessError:
-        pytest.skip("the compiler has no sanitizers")
+        pytest.skip("needs the compiler's sanitizers: install libasan and libubsan")
     done = subprocess.run([str(program)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     *counts, most, allowed = map(int, done.stdout.split())

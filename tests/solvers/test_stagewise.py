@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from compiler import IN_C_AND_PYTHON, needs_compiler
 from stage_qps import conic_optimum, dense, flat, kkt_failure, random_qp, reach_qp, softened
 
 from uvms_ocp.exceptions import InvalidInput
@@ -65,6 +66,7 @@ def test_bounds_that_are_not_reached_cost_no_further_factor() -> None:
     np.testing.assert_array_equal(flat(bounded.z), flat(free.z))
 
 
+@needs_compiler
 @pytest.mark.parametrize("seed", range(30))
 def test_c_and_numpy_find_the_same(seed: int) -> None:
     qp = random_qp(seed, equalities=seed % 2 > 0)
@@ -75,6 +77,7 @@ def test_c_and_numpy_find_the_same(seed: int) -> None:
     assert ours.cost == pytest.approx(twin.cost, rel=1e-9, abs=1e-9)
 
 
+@needs_compiler
 @pytest.mark.parametrize("seed", range(5))
 def test_c_and_numpy_find_the_same_multipliers_where_there_is_one_choice(seed: int) -> None:
     qp = random_qp(seed, inequalities=False)
@@ -153,7 +156,7 @@ def test_equalities_that_contradict_each_other_are_infeasible_and_missed_least()
     np.testing.assert_allclose(found.excess[1], [1.0, 0.0, -3.0], atol=1e-3)
 
 
-@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 @pytest.mark.parametrize(("l1", "l2"), [(0.3, 0.0), (0.3, 2.0), (0.0, 2.0)])
 @pytest.mark.parametrize("seed", [0, 2, 5])
 def test_soft_rows_are_those_of_a_qp_with_slacks(seed: int, l1: float, l2: float, compiled: bool) -> None:
@@ -218,7 +221,7 @@ def test_the_multiplier_of_the_initial_state_is_how_the_cost_rises() -> None:
     np.testing.assert_allclose(-solved(qp).y_z[0][: len(x)], gradient, atol=1e-6)
 
 
-@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 @pytest.mark.parametrize(
     ("name", "value"), [("dynamics", np.nan), ("J", np.inf), ("z_upper", -np.inf), ("z_lower", np.nan), ("l1", -1.0)]
 )
@@ -230,7 +233,7 @@ def test_numbers_that_are_none_are_a_status(name: str, value: float, compiled: b
     assert np.isfinite(flat(found.z)).all()
 
 
-@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 def test_a_cost_that_is_not_convex_is_named(compiled: bool) -> None:
     qp = random_qp(0, inequalities=False)
     qp.H[-1][:] = -100.0 * np.eye(len(qp.H[-1]))
@@ -238,7 +241,7 @@ def test_a_cost_that_is_not_convex_is_named(compiled: bool) -> None:
     assert StageQpSolver(qp.shape, StageQpOptions(compiled=compiled)).solve(qp).status is StageQpStatus.NOT_CONVEX
 
 
-@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 def test_a_cost_that_falls_without_end_is_named(compiled: bool) -> None:
     qp = StageQp(StageShape(n_x=(1, 1), n_u=(1,), n_r=(1, 0), n_c=(0, 0)))
     qp.A[0][:], qp.B[0][:], qp.J[0][0, 0], qp.g[1][:] = 1.0, 1.0, 1.0, 1.0
@@ -297,6 +300,7 @@ def test_multipliers_miss_the_conditions_nowhere_but_away_from_the_optimum(seed:
     assert solver.error(moved_to(qp, away), found.near()) > 1e-4
 
 
+@needs_compiler
 @pytest.mark.parametrize("seed", range(20))
 def test_from_a_qp_nearby_c_and_numpy_take_the_same_rounds(seed: int) -> None:
     qp, other = random_qp(seed), random_qp(seed)

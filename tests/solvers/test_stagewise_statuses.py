@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from compiler import IN_C_AND_PYTHON
 from scipy.optimize import linprog
 from stage_qps import dense, flat, kkt_failure, random_shape
 
@@ -98,7 +99,7 @@ def relative_failure(qp: StageQp, found: StageQpSolution) -> float:
     return kkt_failure(qp, found) / (1.0 + np.abs(dense(qp)[0] @ z).max() + max(terms))
 
 
-@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 def test_a_status_is_what_linear_programs_say(compiled: bool) -> None:
     options = StageQpOptions(compiled=compiled)
     for seed in SEEDS:

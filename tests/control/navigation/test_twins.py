@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from compiler import needs_compiler
 from estimation.consistency import DELAYS, SPECS, late
 
 from uvms_ocp.arguments import trusted
@@ -54,6 +55,7 @@ class Babble:
         return None if self.rng.random() < 0.1 else Command(v=0.1 * self.rng.standard_normal(self.robot.n_v))
 
 
+@needs_compiler
 @pytest.mark.parametrize("name", ["girona_maris7", "planar5"])
 @pytest.mark.parametrize("specs", [SensorSpecs(), SPECS, late(SPECS, DELAYS), EVERYTHING_LATE], ids=range(4))
 def test_c_and_numpy_give_the_same_numbers(name: str, specs: SensorSpecs) -> None:
@@ -72,6 +74,7 @@ def test_c_and_numpy_give_the_same_numbers(name: str, specs: SensorSpecs) -> Non
     np.testing.assert_allclose(compiled.memory.covariance, plain.memory.covariance, rtol=1e-9, atol=1e-9)
 
 
+@needs_compiler
 def test_without_a_compiler_the_filter_is_that_of_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
     robot, tick, ticked = load_robot("girona_maris7"), core.numpy_tick, []
     compiled = Estimator(robot)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import ctypes
 import math
-import shutil
 import subprocess
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
-import pytest
+from compiler import COMPILER, needs_compiler
 from sample_kernels import Memory, Motion, advance, tick
 
 from uvms_ocp.functions.kernels.c_library import c_library
@@ -18,8 +17,6 @@ from uvms_ocp.functions.kernels.initial_value import initial_value
 from uvms_ocp.functions.kernels.layout import structure_of
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wno-unused-parameter")
-COMPILER = shutil.which("gcc") or shutil.which("cc")
-needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler")
 
 
 def run_c(folder: Path, sources: dict[str, str]) -> list[float]:

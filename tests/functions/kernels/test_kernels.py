@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 import refused_kernels
+from compiler import IN_C_AND_PYTHON, needs_compiler
 from sample_kernels import Curious, Memory, Motion, Roots, advance, inquire, take_roots, tick
 
 from uvms_ocp.exceptions import InvalidInput
@@ -38,6 +39,7 @@ def _gather(value: Any, found: list[float]) -> None:
         found.append(value)
 
 
+@needs_compiler
 @pytest.mark.parametrize("n", [2, 4])
 def test_python_and_c_give_the_same_bits(n: int) -> None:
     """Over many ticks, with what they remember, whatever comes in."""
@@ -59,6 +61,7 @@ def _pendulum() -> ca.Function:
     return ca.Function("pendulum", [x, push], [rate, slope, x[1] ** 2 / 2 - ca.cos(x[0])])
 
 
+@needs_compiler
 def test_kernels_call_smooth_functions() -> None:
     """In machine code from machine code, and in Python with the same numbers up to rounding."""
     structure = structure_of(Motion, dynamics=_pendulum())
@@ -84,7 +87,7 @@ def test_two_functions_of_one_form_are_not_mixed_up() -> None:
         assert memory.x[0] == 1.0 + 0.01 * gain
 
 
-@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 def test_a_layout_of_nothing_but_numbers_is_a_vector_of_them(compiled: bool) -> None:
     memory, (roots,) = memory_of(structure_of(Roots, root=_ROOT), (take_roots,), compiled=compiled)
     memory.given.first[0], memory.given.rest[:] = 4.0, [9.0, 16.0, 25.0]
@@ -93,7 +96,7 @@ def test_a_layout_of_nothing_but_numbers_is_a_vector_of_them(compiled: bool) -> 
     np.testing.assert_array_equal(column_view(memory.told), [2.0, 3.0, 4.0, 5.0])
 
 
-@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
 def test_a_kernel_asks_python_which_answers_in_its_memory(compiled: bool) -> None:
     memory: Any
     memory, (ask_on,) = memory_of(structure_of(Curious), (inquire,), compiled=compiled)

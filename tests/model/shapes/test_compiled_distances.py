@@ -8,6 +8,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from compiler import needs_compiler
 
 import uvms_ocp as uo
 from uvms_ocp.exceptions import InvalidInput
@@ -49,6 +50,7 @@ def oracle(robot: Robot, obstacles: tuple[uo.Obstacle, ...]) -> CoalPairs:
     return CoalPairs(robot.model, geometry, pairs + self_pairs(robot))
 
 
+@needs_compiler
 @pytest.mark.parametrize("obstacles", [ROCKS, (*ROCKS, MESH)], ids=["rocks", "with a mesh"])
 def test_distances_and_gradients_are_those_of_coal(robot: Robot, obstacles: tuple[uo.Obstacle, ...]) -> None:
     model, by_coal, alike, total = CollisionModel(robot, obstacles), oracle(robot, obstacles), 0, 0
@@ -79,6 +81,7 @@ def test_shapes_without_a_form_in_c_are_named(robot: Robot) -> None:
     clear.write(structure_of(DistanceMemory, **clear.memory_sizes())())
 
 
+@needs_compiler
 def test_without_a_compiler_coal_measures_the_same(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     compiled = CollisionModel(robot, ROCKS)
     monkeypatch.setattr(compiled_pairs, "memory_of", partial(memory_of, compiled=False))

@@ -8,6 +8,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from compiler import needs_compiler
 from solid_pairs import KINDS, SolidPair, by_coal, height, random_pose
 
 from uvms_ocp.model.shapes.distance_kernels.distance_memory import least_distance, place_solids
@@ -129,6 +130,7 @@ def test_special_places_have_the_distance_that_one_can_see(pair: SolidPair, name
         assert pair.at(X, X * pin.SE3(R, np.array(p))).distance == pytest.approx(expected, abs=1e-7)
 
 
+@needs_compiler
 @pytest.mark.parametrize(("one", "other"), [("capsule", "box"), ("cylinder", "cylinder"), ("box", "cylinder")])
 def test_python_and_c_find_the_same_bits(pair: SolidPair, one: str, other: str) -> None:
     slow, rng = SolidPair(compiled=False), np.random.default_rng(6)

@@ -6,7 +6,7 @@ import math
 
 import pytest
 from fault_registry import ALL, listed
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound, UvmsError
@@ -14,6 +14,8 @@ from uvms_ocp.sim.faults import Fault, parse_fault
 from uvms_ocp.sim.faults.kinds import FAMILIES
 from uvms_ocp.sim.faults.notation import parse_faults
 
+SAME = settings(derandomize=True, database=None, deadline=None)
+"""In every run, from a folder that cannot be written, on a slow machine."""
 TIMES = st.floats(0.0, 80_000.0)
 NUMBERS = st.floats(-1e6, 1e6)
 
@@ -30,6 +32,7 @@ def test_printing_and_parsing_are_inverse(text: str, when: str) -> None:
     assert parse_fault(str(fault)) == fault
 
 
+@SAME
 @given(offset=st.lists(NUMBERS, min_size=1, max_size=4), onset=TIMES, lasts=st.one_of(st.none(), st.floats(1e-3, 1e3)))
 def test_no_number_is_lost_on_the_way_through_text(offset: list[float], onset: float, lasts: float | None) -> None:
     end = math.inf if lasts is None else onset + lasts
@@ -106,6 +109,7 @@ def test_values_that_are_no_numbers_are_refused() -> None:
         Fault(target="depth", kind="nonsense")
 
 
+@SAME
 @given(text=st.text(alphabet="altimeter:frozenbias=@-0123456789.,eE+ \n", max_size=40))
 def test_any_text_is_a_fault_or_refused_in_one_line(text: str) -> None:
     try:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from compiler import needs_compiler
 from corruptors import STEPS, told_on_a_way
 
 from uvms_ocp.control.navigation.estimator import Estimator
@@ -52,6 +53,7 @@ def _guarded(robot: Robot, channel: str, defect: str, *, compiled: bool) -> tupl
 CASES = dict(zip(STEPS, ["jump", "bias", "late", "nan", "bias", "frozen", "jump"], strict=True))
 
 
+@needs_compiler
 @pytest.mark.parametrize(("channel", "defect"), CASES.items(), ids=CASES)
 def test_c_and_python_tell_the_same(robot: Robot, channel: str, defect: str) -> None:
     (in_c, told), (in_python, same) = (

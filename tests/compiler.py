@@ -1,0 +1,31 @@
+"""Tests that need a C compiler say so where there is none, or no folder for what it makes."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+
+import pytest
+
+from uvms_ocp.functions.compile import compile_library
+from uvms_ocp.functions.library_cache import cache_folder
+
+COMPILER = next((path for name in (os.environ.get("CC", ""), "cc", "gcc", "clang") if (path := shutil.which(name))), "")
+
+
+def _missing() -> str:
+    """What keeps C from being compiled here; empty where nothing does."""
+    if not COMPILER or sys.platform == "win32":
+        return "needs a C compiler: install gcc or clang"
+    if cache_folder()[0] is None:
+        return "needs a folder for compiled libraries: set UVMS_OCP_CACHE to one that can be written"
+    if compile_library("int compiled(void) { return 1; }", name="a library of tests") is None:
+        return f"needs a C compiler that works, which {COMPILER} does not: install gcc or clang"
+    return ""
+
+
+MISSING = _missing()
+needs_compiler = pytest.mark.skipif(bool(MISSING), reason=MISSING or "all is there")
+IN_C_AND_PYTHON = [pytest.param(True, marks=needs_compiler), False]
+"""Whether something is compiled: both ways, where that can be."""
