@@ -20,11 +20,11 @@ LOGGER = logging.getLogger("uvms_ocp.functions.compile")
 def test_it_tells_what_is_compiled_and_prints_warnings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("UVMS_OCP_CACHE", str(tmp_path / "cache"))
     told, printed = list[str](), StringIO()
-    with told_of_compiling(told.append, Console(file=printed, width=200)):
+    with told_of_compiling(told.append, Console(file=printed, width=12)):
         compile_library("int answer(void) { return 42; }", name="answer")
         compile_library("int answer(void) { return 42; }", name="answer")
-        LOGGER.warning("no compiler")
+        LOGGER.warning("no compiler in [red]")
     compile_library("int other(void) { return 43; }", name="other")
     assert told == ["compiling answer"]
-    assert printed.getvalue().splitlines()[-1] == "no compiler"
+    assert printed.getvalue().splitlines()[-1] == "no compiler in [red]"
     assert not LOGGER.handlers

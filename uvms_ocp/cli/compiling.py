@@ -18,7 +18,7 @@ class _Told(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         if record.levelno >= logging.WARNING:
-            self._console.print(record.getMessage(), style="yellow", highlight=False)
+            self._console.print(record.getMessage(), style="yellow", highlight=False, markup=False, soft_wrap=True)
         else:
             self._tell(record.getMessage())
 

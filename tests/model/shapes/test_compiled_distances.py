@@ -94,6 +94,7 @@ def test_without_a_compiler_coal_measures_the_same(robot: Robot, monkeypatch: py
         np.testing.assert_allclose(model.values(q)[apart], expected[apart], rtol=0, atol=1e-6)
 
 
+@needs_compiler  # coal starts from what it found last
 def test_what_was_asked_before_does_not_matter(robot: Robot) -> None:
     model = CollisionModel(robot, ROCKS)
     places = configurations(robot, 6)
