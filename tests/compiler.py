@@ -29,3 +29,5 @@ MISSING = _missing()
 needs_compiler = pytest.mark.skipif(bool(MISSING), reason=MISSING or "all is there")
 IN_C_AND_PYTHON = [pytest.param(True, marks=needs_compiler), False]
 """Whether something is compiled: both ways, where that can be."""
+long_without_compiler = pytest.mark.skipif(bool(MISSING), reason=f"takes minutes in Python; {MISSING}")
+"""Of closed loops over minutes, whose laws shorter ones hold too."""

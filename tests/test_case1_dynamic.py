@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from compiler import long_without_compiler
 
 from uvms_ocp.control.force.dynamic import VelocityGains
 from uvms_ocp.model.files.description import TrimBody
@@ -30,6 +31,7 @@ CASES: dict[str, tuple[dict[str, Any], float, float]] = {
     ),
 }
 """Options, and the largest true error of the tool in m and rad."""
+SHORT = ("still water", "noise")  # runs without a compiler too
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,10 @@ class Run:
     orientation: float
 
 
-@pytest.fixture(scope="module", params=CASES)
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(name, marks=() if name in SHORT else long_without_compiler) for name in CASES],
+)
 def run(request: pytest.FixtureRequest) -> Run:
     options, position, orientation = CASES[request.param]
     scenario = case1(**options)

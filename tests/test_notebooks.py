@@ -6,6 +6,7 @@ from pathlib import Path
 
 import nbformat
 import pytest
+from compiler import long_without_compiler
 from nbclient import NotebookClient
 
 NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
@@ -21,6 +22,7 @@ def test_a_notebook_is_stored_without_output(path: Path) -> None:
     assert all(not cell.outputs and cell.execution_count is None for cell in cells)
 
 
+@long_without_compiler
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_a_notebook_runs(path: Path, tmp_path: Path) -> None:

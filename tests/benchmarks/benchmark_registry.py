@@ -32,7 +32,7 @@ class Benchmark:
         """Why it cannot run here; empty where it can."""
         left_out = [package for package in self.packages if find_spec(package) is None]
         if left_out:
-            return f"needs packages: install {', '.join(left_out)}"
+            return 'needs pip install "uvms-ocp[mutation]"'
         if not self.variable or os.environ.get(self.variable):
             return ""
         return f"needs a folder: set {self.variable}"

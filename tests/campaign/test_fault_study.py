@@ -6,6 +6,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
+from compiler import long_without_compiler
 
 from uvms_ocp.campaign.fault_study import by_kind, faults, nominal, run_faults
 from uvms_ocp.campaign.fault_table import GUSTY, KINDS, PHASES, SIZES, STILL
@@ -65,6 +66,7 @@ def test_an_unknown_kind_or_phase_is_named() -> None:
         faults(phases=["E"])
 
 
+@long_without_compiler
 def test_faults_set_in_in_the_middle_of_the_phases_of_a_sound_run() -> None:
     middles = nominal("kinematic", 0.05).middles
     record = case1(noise=True, plant="kinematic", dt=0.05).run()
@@ -74,6 +76,7 @@ def test_faults_set_in_in_the_middle_of_the_phases_of_a_sound_run() -> None:
     assert tuple(middles) == PHASES
 
 
+@long_without_compiler
 def test_rows_are_judged_and_summed_up_by_kind() -> None:
     study = faults(n=1, fault_free=1, kinds=["joint 2 jammed", "position bias"], phases=["A"], **QUICK)
     result = study.run()

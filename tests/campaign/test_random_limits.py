@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from compiler import long_without_compiler
 
 from uvms_ocp.campaign.random_limits import close_quarters, largest, limit_violations, random_limits
 from uvms_ocp.campaign.random_missions import random_missions
@@ -97,5 +98,6 @@ def test_a_study_of_nothing_or_of_a_negative_seed_is_refused(
         study(n=n, seed=seed)
 
 
+@long_without_compiler
 def test_the_seeds_of_a_study_follow_each_other() -> None:
     assert [case["seed"] for case in random_limits(n=3, seed=5).cases] == [5, 6, 7]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from compiler import long_without_compiler
 
 from uvms_ocp.campaign.random_missions import boulder_clearance, random_mission, random_missions, totals
 from uvms_ocp.campaign.study import StudyResult
@@ -20,6 +21,7 @@ def result() -> StudyResult:
     return random_missions(n=10, plant="kinematic").run()
 
 
+@long_without_compiler
 def test_what_pre_flight_accepts_completes(result: StudyResult) -> None:
     (total,) = result.table
     assert total["missions"] == 10
@@ -28,6 +30,7 @@ def test_what_pre_flight_accepts_completes(result: StudyResult) -> None:
     assert total["share"] == 1.0
 
 
+@long_without_compiler
 def test_nothing_collides_while_minimum_altitude_or_clearance_is_on(result: StudyResult) -> None:
     (total,) = result.table
     assert total["collided"] == 0
@@ -35,6 +38,7 @@ def test_nothing_collides_while_minimum_altitude_or_clearance_is_on(result: Stud
     assert total["smallest_boulder_clearance_m"] > 0.1
 
 
+@long_without_compiler
 def test_the_boulder_would_be_hit_without_the_clearance_task() -> None:
     """Else a clearance kept proves nothing; the first three missions with a boulder, without the task."""
     scenarios = (random_mission(seed=seed, plant="kinematic") for seed in range(20))
@@ -47,11 +51,13 @@ def blind(scenario: Scenario) -> Scenario:
     return replace(scenario, mission=replace(scenario.mission, phases=phases), duration=30.0)
 
 
+@long_without_compiler
 def test_what_is_refused_has_a_reason(result: StudyResult) -> None:
     assert all(row["text"] for row in result.cases)
     assert {row["cause"] for row in result.cases} <= {"completed", "refused", "given up", "stalled", "slow"}
 
 
+@long_without_compiler
 def test_a_mission_on_the_dynamic_plant_in_a_current_completes() -> None:
     record = random_mission(seed=1).run()
     assert record.meta.completed

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from compiler import long_without_compiler
 from trivial_runs import Cluster, cluster
 
 from uvms_ocp.campaign.campaign import Campaign
@@ -46,6 +47,7 @@ def finished(folder: Path) -> set[int]:
     return set(read_table(folder)["run"]) if part_paths(folder) else set()
 
 
+@long_without_compiler
 def test_a_campaign_killed_again_and_again_equals_one_that_was_not(tmp_path: Path) -> None:
     (tmp_path / "mission.py").write_text(MISSION)
     (tmp_path / "variations.py").write_text(VARIATIONS)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from compiler import long_without_compiler
 
 from uvms_ocp.campaign.study import StudyResult
 from uvms_ocp.campaign.table2 import FLOORS, PAPER, THRESHOLDS, run_transit, table2, verdict
@@ -19,16 +20,19 @@ def result() -> StudyResult:
     return table2(seeds=1, seed=1, length=15.0).run()
 
 
+@long_without_compiler
 def test_every_cell_of_the_paper_is_measured(result: StudyResult) -> None:
     assert len(result.table) == len(FLOORS) * len(THRESHOLDS) == len(PAPER)
     assert all(row["completed"] for row in result.cases)
 
 
+@long_without_compiler
 def test_an_almost_flat_floor_is_safe_at_every_threshold(result: StudyResult) -> None:
     flat = [row for row in result.table if row["floor"] == "almost flat"]
     assert [row["verdict"] for row in flat] == [row["paper"] for row in flat] == ["safe"] * 3
 
 
+@long_without_compiler
 def test_a_higher_threshold_never_comes_nearer_to_the_floor(result: StudyResult) -> None:
     for floor in FLOORS.values():
         cells = [row["smallest_clearance_m"] for row in result.table if row["floor"] == floor]
@@ -54,6 +58,7 @@ def test_the_words_follow_from_the_clearances(clearances: list[float], words: st
     assert verdict(clearances) == words
 
 
+@long_without_compiler
 def test_a_study_writes_one_line_per_run(result: StudyResult, tmp_path: Path) -> None:
     result.write_csv(tmp_path / "runs.csv")
     lines = (tmp_path / "runs.csv").read_text().splitlines()

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from compiler import long_without_compiler
 from scipy import stats
 
 from uvms_ocp.campaign.variations.distributions import Choice, LogNormal, Normal, OfScipy, Triangular, Uniform
@@ -144,6 +145,7 @@ def test_a_delay_is_told_to_the_estimator_and_what_nobody_knows_of_it_comes_on_t
     assert varied(scenario, [Variation("sensors.delay", Uniform(0, 1))], told, 0).real_sensors is None
 
 
+@long_without_compiler
 @pytest.mark.parametrize(
     ("name", "delay"), [("sensors.delay", 0.05), ("sensors.delay", 0.15), ("sensors.joint_positions.delay", 0.2)]
 )
@@ -153,6 +155,7 @@ def test_a_mission_bears_a_delay_that_is_told(scenario: Scenario, name: str, del
     assert not [alarm.text for alarm in record.meta.alarms if "suspect" in alarm.text]
 
 
+@long_without_compiler
 @pytest.mark.parametrize("dt", [0.02, 0.005])
 def test_a_mission_bears_20_ms_of_delay_that_nobody_told_of(scenario: Scenario, dt: float) -> None:
     late = varied(
@@ -163,6 +166,7 @@ def test_a_mission_bears_20_ms_of_delay_that_nobody_told_of(scenario: Scenario, 
     assert not [alarm.text for alarm in record.meta.alarms if "suspect" in alarm.text]
 
 
+@long_without_compiler
 def test_an_offset_of_zero_and_a_factor_of_one_change_nothing_that_is_measured(scenario: Scenario) -> None:
     neutral = {"start.yaw": 0.0, "floor.z": 0.0, "goals.PC.x": 0.0, "sensors.noise": 1.0, "thrusters.limit": 1.0}
     short = replace(scenario, duration=0.2)

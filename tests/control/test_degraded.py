@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from broken_sensors import BrokenSensors
+from compiler import long_without_compiler
 
 from uvms_ocp.control.navigation.degraded import FREE, MODES, restriction_of
 from uvms_ocp.meta_values import EventMeta
@@ -64,6 +65,7 @@ def events_after(record: Record, t: float) -> list[EventMeta]:
     return [event for event in record.run_meta.events if event.t >= t]
 
 
+@long_without_compiler
 @pytest.mark.parametrize("phase", PHASES)
 @pytest.mark.parametrize("lost", LOSSES, ids="+".join)
 def test_whatever_is_lost_limits_hold_and_the_run_ends_for_a_reason_that_names_it(
@@ -93,6 +95,7 @@ def test_whatever_is_lost_limits_hold_and_the_run_ends_for_a_reason_that_names_i
         assert np.abs(after(record, "command", start + 1.5)).max() < 1e-9
 
 
+@long_without_compiler
 @pytest.mark.parametrize("trust", [Trust.SUSPECT, Trust.LOST])
 @pytest.mark.parametrize("phase", ["A", "C"])
 def test_without_altimeter_nothing_sinks_for_longer_than_it_takes_to_stop(
@@ -107,6 +110,7 @@ def test_without_altimeter_nothing_sinks_for_longer_than_it_takes_to_stop(
     assert [event.target for event in record.run_meta.events] == ["B", "C", "D", DONE]
 
 
+@long_without_compiler
 @pytest.mark.parametrize("channel", ["position", "linear_velocity", "attitude", "joint_positions", "altimeter_range"])
 def test_a_suspect_channel_holds_the_mission_back_until_it_is_good_again(
     scenario: Scenario, sound: Record, run: Run, channel: str
@@ -122,6 +126,7 @@ def test_a_suspect_channel_holds_the_mission_back_until_it_is_good_again(
         assert events_after(record, start)[0].t >= start + 30.0
 
 
+@long_without_compiler
 def test_a_channel_that_comes_back_in_time_lets_the_mission_go_on(sound: Record, run: Run) -> None:
     start = some_time_in(sound, "A", 1)
     record = run(channels=("attitude",), start=start, end=start + 6.0)
@@ -129,6 +134,7 @@ def test_a_channel_that_comes_back_in_time_lets_the_mission_go_on(sound: Record,
     assert np.abs(record["command"][(record["t"] > start + 2.0) & (record["t"] < start + 5.9)]).max() < 1e-9
 
 
+@long_without_compiler
 def test_without_an_abort_phase_the_robot_holds_and_says_what_holds_it_back(scenario: Scenario, run: Run) -> None:
     mission = replace(scenario.mission, abort=None)
     record = run(replace(scenario, mission=mission, duration=25.0), channels=("joint_positions",), start=8.0)
@@ -137,6 +143,7 @@ def test_without_an_abort_phase_the_robot_holds_and_says_what_holds_it_back(scen
     assert record.run_meta.pending.endswith("; joint_positions lost: broken by a test since 8.0 s")
 
 
+@long_without_compiler
 @pytest.mark.parametrize("start", [4.0, 8.9, 12.3])
 def test_a_doubt_that_is_over_leaves_no_haste_behind(scenario: Scenario, sound: Record, run: Run, start: float) -> None:
     """In phase A the robot only ever gets slower as it comes nearer, and whether it paused to doubt makes no difference."""
@@ -148,12 +155,14 @@ def test_a_doubt_that_is_over_leaves_no_haste_behind(scenario: Scenario, sound: 
     assert max(np.linalg.norm(way - place, axis=1).min() for place in gone) < 0.02
 
 
+@long_without_compiler
 def test_a_slower_robot_goes_the_same_way(scenario: Scenario, sound: Record, run: Run) -> None:
     """Else a strict hierarchy lets other axes join in for what one may not do."""
     ends = [record["q"][-1, :2] for record in (sound, run(channels=("linear_velocity",), start=8.0))]
     assert np.linalg.norm(ends[1] - ends[0]) < 0.03
 
 
+@long_without_compiler
 def test_where_every_channel_is_good_nothing_is_other_than_where_nobody_judges(sound: Record, run: Run) -> None:
     judged = run(channels=(), start=0.0)
     np.testing.assert_array_equal(judged["command"], sound["command"])

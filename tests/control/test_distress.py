@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from broken_sensors import BrokenSensors
+from compiler import long_without_compiler
 
 from uvms_ocp.control.navigation.pass_through import PassThrough
 from uvms_ocp.control.velocity.climb import ClimbMemory, aim, climb_goal, climb_sizes
@@ -122,6 +123,7 @@ def steps(scenario: Scenario, record: Record) -> float:
     return float((change / (scenario.robot.limits.acceleration * scenario.dt)).max())
 
 
+@long_without_compiler
 def test_a_vehicle_that_its_altimeter_sends_into_the_floor_feels_it_and_climbs() -> None:
     start, below = pose_at((10.0, 37.5, -38.8)), pose_at((10.4, 37.45, -39.9))
     scenario = replace(case1(dt=DT, start=start, way_point=below), estimator=lambda scenario: High(scenario.robot))
@@ -133,6 +135,7 @@ def test_a_vehicle_that_its_altimeter_sends_into_the_floor_feels_it_and_climbs()
     assert steps(scenario, record) <= 1.0 + 1e-6
 
 
+@long_without_compiler
 def test_thrusters_at_their_limits_for_too_long_end_the_mission() -> None:
     scenario = with_abort(case1(dt=DT, current=(2.0, 0.0, 0.0)), thrust_after=1.0, time_limit=1.0)
     report = summarize(scenario.run())
@@ -145,6 +148,7 @@ def test_thrusters_at_their_limits_for_too_long_end_the_mission() -> None:
     assert report["phases"][-1]["name"] == "climb"
 
 
+@long_without_compiler
 @pytest.mark.parametrize(("lost", "phase"), [("altimeter_range", 2), ("joint_positions", 3)])
 def test_in_water_a_lost_channel_leads_up_with_the_arm_held(
     monkeypatch: pytest.MonkeyPatch, lost: str, phase: int
@@ -166,6 +170,7 @@ def test_in_water_a_lost_channel_leads_up_with_the_arm_held(
     assert steps(scenario, record) <= 1.0 + 1e-6
 
 
+@long_without_compiler
 def test_existing_missions_keep_their_reasons_to_themselves(still: Scenario) -> None:
     """What they ask of an abort is generous: Case 1 never comes near it."""
     assert isinstance(still.mission.abort, Abort)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from compiler import long_without_compiler
 from scipy.spatial import cKDTree
 
 from uvms_ocp.scenarios.case1 import case1
@@ -11,6 +12,7 @@ from uvms_ocp.sim.faults import parse_fault
 ONSET, END = 20.0, 40.0  # [s]
 
 
+@long_without_compiler
 def test_a_vehicle_whose_dvl_falls_silent_stays_on_its_way() -> None:
     usual = {"noise": True, "dt": 1 / 50, "duration": END}
     way = case1(**usual).run()["q"][:, :3]
@@ -20,6 +22,7 @@ def test_a_vehicle_whose_dvl_falls_silent_stays_on_its_way() -> None:
     assert np.abs(without["v"][late, :3]).max() < 0.3
 
 
+@long_without_compiler
 def test_a_dvl_that_is_off_is_found_out_by_position_fixes() -> None:
     usual = {"noise": True, "dt": 1 / 50, "duration": END}
     way = case1(**usual).run()["q"][:, :3]
@@ -29,6 +32,7 @@ def test_a_dvl_that_is_off_is_found_out_by_position_fixes() -> None:
     assert np.abs(estimated - true)[biased["t"] > ONSET + 8.0].max() < 0.2
 
 
+@long_without_compiler
 def test_encoders_that_are_late_shake_neither_arm_nor_vehicle() -> None:
     """Fed back at full bandwidth, joints that are known 50 ms late swing up as soon as the arm is to move."""
     usual = {"noise": True, "duration": 55.0}

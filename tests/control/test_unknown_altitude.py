@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from compiler import long_without_compiler
 from recording_solver import RecordingSolver
 
 import uvms_ocp as uo
@@ -89,6 +90,7 @@ def rise(robot: Robot, q: np.ndarray, v: np.ndarray) -> float:
     return float(AltimeterBeam(robot, "altimeter").moving(q, v)[1][2])
 
 
+@long_without_compiler
 @pytest.mark.parametrize("roll", [1.9, 2.5, math.pi])
 @pytest.mark.parametrize("condition", [LANDED, uo.Above(quantity="LA.altitude", limit=0.17)])
 def test_a_robot_whose_altimeter_looks_up_has_not_landed(robot: Robot, roll: float, condition: Condition) -> None:
@@ -109,6 +111,7 @@ def test_a_robot_whose_altimeter_looks_up_has_not_landed(robot: Robot, roll: flo
     assert report["alarms"][0]["text"].startswith("altimeter_range suspect: no echo for ")
 
 
+@long_without_compiler
 def test_a_robot_on_its_side_that_rights_itself_lands_on_its_first_echo_not_before(robot: Robot) -> None:
     record = scenario(robot, roll=1.62, duration=40.0).run()
     assert record.run_meta.completed
@@ -122,6 +125,7 @@ def test_a_robot_on_its_side_that_rights_itself_lands_on_its_first_echo_not_befo
     assert altitude[-1] < LANDED.limit <= np.nanmin(altitude[:-1])
 
 
+@long_without_compiler
 def test_upright_without_an_echo_the_altitude_is_unknown_and_nothing_sinks(robot: Robot) -> None:
     given = scenario(robot, floor=DeafFloor(z=FLOOR))
     assert "the floor returns none" in given.check().of_check("echo")[0].text
@@ -132,6 +136,7 @@ def test_upright_without_an_echo_the_altitude_is_unknown_and_nothing_sinks(robot
     assert deaf.text.startswith("altimeter_range suspect: no echo for ")
 
 
+@long_without_compiler
 def test_with_an_echo_the_altitude_is_what_it_was_and_the_truth_is_that_of_the_floor(robot: Robot) -> None:
     given = scenario(robot, duration=40.0)
     assert not given.check().of_check("echo")

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from compiler import long_without_compiler
 
 from uvms_ocp.control.force.dynamic import DynamicController
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
@@ -42,6 +43,7 @@ def test_first_readings_that_are_under_way_are_no_alarm_unless_they_never_come()
     assert silent.alarms == [(2.1, "no position: stopped")]
 
 
+@long_without_compiler
 def test_a_noisy_run_whose_first_fix_is_late_begins_without_an_alarm() -> None:
     scenario = case1(duration=0.5, noise=True)
     late = dataclasses.replace(scenario.specs.position, delay=0.1)
@@ -78,6 +80,7 @@ def test_a_controller_brakes_then_cuts_the_thrust_when_sensors_go_silent() -> No
     assert (np.abs(steps) <= scenario.robot.limits.acceleration * 0.005 + 1e-12).all()
 
 
+@long_without_compiler
 def test_silent_sensors_are_reported_and_the_mission_does_not_go_on() -> None:
     rare = SensorSpec(rate=0.2)
     dead = dataclasses.replace(IDEAL_SENSORS, linear_velocity=rare, position=rare)  # one stands in for the other

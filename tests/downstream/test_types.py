@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+pytest.importorskip("mypy", reason='needs pip install "uvms-ocp[dev]"')
+
 SAMPLE = Path(__file__).with_name("own_mission.py")
 
 
@@ -18,7 +20,6 @@ def _checked(sample: Path, folder: Path) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(scope="module")
 def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    pytest.importorskip("mypy", reason="mypy is not installed")
     return tmp_path_factory.mktemp("types")
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from compiler import long_without_compiler
 from own_runs import DEAD_ZONE, LAG, as_before, driven_run, slow
 
 from uvms_ocp import load_robot
@@ -75,6 +76,7 @@ def test_thrust_follows_what_was_asked_through_limits_dead_zone_and_lag() -> Non
     np.testing.assert_allclose(given[1:], target + left * (given[:-1] - target), rtol=0, atol=1e-10)
 
 
+@long_without_compiler
 def test_a_plant_without_thrusters_is_asked_for_no_thrust() -> None:
     record = case1(plant="kinematic", dt=0.02, duration=0.1).run()
     assert "asked_thrust" not in record.series
@@ -114,6 +116,7 @@ def test_before_a_run_thrusters_are_at_rest() -> None:
     np.testing.assert_array_equal(commands.at(np.array([0.0]))[0], run()["asked_thrust"][0])
 
 
+@long_without_compiler
 def test_a_wrench_is_that_which_thrusters_can_give() -> None:
     scenario = case1(robot="girona_maris7", dt=0.02, duration=0.4)
     record, B = scenario.run(), thruster_matrix(scenario.robot)
@@ -200,6 +203,7 @@ def test_a_lag_that_is_not_given_begins_with_that_of_the_thrusters() -> None:
         assert found == pytest.approx(lag or np.mean([one.time_constant for one in thrusters]))
 
 
+@long_without_compiler
 def test_a_wrench_of_our_controller_is_ahead_of_the_lag_and_that_is_told() -> None:
     record = bluerov_inspection(duration=2.0).run()
     settings = Settings.model_validate(subject()[1].model_dump() | {"arm": "as it is", "commands": "wrench"})

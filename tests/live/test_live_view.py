@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import pinocchio as pin
 import pytest
+from compiler import long_without_compiler
 from same_record import require_same
 
 from uvms_ocp.exceptions import InvalidInput
@@ -71,6 +72,7 @@ def seen(scenario: Scenario) -> tuple[Record, Listener]:
     return record, listener
 
 
+@long_without_compiler
 def test_frames_come_in_order_and_the_last_one_is_the_end_of_the_run(seen: tuple[Record, Listener]) -> None:
     record, listener = seen
     times = [frame["t"] for frame in listener.frames]
@@ -80,6 +82,7 @@ def test_frames_come_in_order_and_the_last_one_is_the_end_of_the_run(seen: tuple
     assert times[-1] == pytest.approx(record["t"][-1])
 
 
+@long_without_compiler
 def test_a_frame_has_the_links_where_pinocchio_has_them_at_that_time(
     seen: tuple[Record, Listener], scenario: Scenario
 ) -> None:
@@ -95,6 +98,7 @@ def test_a_frame_has_the_links_where_pinocchio_has_them_at_that_time(
         assert frame["phase"] == record["phase"][row]
 
 
+@long_without_compiler
 def test_the_record_is_the_same_to_the_last_bit(seen: tuple[Record, Listener], scenario: Scenario) -> None:
     runs = [seen[0], scenario.run()]
     watched, alone = (
@@ -107,6 +111,7 @@ def test_the_record_is_the_same_to_the_last_bit(seen: tuple[Record, Listener], s
     require_same(watched, alone)
 
 
+@long_without_compiler
 @pytest.mark.parametrize("speed", [2.0, 4.0])
 def test_a_run_does_not_overtake_the_clock(scenario: Scenario, speed: float) -> None:
     with live(scenario, speed=speed) as view:
@@ -147,6 +152,7 @@ def chromium() -> Iterator[Any]:
         yield found
 
 
+@long_without_compiler
 def test_a_browser_shows_where_the_robot_has_come_to(chromium: Any, scenario: Scenario) -> None:
     longer = replace(scenario, duration=3.0)
     wrong: list[str] = []

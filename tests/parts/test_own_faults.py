@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from compiler import long_without_compiler
 from own_examples import LooseCable
 
 from uvms_ocp.exceptions import InvalidInput
@@ -20,6 +21,7 @@ def flown(**options: Any) -> Scenario:
     return case1(dt=0.02, duration=3.0, noise=True, **options)
 
 
+@long_without_compiler
 def test_up_to_its_onset_and_without_it_a_run_is_the_same() -> None:
     sound, struck = flown().run(), replace(flown(), faults=(LooseCable(onset=1.0),)).run()
     before = sound["t"] < 1.0
@@ -30,6 +32,7 @@ def test_up_to_its_onset_and_without_it_a_run_is_the_same() -> None:
     np.testing.assert_array_equal(whole["q"], sound["q"])
 
 
+@long_without_compiler
 def test_a_dvl_that_came_loose_is_noticed_and_heard_again_after_the_end() -> None:
     alarms = replace(flown(), faults=(LooseCable(onset=1.0, end=2.0),)).run().run_meta.alarms
     told = [(alarm.t, alarm.text) for alarm in alarms if alarm.text.startswith("linear_velocity")]
@@ -39,6 +42,7 @@ def test_a_dvl_that_came_loose_is_noticed_and_heard_again_after_the_end() -> Non
     assert again[1] == "linear_velocity good again"
 
 
+@long_without_compiler
 def test_thrusters_that_hear_half_give_half() -> None:
     one_tick = {"duration": 0.02}
     sound, struck = (replace(flown(), **one_tick, faults=f).run() for f in ((), (LooseCable(onset=0.0, share=0.0),)))
@@ -46,6 +50,7 @@ def test_thrusters_that_hear_half_give_half() -> None:
     np.testing.assert_array_equal(struck["thrust"][-1], 0.0)
 
 
+@long_without_compiler
 def test_own_faults_stand_beside_those_of_the_toolkit_in_record_and_report() -> None:
     scenario = flown(faults=("depth:frozen@1",))
     record = replace(scenario, duration=0.1, faults=(*scenario.faults, LooseCable(onset=1.0, end=2.0))).run()
@@ -80,6 +85,7 @@ class OddOfRun:
         return self.left(command) if callable(self.left) else command
 
 
+@long_without_compiler
 @pytest.mark.parametrize(
     ("left", "heard", "message"),
     [

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from compiler import long_without_compiler
 from own_examples import Bursts, ComplementaryFilter, CopiedFilter, CopiedKinematics, DoubleIntegrator, ExtraDrag, Pid
 
 from uvms_ocp.campaign.runs.mission_runs import MissionRuns
@@ -49,6 +50,7 @@ def same(own: Record, ours: Record) -> Iterator[str]:
             yield name
 
 
+@long_without_compiler
 @pytest.mark.parametrize("noise", [False, True])
 @pytest.mark.parametrize(
     ("plant", "parts"),
@@ -66,6 +68,7 @@ def test_the_toolkits_own_part_as_somebody_elses_gives_the_same_record(plant: st
     assert list(same(own.run(), ours.run())) == []
 
 
+@long_without_compiler
 @pytest.mark.parametrize("noise", [False, True])
 def test_the_toolkits_sensors_as_somebody_elses_give_the_same_record(noise: bool) -> None:
     ours = flown(noise=noise)
@@ -73,6 +76,7 @@ def test_the_toolkits_sensors_as_somebody_elses_give_the_same_record(noise: bool
     assert list(same(own.run(), ours.run())) == []
 
 
+@long_without_compiler
 def test_a_plant_of_ones_own_is_struck_by_the_faults_that_it_says_it_suffers() -> None:
     ours = flown(faults=("thruster3:dead@1",))
     own, sound = replace(ours, plant=ExtraDrag()).run(), replace(ours, faults=()).run()
@@ -80,6 +84,7 @@ def test_a_plant_of_ones_own_is_struck_by_the_faults_that_it_says_it_suffers() -
     assert "thrust" in list(same(own, sound))
 
 
+@long_without_compiler
 def test_a_pid_brings_the_vehicle_to_its_way_point() -> None:
     record = replace(flown(duration=30.0), controller=Pid()).run()
     assert [event.target for event in record.run_meta.events] == ["B"]
@@ -87,6 +92,7 @@ def test_a_pid_brings_the_vehicle_to_its_way_point() -> None:
     assert record["pull"].shape == (len(record), 3)
 
 
+@long_without_compiler
 def test_drag_that_nobody_knows_of_costs_thrust_and_stops_the_mission_nowhere() -> None:
     ours = flown(duration=30.0)
     records = [scenario.run() for scenario in (ours, replace(ours, plant=ExtraDrag(rate=0.3)))]
@@ -96,6 +102,7 @@ def test_drag_that_nobody_knows_of_costs_thrust_and_stops_the_mission_nowhere() 
     assert heavy > 1.1 * light
 
 
+@long_without_compiler
 def test_a_plant_that_takes_velocities_gets_them_alone_and_lags_behind() -> None:
     record = replace(flown(), plant=DoubleIntegrator).run()
     assert "thrust" not in record.series
@@ -103,6 +110,7 @@ def test_a_plant_that_takes_velocities_gets_them_alone_and_lags_behind() -> None
     np.testing.assert_allclose(lag, 0.1 * (record["command"] - record["v"])[:-1], atol=1e-12)
 
 
+@long_without_compiler
 def test_a_complementary_filter_flies_the_mission() -> None:
     record = replace(flown(noise=True, duration=30.0), estimator=ComplementaryFilter).run()
     assert [event.target for event in record.run_meta.events] == ["B", "C"]
@@ -110,12 +118,14 @@ def test_a_complementary_filter_flies_the_mission() -> None:
     assert 1e-3 < missed.max() < 0.05
 
 
+@long_without_compiler
 def test_sensors_of_ones_own_are_judged_by_the_monitor() -> None:
     scenario = flown(noise=True)
     record = replace(scenario, sensors=Bursts(share=0.9, specs=scenario.specs)).run()
     assert any(alarm.text.startswith("linear_velocity suspect: silent") for alarm in record.run_meta.alarms)
 
 
+@long_without_compiler
 def test_runs_with_parts_of_ones_own_are_the_same_again_for_the_same_seed_alone() -> None:
     scenario = all_own()
     first, again, other = scenario.run(), scenario.run(), replace(scenario, seed=1).run()
@@ -127,6 +137,7 @@ def ran(scenario: Scenario) -> np.ndarray:
     return scenario.run()["q"]
 
 
+@long_without_compiler
 def test_parts_of_ones_own_go_to_another_process_with_their_scenario() -> None:
     scenario = all_own()
     expected = scenario.run()["q"]
@@ -135,6 +146,7 @@ def test_parts_of_ones_own_go_to_another_process_with_their_scenario() -> None:
         np.testing.assert_array_equal(workers.submit(ran, scenario).result(), expected)
 
 
+@long_without_compiler
 def test_records_and_reports_name_the_parts() -> None:
     ours, own = flown(duration=0.1), replace(all_own(), duration=0.1)
     names = ("plant", "sensors", "estimator", "controller")
@@ -148,6 +160,7 @@ def test_records_and_reports_name_the_parts() -> None:
     assert replace(ours, controller=partial(our_controller, guide=None)).own_parts == {"controller": "our_controller"}
 
 
+@long_without_compiler
 def test_figures_scene_and_file_of_a_run_without_any_part_of_the_toolkit(tmp_path: Path) -> None:
     record = all_own().run()
     record.save(tmp_path / "record.npz")

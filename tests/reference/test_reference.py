@@ -7,40 +7,18 @@ from pathlib import Path
 
 import pytest
 
-from uvms_ocp.exceptions import InvalidInput, NameNotFound, OutputError
 from uvms_ocp.identification.calibration.settings import Learnt, NoiseSettings, Settings
 from uvms_ocp.identification.recordings.mapping import ChannelMapping
 from uvms_ocp.identification.recordings.recording import KINDS
 from uvms_ocp.reference import build
-from uvms_ocp.reference.build import build_reference, guide_pages, theory_pages
-from uvms_ocp.reference.links import broken_links, outside_links
-from uvms_ocp.reference.pages import body_of
+from uvms_ocp.reference.build import guide_pages, theory_pages
+from uvms_ocp.reference.links import broken_links
 from uvms_ocp.reference.rooms import CITED, documented_modules, place_of
 from uvms_ocp.reference.tables import generated_pages
 from uvms_ocp.reference.undocumented import undocumented_names
 from uvms_ocp.tables.series_table import SERIES
 
 EQUATION = re.compile(r"\$\$.+?\$\$", re.DOTALL)
-
-
-@pytest.fixture(scope="module")
-def reference(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    pytest.importorskip("pdoc", reason='the reference needs pip install "uvms-ocp[reference]"')
-    return build_reference(tmp_path_factory.mktemp("built") / "reference").parent
-
-
-def test_it_is_whole_and_loads_nothing_from_a_network(reference: Path) -> None:
-    assert broken_links(reference) == ()
-    assert list(outside_links(reference)) == []
-    first = (reference / "index.html").read_text(encoding="utf-8")
-    for name in ("motion.html", "robot_files.html", "series.html", "commands.html", "uvms_ocp/tasks.html"):
-        assert f'href="{name}"' in first
-
-
-def test_formulas_are_drawn_by_the_browser_itself(reference: Path) -> None:
-    page = (reference / "tasks.html").read_text(encoding="utf-8")
-    assert page.count('<math xmlns="http://www.w3.org/1998/Math/MathML" display="block">') > 10
-    assert "$" not in re.sub(r"<(script|style).*?</\1>", "", page, flags=re.DOTALL)
 
 
 def test_every_public_name_is_documented() -> None:
@@ -84,29 +62,9 @@ def test_tables_hold_every_series_every_field_and_every_command() -> None:
     assert all(f"| `{name}` |" in pages["identification_settings"] for name in known)
 
 
-def test_a_name_that_is_not_there_is_refused() -> None:
-    pytest.importorskip("pdoc")
-    with pytest.raises(NameNotFound, match=r"PoseTsk.*PoseTask"):
-        body_of("`uvms_ocp.tasks.pose.PoseTsk`", ("uvms_ocp.tasks.pose",))
-
-
 def test_links_that_lead_nowhere_are_found(tmp_path: Path) -> None:
     (tmp_path / "a.html").write_text(
         '<p id="here"></p><a href="#here"></a><a href="b.html#there"></a><a href="c.html"></a>'
     )
     (tmp_path / "b.html").write_text('<a href="a.html#here"></a><a href="https://example.org"></a>')
     assert broken_links(tmp_path) == ("a.html: b.html#there", "a.html: c.html")
-
-
-def test_a_broken_link_fails_the_build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("pdoc")
-    monkeypatch.setattr(build, "documented_modules", lambda pages: ("uvms_ocp.version",))
-    monkeypatch.setattr(build, "generated_pages", dict)
-    monkeypatch.setattr(build, "guide_pages", dict)
-    monkeypatch.setattr(build, "theory_pages", lambda: {"page": "# A page\n\n[away](nowhere.html)\n"})
-    monkeypatch.setattr(build, "_first_page", lambda: "# First\n")
-    with pytest.raises(InvalidInput, match=r"1 faults: page.html: nowhere.html"):
-        build_reference(tmp_path)
-    (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="choose another folder"):
-        build_reference(tmp_path / "file")

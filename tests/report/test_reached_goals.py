@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from compiler import long_without_compiler
 from typer.testing import CliRunner
 from yaml import safe_dump, safe_load
 
@@ -38,6 +39,7 @@ def noisy() -> tuple[Scenario, Record]:
     return scenario, scenario.run()
 
 
+@long_without_compiler
 def test_the_truth_at_the_end_of_a_phase_is_that_of_the_true_state(noisy: tuple[Scenario, Record]) -> None:
     scenario, record = noisy
     robot, rows = scenario.robot, [row for row in goal_table(record) if row["quantity"] == "T.position_error"]
@@ -53,6 +55,7 @@ def test_the_truth_at_the_end_of_a_phase_is_that_of_the_true_state(noisy: tuple[
         assert row["true"] != row["estimated"]
 
 
+@long_without_compiler
 def test_with_ideal_sensors_the_estimate_is_the_truth() -> None:
     record = short(plant="kinematic").run()
     assert record.run_meta.completed
@@ -63,6 +66,7 @@ def test_with_ideal_sensors_the_estimate_is_the_truth() -> None:
         assert row["met"]
 
 
+@long_without_compiler
 def test_a_mission_whose_true_error_is_over_its_limit_has_ended_too_early(noisy: tuple[Scenario, Record]) -> None:
     _, record = noisy
     last = record.run_meta.events[-1]
@@ -82,6 +86,7 @@ def test_a_mission_whose_true_error_is_over_its_limit_has_ended_too_early(noisy:
     assert f"but truly 51 against a limit of 50, and the sensors allow {allowed}" in report["cause"]["text"]
 
 
+@long_without_compiler
 def test_only_what_ended_a_phase_is_judged(noisy: tuple[Scenario, Record]) -> None:
     """Not what another transition of the phase waits for, were it a limit of the same quantity."""
     scenario, record = noisy
@@ -97,6 +102,7 @@ def test_only_what_ended_a_phase_is_judged(noisy: tuple[Scenario, Record]) -> No
     assert not ended_too_early(more)
 
 
+@long_without_compiler
 def test_the_words_of_a_reason_are_for_people(noisy: tuple[Scenario, Record]) -> None:
     _, record = noisy
     meta, rows = record.run_meta, goal_table(record)
@@ -105,6 +111,7 @@ def test_the_words_of_a_reason_are_for_people(noisy: tuple[Scenario, Record]) ->
     assert goal_table(replace(record, meta=meta.model_copy(update={"events": events}))) == rows
 
 
+@long_without_compiler
 @pytest.mark.parametrize("completed", [True, False])
 def test_a_threshold_of_what_nobody_measures_is_told(completed: bool, noisy: tuple[Scenario, Record]) -> None:
     _, record = noisy
@@ -116,6 +123,7 @@ def test_a_threshold_of_what_nobody_measures_is_told(completed: bool, noisy: tup
     assert completed or report["cause"]["text"].endswith("no task of the record measures it")
 
 
+@long_without_compiler
 def test_records_that_do_not_tell_what_ended_a_phase_have_no_goals(noisy: tuple[Scenario, Record]) -> None:
     _, record = noisy
     events = tuple(event.model_copy(update={"conditions": ()}) for event in record.run_meta.events)
@@ -124,6 +132,7 @@ def test_records_that_do_not_tell_what_ended_a_phase_have_no_goals(noisy: tuple[
     assert report["goals"] == report["ended_too_early"] == []
 
 
+@long_without_compiler
 def test_the_report_has_estimate_truth_and_what_the_sensors_allow_side_by_side(noisy: tuple[Scenario, Record]) -> None:
     report = summarize(noisy[1])
     assert report["tool_position_error_m"] != report["estimated_tool_position_error_m"]
@@ -133,6 +142,7 @@ def test_the_report_has_estimate_truth_and_what_the_sensors_allow_side_by_side(n
     assert rows["estimated_tool_position_error_m"]["first"] == report["estimated_tool_position_error_m"]
 
 
+@long_without_compiler
 def test_records_that_do_not_tell_the_truth_are_not_judged(noisy: tuple[Scenario, Record]) -> None:
     _, record = noisy
     events = tuple(event.model_copy(update={"true_quantities": ()}) for event in record.run_meta.events)
@@ -141,6 +151,7 @@ def test_records_that_do_not_tell_the_truth_are_not_judged(noisy: tuple[Scenario
     assert summarize(older)["ended_too_early"] == []
 
 
+@long_without_compiler
 def test_energy_without_power_data_is_unknown_and_not_zero(tmp_path: Path) -> None:
     content = safe_load((robot_folder("girona_maris7_full") / "hydrodynamics.yaml").read_text(encoding="utf-8"))
     del content["thrusters"][0]["power"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from compiler import long_without_compiler
 
 from uvms_ocp.record import Record
 from uvms_ocp.report.compare import compare
@@ -18,6 +19,7 @@ def record() -> Record:
     return case1(thresholds=thresholds, duration=2.0, dt=0.01, current=(0.2, 0.0, 0.0)).run()
 
 
+@long_without_compiler
 def test_the_parts_add_up_to_the_total(record: Record) -> None:
     rows = resources(record)
     assert [row["phase"] for row in rows] == ["A", "B", "C", "D", "total"]
@@ -27,6 +29,7 @@ def test_the_parts_add_up_to_the_total(record: Record) -> None:
         assert max(row[name] for row in rows[:-1]) == rows[-1][name]
 
 
+@long_without_compiler
 def test_the_energy_is_what_the_drives_took(record: Record) -> None:
     total = resources(record)[-1]
     assert total["thruster_energy_j"] == pytest.approx(record["thruster_energy"][-1].sum())
@@ -34,6 +37,7 @@ def test_the_energy_is_what_the_drives_took(record: Record) -> None:
     assert total["thruster_energy_j"] > 1.0
 
 
+@long_without_compiler
 def test_shares_stay_below_one_within_the_limits(record: Record) -> None:
     total = resources(record)[-1]
     assert 0 < total["velocity_share"] <= 1
@@ -41,17 +45,20 @@ def test_shares_stay_below_one_within_the_limits(record: Record) -> None:
     assert total["joint_margin_rad"] > 0
 
 
+@long_without_compiler
 def test_a_kinematic_plant_has_no_forces_to_report() -> None:
     total = resources(case1(plant="kinematic", duration=0.2).run())[-1]
     assert total["thruster_energy_j"] is total["peak_thrust_n"] is total["saturation_time_s"] is None
     assert total["duration_s"] == pytest.approx(0.2)
 
 
+@long_without_compiler
 def test_a_run_compared_with_itself_has_not_changed(record: Record) -> None:
     changes = [row["change"] for row in compare(record, record)]
     np.testing.assert_array_equal([change for change in changes if change is not None], 0.0)
 
 
+@long_without_compiler
 def test_a_comparison_gives_the_change_in_percent(record: Record) -> None:
     shorter = case1(plant="kinematic", duration=0.2).run()
     rows = {row["figure"]: row for row in compare(record, shorter)}

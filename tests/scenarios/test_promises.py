@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from compiler import long_without_compiler
 
 from uvms_ocp.record import Record
 from uvms_ocp.report.series import quantity
@@ -29,12 +30,14 @@ def test_every_scenario_promises_something() -> None:
     assert all(build.__doc__ and len(build.__doc__) > 80 for build in SCENARIOS.values())
 
 
+@long_without_compiler
 def test_the_swap_loses_the_attitude_that_the_right_order_keeps() -> None:
     lost, kept = (priority_swap(swapped=swapped, plant="kinematic", duration=20.0).run() for swapped in (True, False))
     assert largest_tilt(lost) > 0.25
     assert largest_tilt(kept) < 0.1
 
 
+@long_without_compiler
 def test_two_targets_are_reached_one_after_the_other() -> None:
     scenario = two_targets(plant="kinematic")
     assert scenario.check().accepted
@@ -49,6 +52,7 @@ def test_two_targets_are_reached_one_after_the_other() -> None:
     assert moved["path_length_m"] > 1.5
 
 
+@long_without_compiler
 def test_a_current_that_sets_in_sends_the_mission_back_and_it_ends_well() -> None:
     report = summarize(current_drift(dt=0.01).run())
     assert report["completed"]
@@ -57,6 +61,7 @@ def test_a_current_that_sets_in_sends_the_mission_back_and_it_ends_well() -> Non
     assert report["tool_position_error_m"] < 1e-3
 
 
+@long_without_compiler
 def test_without_back_steps_the_current_loses_the_target() -> None:
     report = summarize(current_drift(back_steps=False, dt=0.01, duration=75.0).run())
     assert not report["completed"]
@@ -65,6 +70,7 @@ def test_without_back_steps_the_current_loses_the_target() -> None:
     assert report["cause"]["kind"] in ("stalled", "slow")
 
 
+@long_without_compiler
 def test_retries_that_are_used_up_end_the_mission_with_a_cause() -> None:
     report = summarize(current_drift(retries=0, dt=0.01, duration=75.0).run())
     assert not report["completed"]
@@ -72,6 +78,7 @@ def test_retries_that_are_used_up_end_the_mission_with_a_cause() -> None:
     assert "0 retries are used up: PC.horizontal_error" in report["cause"]["text"]
 
 
+@long_without_compiler
 @pytest.mark.parametrize(("relief", "min_altitude"), [("flat", 1.0), ("large", 10.0)])
 def test_a_transit_ends_above_its_way_point(relief: str, min_altitude: float) -> None:
     record = transit(relief=relief, min_altitude=min_altitude, length=12.0, dt=0.02).run()
@@ -89,6 +96,7 @@ def in_phase(record: Record, name: str) -> np.ndarray:
     return record["phase"] == names.index(name)
 
 
+@long_without_compiler
 def test_the_arm_follows_its_plan_past_the_rock() -> None:
     scenario = case2(plant="kinematic")
     assert scenario.check().accepted
@@ -104,6 +112,7 @@ def test_the_arm_follows_its_plan_past_the_rock() -> None:
     assert error[in_phase(record, "D")][300:].max() < 0.05
 
 
+@long_without_compiler
 def test_the_preferred_motion_follows_its_plan_closer_than_the_arm_does_without_it() -> None:
     """Deviation of the last four joints from their plan during D, with MP and without."""
     scenario, deviations = case2(plant="kinematic", dt=0.02), []
@@ -128,6 +137,7 @@ def test_the_planned_tool_path_ends_at_the_goal() -> None:
     np.testing.assert_allclose(path(2.0)[1][:3], (ahead - behind) / 2e-5, atol=1e-6)
 
 
+@long_without_compiler
 def test_the_valve_is_turned_in_view_of_the_camera() -> None:
     scenario = bluerov_inspection(plant="kinematic", dt=0.02)
     assert scenario.check().accepted
@@ -141,6 +151,7 @@ def test_the_valve_is_turned_in_view_of_the_camera() -> None:
     assert angle[turning].max() < 0.4
 
 
+@long_without_compiler
 def test_clearance_keeps_the_whole_robot_away_from_the_obstacles_that_it_would_hit() -> None:
     scenario = obstacle_field(dt=0.02)
     kept = scenario.run()
@@ -153,6 +164,7 @@ def test_clearance_keeps_the_whole_robot_away_from_the_obstacles_that_it_would_h
     assert closest_approach(scenario.robot, scenario.environment, lost["q"][::5]).distance < 0
 
 
+@long_without_compiler
 def test_without_water_the_obstacles_are_kept_at_the_threshold() -> None:
     scenario = obstacle_field(plant="kinematic", dt=0.02)
     record = scenario.run()

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from actuators.hovering import DT, Hover, run
+from compiler import long_without_compiler
 
 from uvms_ocp import load_robot, without_arm
 from uvms_ocp.control.force.dynamic import DynamicController
@@ -34,6 +35,8 @@ ROUGH = replace(CALM, noise=True, current=0.3, gusts=0.03, seed=1)
 TWO_KG = {"load": 2.0 * 9.81, "float": (2.0 - 1.2 * 0.998) * 9.81}
 """[N] net weight of two kilograms, and of those with 1.2 l."""
 PAYLOADS = {"load": (2.0, 0.0), "float": (2.0, 1.2e-3), "none": (0.0, 0.0)}
+
+pytestmark = long_without_compiler
 
 
 @lru_cache

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from compiler import long_without_compiler
 
 from uvms_ocp.exceptions import InvalidInput, NameNotFound
 from uvms_ocp.preflight.accuracy import quantity_spreads
@@ -36,6 +37,7 @@ def _sound(request: pytest.FixtureRequest) -> tuple[Scenario, Record]:
     return scenario, scenario.run()
 
 
+@long_without_compiler
 def test_runs_are_the_same_to_the_last_bit_until_the_onset(sound: tuple[Scenario, Record]) -> None:
     scenario, before = sound
     for text in DYNAMIC if scenario.plant == "dynamic" else KINEMATIC:
@@ -47,12 +49,14 @@ def test_runs_are_the_same_to_the_last_bit_until_the_onset(sound: tuple[Scenario
         assert [fault.text for fault in record.run_meta.faults] == [f"{text}@{ONSET}"]
 
 
+@long_without_compiler
 def test_the_same_faults_and_seed_give_the_same_run() -> None:
     faults = ("linear_velocity:spikes=1,0.5@0.2", "thruster3:stuck@0.3")
     first, second = (case1(noise=True, dt=0.02, duration=1.0, faults=faults).run() for _ in range(2))
     np.testing.assert_array_equal(first["q"], second["q"])
 
 
+@long_without_compiler
 def test_the_record_and_the_report_tell_what_went_wrong(tmp_path: Path) -> None:
     scenario = case1(plant="kinematic", dt=0.02, duration=0.2, faults=("altimeter:frozen@0.1", "joint2:jam@0.05-0.1"))
     scenario.run().save(tmp_path / "record.npz")
@@ -69,6 +73,7 @@ def test_the_record_and_the_report_tell_what_went_wrong(tmp_path: Path) -> None:
     assert summarize(record)["faults"] == [frozen.model_dump(), jammed.model_dump()]
 
 
+@long_without_compiler
 def test_a_run_without_faults_tells_none() -> None:
     assert summarize(case1(plant="kinematic", dt=0.02, duration=0.1).run())["faults"] == []
 
@@ -101,6 +106,7 @@ def test_what_sensors_allow_is_told_of_a_run_that_ends_with_a_joint_beyond_its_l
     assert all(0.0 < spread < 1.0 for spread in spreads.values())
 
 
+@long_without_compiler
 def test_an_encoder_that_sticks_takes_no_joint_past_its_limits() -> None:
     scenario = case1(noise=True, dt=0.02, duration=4.0, faults=("joint3_position:stuck=0.3@0.1",))
     q, limits = scenario.run()["q"][:, scenario.robot.joint_q], scenario.robot.limits

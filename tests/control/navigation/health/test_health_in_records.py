@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from compiler import long_without_compiler
 from corruptors import frozen, with_defect
 
 from uvms_ocp.exceptions import InvalidInput
@@ -35,6 +36,7 @@ def record() -> Record:
         return case1(noise=True, seed=1, duration=4.0, dt=0.02).run()
 
 
+@long_without_compiler
 def test_record_report_and_figure_name_the_channel_and_say_why(record: Record, tmp_path: Path) -> None:
     column = record.run_meta.channels.index("altimeter_range")
     first = record["t"][np.argmax(record["health"][:, column] > 0)]
@@ -57,6 +59,7 @@ def test_record_report_and_figure_name_the_channel_and_say_why(record: Record, t
     assert again.run_meta.channels == record.run_meta.channels
 
 
+@long_without_compiler
 def test_a_record_without_health_has_none(record: Record) -> None:
     series = {name: values for name, values in record.series.items() if name != "health"}
     old = Record(series=series, meta=record.run_meta.model_copy(update={"channels": ()}))
@@ -64,6 +67,7 @@ def test_a_record_without_health_has_none(record: Record) -> None:
     assert figure_health(old) is None
 
 
+@long_without_compiler
 @pytest.mark.parametrize(
     "spoil",
     [

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 import pytest
+from compiler import long_without_compiler
 from health_run import FLOOR, HealthRun, swaying
 
 from uvms_ocp.control.navigation.estimator import Estimator
@@ -66,6 +67,7 @@ def test_sound_readings_pass_as_they_are(robot: Robot, moving: bool) -> None:
     assert len(v) == robot.n_v
 
 
+@long_without_compiler
 @pytest.mark.parametrize("plant", ["kinematic", "dynamic"])
 def test_ideal_sensors_give_the_run_that_they_gave_without_a_monitor(
     monkeypatch: pytest.MonkeyPatch, plant: str
@@ -80,6 +82,7 @@ def test_ideal_sensors_give_the_run_that_they_gave_without_a_monitor(
         np.testing.assert_array_equal(watched[name], bare[name])
 
 
+@long_without_compiler
 def test_case1_with_noise_in_gusts_raises_no_alarm() -> None:
     current = GustyCurrent(base=UniformCurrent([0.2, 0.1, 0.0]), seed=1)
     record = case1(noise=True, seed=5, current=current, duration=4.0, dt=0.01).run()

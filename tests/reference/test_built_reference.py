@@ -1,0 +1,55 @@
+"""The reference builds, whole and for no network; a broken link fails it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from uvms_ocp.exceptions import InvalidInput, NameNotFound, OutputError
+from uvms_ocp.reference import build
+from uvms_ocp.reference.build import build_reference
+from uvms_ocp.reference.links import broken_links, outside_links
+from uvms_ocp.reference.pages import body_of
+
+EQUATION = re.compile(r"\$\$.+?\$\$", re.DOTALL)
+
+pytest.importorskip("pdoc", reason='needs pip install "uvms-ocp[reference]"')
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build_reference(tmp_path_factory.mktemp("built") / "reference").parent
+
+
+def test_it_is_whole_and_loads_nothing_from_a_network(reference: Path) -> None:
+    assert broken_links(reference) == ()
+    assert list(outside_links(reference)) == []
+    first = (reference / "index.html").read_text(encoding="utf-8")
+    for name in ("motion.html", "robot_files.html", "series.html", "commands.html", "uvms_ocp/tasks.html"):
+        assert f'href="{name}"' in first
+
+
+def test_formulas_are_drawn_by_the_browser_itself(reference: Path) -> None:
+    page = (reference / "tasks.html").read_text(encoding="utf-8")
+    assert page.count('<math xmlns="http://www.w3.org/1998/Math/MathML" display="block">') > 10
+    assert "$" not in re.sub(r"<(script|style).*?</\1>", "", page, flags=re.DOTALL)
+
+
+def test_a_name_that_is_not_there_is_refused() -> None:
+    with pytest.raises(NameNotFound, match=r"PoseTsk.*PoseTask"):
+        body_of("`uvms_ocp.tasks.pose.PoseTsk`", ("uvms_ocp.tasks.pose",))
+
+
+def test_a_broken_link_fails_the_build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(build, "documented_modules", lambda pages: ("uvms_ocp.version",))
+    monkeypatch.setattr(build, "generated_pages", dict)
+    monkeypatch.setattr(build, "guide_pages", dict)
+    monkeypatch.setattr(build, "theory_pages", lambda: {"page": "# A page\n\n[away](nowhere.html)\n"})
+    monkeypatch.setattr(build, "_first_page", lambda: "# First\n")
+    with pytest.raises(InvalidInput, match=r"1 faults: page.html: nowhere.html"):
+        build_reference(tmp_path)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="choose another folder"):
+        build_reference(tmp_path / "file")
