@@ -96,13 +96,16 @@ def test_a_push_that_the_model_does_not_know_is_found_and_worked_against(name: s
 
 @needs_compiler
 @pytest.mark.parametrize("name", ROBOTS)
-def test_compiled_and_not_a_tick_gives_the_same_bits(name: str) -> None:
+def test_compiled_and_not_a_tick_gives_the_same(name: str) -> None:
     rng = np.random.default_rng(2)
     for function in (observe_function(laws(name)), want_function(laws(name))):
         compiled = compile_function(function)
         for _ in range(5):
             given = [rng.normal(size=function.size1_in(i)) for i in range(function.n_in())]
-            np.testing.assert_array_equal(np.array(compiled(*given)), np.array(function(*given)))
+            expected = np.array(function(*given))
+            np.testing.assert_allclose(
+                np.array(compiled(*given)), expected, rtol=0, atol=1e-12 * np.abs(expected).max()
+            )
 
 
 def test_a_tick_tells_arrays_of_its_own() -> None:
@@ -233,7 +236,8 @@ def test_whatever_is_given_what_is_told_and_remembered_is_numbers() -> None:
 
 @needs_compiler
 @pytest.mark.parametrize("name", ROBOTS)
-def test_in_c_and_in_python_a_tick_gives_the_same_bits(name: str) -> None:
+def test_in_c_and_in_python_a_tick_gives_the_same(name: str) -> None:
+    """Up to rounding: what is smooth comes from CasADi, in C and in its virtual machine."""
     tuning = ActuatorHealthTuning(sample_time=0.02, window=0.4, settling=0.02)
     searching = replace(laws(name), search=tuning if laws(name).robot.n_vehicle else None)
     mine, other = ForceTick(searching), ForceTick(searching, compiled=False)
@@ -243,7 +247,7 @@ def test_in_c_and_in_python_a_tick_gives_the_same_bits(name: str) -> None:
         for array, same in zip(
             *(step(tick, q, np.cos(k) * v, command, 0.01 * k) for tick in (mine, other)), strict=True
         ):
-            np.testing.assert_array_equal(array, same)
+            np.testing.assert_allclose(array, same, rtol=1e-9, atol=1e-9)
 
 
 def step(tick: ForceTick, q: np.ndarray, v: np.ndarray, command: Command, t: float) -> list[np.ndarray]:

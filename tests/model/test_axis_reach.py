@@ -96,10 +96,8 @@ def test_a_reach_is_finite_where_no_travel_is_unlimited() -> None:
 def test_what_turns_an_unlimited_slide_is_near_to_everything_unless_it_stands_still() -> None:
     robot = machine(built_model("revolute_x", "prismatic_x"))
     reach = CollisionModel(robot, [obstacle("rock", coal.Sphere(0.3), [9.0, 0, 0])]).reach
-    np.testing.assert_array_equal(largest_change(reach, np.array([[0.1, 0.0], [0.0, 0.1]])), [np.inf, 0.1])
-    np.testing.assert_array_equal(
-        largest_change(np.stack([reach, [0.0, 1.0]]), np.array([[0.1, 0.2]])), [[np.inf, 0.2]]
-    )
+    np.testing.assert_allclose(largest_change(reach, np.array([[0.1, 0.0], [0.0, 0.1]])), [np.inf, 0.1])
+    np.testing.assert_allclose(largest_change(np.stack([reach, [0.0, 1.0]]), np.array([[0.1, 0.2]])), [[np.inf, 0.2]])
 
 
 def test_an_axis_that_carries_both_shapes_of_a_pair_does_not_count_even_if_it_reaches_without_end() -> None:

@@ -148,7 +148,7 @@ def test_a_configuration_is_built_from_its_parts(girona: Robot) -> None:
     assert q[7:] == pytest.approx(expected)
     assert not q.flags.writeable
     same = girona.configuration(position=(1.0, 2.0, 3.0), quaternion=q[3:7], joints=q[7:])
-    assert np.array_equal(same, q)
+    np.testing.assert_allclose(same, q, atol=1e-15)
 
 
 WRONG_CONFIGURATIONS = {

@@ -17,6 +17,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from same_words import require_same_words
 
 from uvms_ocp.collision import CollisionScene, collision_scene, coordinates
 from uvms_ocp.exceptions import InvalidInput
@@ -221,7 +222,9 @@ def test_a_changed_field_is_obeyed_or_refused_by_name(case: Case) -> None:
     ):
         np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-12)
     assert transcription.violations(x, p, case.changed) == pytest.approx(fresh.violations(x, fresh.parameters(t0=0.3)))
-    assert transcription.obstruction(case.changed) == fresh.obstruction(case.changed)
+    (row, broken), (expected, by) = (one.obstruction(case.changed) or ("", 0.0) for one in (transcription, fresh))
+    assert row == expected
+    assert broken == pytest.approx(by, rel=1e-9)
 
 
 def refused(case: Case) -> str:
@@ -341,7 +344,8 @@ PLANS: dict[str, dict[str, Any]] = {
 def test_a_kept_planner_finds_the_plan_of_a_new_one(options: dict[str, Any]) -> None:
     problem = reach(**options)
     found, wanted, before = kept_planner().plan(problem), Planner(problem).plan(), kept_planner().plan()
-    assert (found.status, found.reason) == (wanted.status, wanted.reason)
+    assert found.status is wanted.status
+    require_same_words(found.reason, wanted.reason)
     residuals = [[level.residual for level in plan.levels] for plan in (found, wanted, before)]
     np.testing.assert_allclose(residuals[0], residuals[1], rtol=1e-5, atol=1e-6)
     assert (

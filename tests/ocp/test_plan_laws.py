@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from reaches import CHEAP, SOLVERS, patient, reach, tool_goal
+from same_words import require_same_words
 
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.model.robot import Robot
@@ -106,7 +107,7 @@ def test_levels_that_exclude_each_other_end_where_ipopt_ends(plan: Plan, by_ipop
     assert plan.status is by_ipopt.status is OcpStatus.MISSED
     assert plan.levels[0].residual < 2 * TOLERANCE
     assert plan.levels[1].residual == pytest.approx(by_ipopt.levels[1].residual, rel=1e-5)
-    assert plan.reason == by_ipopt.reason
+    require_same_words(plan.reason, by_ipopt.reason)
 
 
 def test_a_level_costs_those_below_what_ipopt_says(plan: Plan, by_ipopt: Plan) -> None:

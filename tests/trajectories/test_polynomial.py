@@ -78,7 +78,7 @@ def test_numpy_export_is_lossless_and_csv_holds_the_samples(curve: PiecewisePoly
     curve.to_csv(tmp_path / "c.csv", 0.5, derivatives=1)
     assert (tmp_path / "c.csv").read_text().splitlines()[0] == "t,d0_axis0,d0_axis1,d1_axis0,d1_axis1"
     rows = np.loadtxt(tmp_path / "c.csv", delimiter=",", skiprows=1)
-    np.testing.assert_array_equal(rows[:, 1:3], curve.evaluate(rows[:, 0]))
+    np.testing.assert_allclose(rows[:, 1:3], curve.evaluate(rows[:, 0]), rtol=1e-12, atol=1e-12)
 
 
 def test_bad_input_is_refused_with_the_offending_index(curve: PiecewisePolynomial, tmp_path: Path) -> None:
