@@ -80,9 +80,11 @@ def unactuated_axes(robot: Robot) -> tuple[int, ...]:
 
 def unreachable_axes(B: np.ndarray) -> tuple[int, ...]:
     """`unactuated_axes` of a thruster matrix B (6, n_thrusters) [-, m]."""
+    null_space = left_null_space(B)
+    if not null_space.shape[1]:  # of which older SciPy finds no factors
+        return ()
     import scipy.linalg  # a tenth of a second
 
-    null_space = left_null_space(B)
     _, _, order = scipy.linalg.qr(null_space.T, mode="economic", pivoting=True)
     return tuple(sorted(int(axis) for axis in order[: null_space.shape[1]]))
 
