@@ -227,7 +227,7 @@ def test_a_compiler_that_hangs_is_stopped_with_its_children_and_not_called_again
     pretend: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setenv("UVMS_OCP_COMPILE_TIMEOUT", "0.3")
-    pretend(f"echo call >> {tmp_path}/calls; sleep 300 & echo $! > {tmp_path}/child; wait")
+    pretend(f"echo call >> '{tmp_path}/calls'; sleep 300 & echo $! > '{tmp_path}/child'; wait")
     with caplog.at_level(logging.WARNING):
         assert _compile_visible() is None
         assert _compile_visible(SOURCE + "/* other */") is None
