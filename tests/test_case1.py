@@ -38,6 +38,7 @@ def run(request: pytest.FixtureRequest) -> Run:
     return Run(scenario, record, summarize(record), largest_step)
 
 
+@pytest.mark.slow
 def test_all_phases_complete_in_order_with_a_reason(run: Run) -> None:
     assert run.report["completed"]
     assert [phase["name"] for phase in run.report["phases"]] == ["A", "B", "C", "D"]

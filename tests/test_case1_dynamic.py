@@ -54,6 +54,7 @@ def run(request: pytest.FixtureRequest) -> Run:
     return Run(scenario, record, summarize(record), position, orientation)
 
 
+@pytest.mark.slow
 def test_the_mission_completes_with_the_tool_at_the_target(run: Run) -> None:
     assert run.report["completed"], run.report["pending"]
     assert run.report["tool_position_error_m"] < run.position

@@ -17,6 +17,7 @@ from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.joints import JointLimits, JointTracking
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", ["kinematic", "dynamic"])
 def test_a_planar_robot_moves_its_joints_to_a_posture(plant: str) -> None:
     robot = load_robot("planar5")

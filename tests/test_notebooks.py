@@ -23,6 +23,7 @@ def test_a_notebook_is_stored_without_output(path: Path) -> None:
 
 
 @long_without_compiler
+@pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_a_notebook_runs(path: Path, tmp_path: Path) -> None:

@@ -44,6 +44,7 @@ def program(text: str) -> Iterator[str]:
 
 
 @needs_compiler
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_every_block_runs_as_printed(page: Path, tmp_path: Path) -> None:
     # Processes that are started from it read no file again: there is none.

@@ -64,6 +64,7 @@ def test_a_mistyped_name_is_told_by_a_pool_of_processes() -> None:
         pool.submit(mistyped, "giorna").result()
 
 
+@pytest.mark.slow
 def test_a_study_in_processes_tells_the_mistake_of_a_case() -> None:
     study = Study(name="a", title="b", cases=("giorna", "nautilus"), run_case=mistyped, summarize=list)
     with pytest.raises(InvalidInput, match=r"2 of 2 cases .*unknown robot 'giorna'"):

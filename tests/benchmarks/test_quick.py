@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from benchmark_registry import BENCHMARKS, ROOT, SCRIPTS, TOOLS, Benchmark
@@ -19,6 +20,13 @@ MISSING = sorted({benchmark.missing for benchmark in BENCHMARKS if benchmark.mis
 LEFT_OUT = f"{len(BENCHMARKS) - len(READY)} benchmarks, see CONTRIBUTING: {'; '.join(MISSING)}"
 ELSEWHERE = [pytest.param(None, marks=pytest.mark.skip(reason=LEFT_OUT), id="elsewhere")] if MISSING else []
 """One line for what cannot run here."""
+
+
+def paced(benchmark: Benchmark) -> Any:
+    """With its mark: most are long, and those that are not show the writer of all files at work."""
+    return (
+        benchmark if benchmark.script in ("calls", "trajectories") else pytest.param(benchmark, marks=pytest.mark.slow)
+    )
 
 
 def run(*words: str) -> subprocess.CompletedProcess[str]:
@@ -33,7 +41,7 @@ def recorded() -> dict[str, tuple[int, int]]:
 
 
 @long_without_compiler
-@pytest.mark.parametrize("benchmark", [*READY, *ELSEWHERE], ids=str)
+@pytest.mark.parametrize("benchmark", [*map(paced, READY), *ELSEWHERE], ids=str)
 def test_a_benchmark_writes_its_files_with_one_head(benchmark: Benchmark, tmp_path: Path) -> None:
     before = recorded()
     process = run(*benchmark.words(tmp_path))
@@ -52,6 +60,7 @@ def test_a_benchmark_writes_its_files_with_one_head(benchmark: Benchmark, tmp_pa
         assert {len(row) for row in rows} == {len(rows[0])}
 
 
+@pytest.mark.slow
 def test_two_versions_can_be_compared(tmp_path: Path) -> None:
     """Every item is computed; two of them once more."""
     script = str(SCRIPTS / "same_numbers.py")

@@ -7,6 +7,8 @@ import pytest
 import same_numbers
 from same_numbers import find, is_clock, judged
 
+pytestmark = pytest.mark.slow
+
 GOLDEN = {"q": np.array([[1.0, -4.0], [np.nan, 2.0]]), "active": np.array([0, 1, 1])}
 
 

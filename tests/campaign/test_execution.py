@@ -19,6 +19,7 @@ pytestmark = pytest.mark.filterwarnings(
 )
 
 
+@pytest.mark.slow
 def test_a_raising_run_is_a_row_with_its_text_and_a_deadly_one_too_and_none_else_is_blamed(tmp_path: Path) -> None:
     work, told = TrivialRuns(pause=0.4, deadly=frozenset({3}), broken=frozenset({5})), []
     carry_out(tmp_path, identity_of(work, 10), work, workers=2, progress=lambda *numbers: told.append(numbers))

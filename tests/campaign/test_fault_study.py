@@ -20,9 +20,10 @@ from uvms_ocp.sim.faults.notation import parse_faults
 
 QUICK = {"plant": "kinematic", "dt": 0.05, "duration": 60.0}
 
-pytestmark = pytest.mark.filterwarnings(
-    "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"
-)
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"),
+    pytest.mark.slow,
+]
 
 
 @pytest.fixture(scope="module", name="scenario")

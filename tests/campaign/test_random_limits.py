@@ -19,6 +19,8 @@ from uvms_ocp.run_meta import RunMeta
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.sim.seafloor import FlatSeafloor
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def scenario() -> Scenario:

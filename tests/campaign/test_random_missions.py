@@ -11,9 +11,10 @@ from uvms_ocp.campaign.random_missions import boulder_clearance, random_mission,
 from uvms_ocp.campaign.study import StudyResult
 from uvms_ocp.scenario import Scenario
 
-pytestmark = pytest.mark.filterwarnings(
-    "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"
-)
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"),
+    pytest.mark.slow,
+]
 
 
 @pytest.fixture(scope="module")

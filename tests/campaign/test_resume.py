@@ -19,9 +19,10 @@ from uvms_ocp.campaign.runs.work import VARYING
 from uvms_ocp.campaign.store.parts import part_paths
 from uvms_ocp.campaign.store.table import read_table
 
-pytestmark = pytest.mark.filterwarnings(
-    "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"
-)
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"),
+    pytest.mark.slow,
+]
 RUNS, KILLS = 90, 2
 MISSION = """
 import uvms_ocp as uo

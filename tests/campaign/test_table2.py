@@ -10,9 +10,10 @@ from compiler import long_without_compiler
 from uvms_ocp.campaign.study import StudyResult
 from uvms_ocp.campaign.table2 import FLOORS, PAPER, THRESHOLDS, run_transit, table2, verdict
 
-pytestmark = pytest.mark.filterwarnings(
-    "ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"
-)
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::FutureWarning"),
+    pytest.mark.slow,
+]
 
 
 @pytest.fixture(scope="module")

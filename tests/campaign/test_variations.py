@@ -145,6 +145,7 @@ def test_a_delay_is_told_to_the_estimator_and_what_nobody_knows_of_it_comes_on_t
     assert varied(scenario, [Variation("sensors.delay", Uniform(0, 1))], told, 0).real_sensors is None
 
 
+@pytest.mark.slow
 @long_without_compiler
 @pytest.mark.parametrize(
     ("name", "delay"), [("sensors.delay", 0.05), ("sensors.delay", 0.15), ("sensors.joint_positions.delay", 0.2)]

@@ -76,6 +76,7 @@ def test_run_writes_record_report_figures_and_scene(complete: tuple[subprocess.C
     assert np.isfinite(record["q"]).all()
 
 
+@pytest.mark.slow
 def test_a_mission_out_of_time_exits_with_3_and_says_why(tmp_path: Path) -> None:
     process = cli("run", "--duration", "0.5", "--out", "short", "--json", cwd=tmp_path)
     assert process.returncode == 3
@@ -121,6 +122,7 @@ def test_mistakes_get_one_line_and_exit_code_2(arguments: list[str], message: st
     assert [path.name for path in tmp_path.iterdir()] == ["taken"]
 
 
+@pytest.mark.slow
 def test_a_solver_that_is_not_chosen_is_the_scenarios_own(tmp_path: Path) -> None:
     options = ("--seed", "4", "--noise", "--duration", "0.1")
     process = cli("run", "reach", *options, "--force", "--json", cwd=tmp_path)
@@ -153,6 +155,7 @@ def test_check_refuses_an_unreachable_goal_with_figures(tmp_path: Path) -> None:
     assert "misses the goal" in process.stderr
 
 
+@pytest.mark.slow
 def test_check_flags_a_seabed_above_the_way_point(tmp_path: Path) -> None:
     process = cli("check", "case1", "--seabed", "-39", cwd=tmp_path)
     assert process.returncode == 2
@@ -161,6 +164,7 @@ def test_check_flags_a_seabed_above_the_way_point(tmp_path: Path) -> None:
     assert "the goal of T, z = -39.886 m, is 0.89 m below the seafloor" in said
 
 
+@pytest.mark.slow
 def test_run_refuses_what_check_refuses_unless_forced(tmp_path: Path) -> None:
     arguments = ("run", "case1_unreachable", "--plant", "kinematic", "--duration", "0.3", "--out", "here")
     process = cli(*arguments, cwd=tmp_path)
@@ -224,6 +228,7 @@ def test_without_a_folder_for_compiled_libraries_a_run_works_and_says_so_once(tm
     assert process.stderr.splitlines().count(told) == process.stderr.count("slower") == 1
 
 
+@pytest.mark.slow
 def test_daqp_runs_where_it_is_installed_and_is_one_line_where_it_is_not(tmp_path: Path) -> None:
     options = ("run", "--plant", "kinematic", "--duration", "0.1", "--solver", "daqp", "--json")
     process = cli(*options, cwd=tmp_path)

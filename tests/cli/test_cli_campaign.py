@@ -16,6 +16,8 @@ from uvms_ocp.campaign.store.table import read_table
 from uvms_ocp.cli import app
 from uvms_ocp.exceptions import InvalidInput, NameNotFound, UvmsError
 
+pytestmark = pytest.mark.slow
+
 QUICK = ("--plant", "kinematic", "--duration", "0.3", "--force")
 KINEMATIC = """
 from uvms_ocp.campaign import Normal, Variation

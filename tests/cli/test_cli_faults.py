@@ -19,6 +19,7 @@ def cli(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=cwd, env=os.environ, capture_output=True, text=True, timeout=300, check=False)
 
 
+@pytest.mark.slow
 def test_faults_have_a_line_each_and_a_folder_of_their_own(tmp_path: Path) -> None:
     faults = ("--fault", "altimeter:frozen@0.1", "--fault", "joint2:jam@0.05-0.1")
     process = cli("run", "case1", "--plant", "kinematic", "--duration", "0.2", *faults, "--json", cwd=tmp_path)
@@ -30,6 +31,7 @@ def test_faults_have_a_line_each_and_a_folder_of_their_own(tmp_path: Path) -> No
     assert folder.name == "case1-kinematic-lexls-duration0.2-altimeter_range_frozen_0p1-joint2_jam_0p05to0p1"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -31,6 +31,7 @@ def test_a_mission_is_planned_and_told(planned: tuple[subprocess.CompletedProces
     assert "thrust up to" in process.stderr
 
 
+@pytest.mark.slow
 def test_a_plan_is_flown_from_its_folder(planned: tuple[subprocess.CompletedProcess[str], Path]) -> None:
     process = uvms("run", "reach", "--follow", "plan", "--out", "run", "--json", cwd=planned[1])
     assert process.returncode == 0, process.stderr
@@ -39,6 +40,7 @@ def test_a_plan_is_flown_from_its_folder(planned: tuple[subprocess.CompletedProc
     assert report["alarms"] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "text"),
     [

@@ -134,6 +134,7 @@ def replanned(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Run]:
     return runs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FAILING)
 def test_a_plan_that_fails_leaves_nothing_of_an_earlier_one(name: str, replanned: dict[str, Run]) -> None:
     process, folder = replanned[name]
@@ -169,6 +170,7 @@ def test_a_goal_below_the_floor_is_refused_too(tmp_path: Path) -> None:
     assert "the goal is in collision: seafloor - tool overlap by 0.5 m" in process.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["curve", "ocp"])
 def test_the_example_of_the_readme_passes_the_sphere_that_the_start_is_near_to(method: str, tmp_path: Path) -> None:
     way = ("--tool", "12.2", "37.4", "-39.5", "--position", "11", "37", "-38.5", "--sphere", "11.8,37.2,-38.9,0.1")
@@ -200,6 +202,7 @@ def controlled(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return plan("ocp", *goal, *options, "--out", "out", "--json", cwd=folder), folder / "out"
 
 
+@pytest.mark.slow
 def test_optimal_control_reaches_the_goal_with_what_the_thrusters_have(controlled: Run) -> None:
     process, folder = controlled
     report = json.loads(process.stdout)

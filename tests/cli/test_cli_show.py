@@ -76,6 +76,7 @@ def test_a_robot_is_shown_by_its_folder_and_shows_its_runs(run: Path, tmp_path: 
         assert "planar5" in (tmp_path / f"{k}.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -65,6 +65,7 @@ def events_after(record: Record, t: float) -> list[EventMeta]:
     return [event for event in record.run_meta.events if event.t >= t]
 
 
+@pytest.mark.slow
 @long_without_compiler
 @pytest.mark.parametrize("phase", PHASES)
 @pytest.mark.parametrize("lost", LOSSES, ids="+".join)

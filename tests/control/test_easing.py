@@ -32,6 +32,7 @@ MISSIONS: list[tuple[Callable[..., Scenario], list[HierarchySolver]]] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mission", "solvers"), MISSIONS, ids=[mission.__name__ for mission, _ in MISSIONS])
 def test_phase_changes_are_no_rougher_than_with_weights_break_no_acceleration_limit_and_take_nothing_from_safety(
     mission: Callable[..., Scenario], solvers: list[HierarchySolver]

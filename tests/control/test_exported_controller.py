@@ -19,7 +19,7 @@ from uvms_ocp.export import export_controller, exported_controller
 from uvms_ocp.scenario import Scenario
 from uvms_ocp.scenarios import SCENARIOS, case1
 
-pytestmark = needs_compiler
+pytestmark = [needs_compiler, pytest.mark.slow]
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
 GENERATED = ("controller.c", "initial.c", "functions.c", "solver.c")
 SANITIZED = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")

@@ -125,6 +125,7 @@ def test_minimum_altitude_holds_while_echoes_are_missing(robot: Robot, outage: f
     assert THRESHOLD - 1e-6 <= lowest < 1.1
 
 
+@pytest.mark.slow
 def test_a_blackout_beside_an_obstacle_leads_along_the_stop_that_was_found_clear(robot: Robot) -> None:
     rng, near = np.random.default_rng(0), 0
     for _ in range(40):

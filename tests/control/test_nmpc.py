@@ -104,6 +104,7 @@ def largest_error(robot: Robot, nmpc: Nmpc, goal: PoseGoal, seconds: float) -> f
     return float(np.linalg.norm(np.subtract(places, wanted), axis=1).max())
 
 
+@pytest.mark.slow
 def test_the_tool_keeps_its_station_in_a_gusty_current(robot: Robot) -> None:
     goal = tool_pose(robot, start_of(robot))
     nmpc = Nmpc(following(robot, goal), clock=lambda: 0.0)
@@ -119,6 +120,7 @@ def test_the_tool_follows_a_moving_goal_in_a_gusty_current(robot: Robot) -> None
     assert nmpc.statistics.rejected <= 1
 
 
+@pytest.mark.slow
 def test_strict_priority_of_the_tool_follows_more_closely_than_a_sum(robot: Robot) -> None:
     goal = circle(robot)
     tool = OcpLevel(name="tool", terms=(TaskTerm(task=ToolPose(goal=goal), at=At.PATH, weight=100.0),))

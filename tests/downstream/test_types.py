@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("mypy", reason='needs pip install "uvms-ocp[dev]"')
 
 SAMPLE = Path(__file__).with_name("own_mission.py")

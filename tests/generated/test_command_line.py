@@ -28,6 +28,8 @@ from uvms_ocp.cli import main
 from uvms_ocp.model.loading import load_robot
 from uvms_ocp.scenario import Scenario
 
+pytestmark = pytest.mark.slow
+
 
 class BeginsError(Exception):
     """The options are good, and the work would begin."""

@@ -29,6 +29,8 @@ from uvms_ocp.report.summary import summarize
 from uvms_ocp.report.transitions import transition_table
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 
+pytestmark = pytest.mark.slow
+
 RECORDS = Path(__file__).parents[1] / "records"
 KEPT = (
     "t",

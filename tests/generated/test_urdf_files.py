@@ -7,12 +7,15 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+import pytest
 from drawing import chosen, either, floats
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from promises import DAMAGES, Tally, damaged_bytes
 
 from uvms_ocp.model.files.urdf import UrdfModels, read_urdf
+
+pytestmark = pytest.mark.slow
 
 _LINK = """<link name="{name}">
  <inertial><origin xyz="0 0 0.1" rpy="0 0 0"/><mass value="{mass}"/>

@@ -22,6 +22,8 @@ from uvms_ocp.model.files.description_file import read_description
 from uvms_ocp.model.files.library import robot_folder
 from uvms_ocp.obstacle_data import ObstacleData
 
+pytestmark = pytest.mark.slow
+
 ROBOT = {
     "base": "free_flyer",
     "water_density": 1025.0,

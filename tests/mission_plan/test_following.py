@@ -16,6 +16,8 @@ from uvms_ocp.record import Record
 from uvms_ocp.scenario import Scenario, pose_at
 from uvms_ocp.scenarios import reach
 
+pytestmark = pytest.mark.slow
+
 
 def left_at(record: Record) -> tuple[float, str]:
     """When [s] a plan was left, and why."""

@@ -25,6 +25,8 @@ from uvms_ocp.sim.currents import OnsetCurrent
 from uvms_ocp.solvers.nlp.nlp_options import NlpOptions
 from uvms_ocp.tasks.pose import ToolPosition, VehiclePose
 
+pytestmark = pytest.mark.slow
+
 _ROUNDING = 1e-5
 
 

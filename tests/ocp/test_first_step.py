@@ -36,6 +36,7 @@ def approaching(robot: Robot, room: float, speed: float, duration: float | tuple
     )
 
 
+@pytest.mark.slow
 def test_a_range_is_possible_exactly_if_one_of_its_durations_is(planar: Robot) -> None:
     rng = np.random.default_rng(2)
     verdicts = []

@@ -28,6 +28,8 @@ from uvms_ocp.tasks.joints import JointLimits
 from uvms_ocp.tasks.pose import ToolPose
 from uvms_ocp.trajectories import min_snap
 
+pytestmark = pytest.mark.slow
+
 DURATION = 8.0
 WAYS = ("hierarchy", "minimum snap", "last solution")
 SAME = {"ipopt": 1e-6, "stagewise": 0.01}  # [-] of the cost: there are optima beside each other

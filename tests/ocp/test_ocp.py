@@ -70,6 +70,7 @@ def test_a_plan_is_carried_out_to_millimetres(robot: Robot, plugin: str) -> None
     assert found.end_orientation < 1e-2
 
 
+@pytest.mark.slow
 def test_the_higher_level_wins_where_two_goals_exclude_each_other(robot: Robot, plugin: str) -> None:
     problem = reach(robot)
     q = problem.start.q
@@ -86,6 +87,7 @@ def test_the_higher_level_wins_where_two_goals_exclude_each_other(robot: Robot, 
     assert tool_first.levels[0].residual < 1e-5 < 1.0 < tool_first.levels[1].residual
 
 
+@pytest.mark.slow
 def test_a_clearance_is_kept_on_the_way(robot: Robot, plugin: str) -> None:
     ball = Ball(frame="base_link", radius=0.9)
     obstacle = Ball(centre=(2.0, 0.6, -5.0), radius=0.5)

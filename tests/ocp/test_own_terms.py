@@ -36,6 +36,8 @@ from uvms_ocp.tasks.pose import ToolPosition
 from uvms_ocp.viz import plot, show
 from uvms_ocp.viz.plan_figures import plan_figures
 
+pytestmark = pytest.mark.slow
+
 SEA = Environment(seafloor=FlatSeafloor(z=-40))
 
 

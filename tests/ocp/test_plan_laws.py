@@ -85,6 +85,7 @@ def stationarity(transcription: Transcription, plan: Plan, level: int) -> float:
     return float(np.abs(rest).max() / max(1.0, np.abs(gradient).max()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", [0, 1])
 def test_a_level_that_is_solved_is_stationary_by_the_derivatives_of_the_sparse_program(
     plan: Plan, transcription: Transcription, level: int
@@ -115,6 +116,7 @@ def test_a_level_costs_those_below_what_ipopt_says(plan: Plan, by_ipopt: Plan) -
         assert own.prices == pytest.approx(theirs.prices, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plugin", SOLVERS[1:])
 @pytest.mark.parametrize(
     "options", [{"actuation": Actuation.WRENCH}, {"current": np.array([0.1, 0.0, 0.0])}], ids=["wrench", "current"]

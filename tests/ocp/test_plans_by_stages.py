@@ -24,6 +24,8 @@ from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.ocp.transcription.term_rows import term_blocks
 from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 
+pytestmark = pytest.mark.slow
+
 DRY: dict[str, object] = {"water": False, "limited": False, "actuation": Actuation.WRENCH}
 
 

@@ -148,6 +148,7 @@ CASES: tuple[Callable[[Robot], Case], ...] = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.__name__)
 def test_an_infeasible_problem_names_its_true_cause(case: Callable[[Robot], Case], robot: Robot) -> None:
     problem, allowed, cause = case(robot)

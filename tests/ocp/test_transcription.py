@@ -23,6 +23,8 @@ from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.lexicographic_nlp import NlpOptions
 
+pytestmark = pytest.mark.slow
+
 DRY: dict[str, object] = {"water": False, "limited": False, "actuation": Actuation.WRENCH}
 """Nothing limits the forces, so that they are no variables."""
 

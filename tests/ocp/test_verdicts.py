@@ -105,6 +105,7 @@ def test_the_limits_of_the_first_step_condemn_no_start_that_has_a_plan(planner_o
     assert impossible_start(problem) is None
 
 
+@pytest.mark.slow
 def test_a_current_that_thrusters_cannot_hold_against_names_level_and_constraint(robot: Robot, plugin: str) -> None:
     problem = reach(robot, current=np.array([3.0, 0.0, 0.0]), n_steps=10)
     plan = Planner(problem, NlpOptions(time_limit=10.0, plugin=plugin)).plan()
@@ -115,6 +116,7 @@ def test_a_current_that_thrusters_cannot_hold_against_names_level_and_constraint
     assert np.isfinite(plan.trajectory.q).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [0.02, 0.6])
 def test_the_time_limit_holds_for_the_whole_plan_without_a_nan(
     robot: Robot, planner_of_each: Planner, limit: float

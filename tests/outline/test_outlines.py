@@ -8,6 +8,8 @@ from typing import Any
 import pytest
 from outlines import OUTLINES, RECORDED
 
+pytestmark = pytest.mark.slow
+
 TOLERANCES = {"_s": (0.05, 0.0), "_m": (1e-4, 0.02), "_rad": (1e-4, 0.02), "_j": (0.0, 0.02), "_n": (0.0, 0.02)}
 """Absolute and relative, by unit: last bits differ from one processor to the next, and what follows from them a little."""
 KEPT = json.loads(RECORDED.read_text(encoding="utf-8"))

@@ -36,6 +36,7 @@ def test_a_kill_at_any_operation_and_at_any_of_the_recovery_leaves_all_old_files
     assert set(states["again"]) == {"old", "new"}
 
 
+@pytest.mark.slow
 def test_so_does_one_at_any_operation_of_run_plan_and_export(tmp_path: Path) -> None:
     for name, command in answer("commands", tmp_path).items():
         assert len(command["found"]) > 40, name

@@ -50,6 +50,7 @@ def same(own: Record, ours: Record) -> Iterator[str]:
             yield name
 
 
+@pytest.mark.slow
 @long_without_compiler
 @pytest.mark.parametrize("noise", [False, True])
 @pytest.mark.parametrize(

@@ -147,6 +147,7 @@ def test_a_seabed_at_39_m_keeps_the_vehicle_out_of_its_way_point() -> None:
     assert "outside the ball of 0.1 m" in finding.text
 
 
+@pytest.mark.slow
 def test_a_seabed_above_the_goals_is_refused_for_every_cause() -> None:
     report = case1(seabed=-39.0).check()
     assert {finding.check for finding in report.errors} >= {"minimum altitude", "goal"}
@@ -155,6 +156,7 @@ def test_a_seabed_above_the_goals_is_refused_for_every_cause() -> None:
     assert goal.text.startswith("the goal of T, z = -39.886 m, is 0.89 m below the seafloor, z = -39 m")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "task"),
     [({"way_point": pose_at((10.0, 37.0, -41.0))}, "PC"), ({"target": (12.0, 37.0, -40.5)}, "T")],
@@ -165,6 +167,7 @@ def test_a_goal_below_the_floor_is_refused(options: dict[str, Any], task: str) -
     assert f"the goal of {task}" in finding.text
 
 
+@pytest.mark.slow
 def test_a_moving_goal_that_dives_below_the_floor_is_refused() -> None:
     def dive(t: float) -> tuple[pin.SE3, np.ndarray]:
         return pose_at((12.2, 37.37, -39.8 - 0.1 * t), (np.pi, 0.0, 0.0)), np.array([0, 0, -0.1, 0, 0, 0])
@@ -202,6 +205,7 @@ def test_an_obstacle_where_the_robot_stands_is_refused(x: float, place: str) -> 
     assert not obstacle_field(plant="kinematic").check().of_check("obstacles")
 
 
+@pytest.mark.slow
 def test_standing_still_and_going_to_a_way_point_at_once_is_a_contradiction() -> None:
     report = gates(case1(plant="kinematic"), "A", NR=1.0).check()
     assert "PC is on but has no freedom left" in texts(report, Severity.ERROR)

@@ -13,6 +13,8 @@ from uvms_ocp.reference.build import build_reference
 from uvms_ocp.reference.links import broken_links, outside_links
 from uvms_ocp.reference.pages import body_of
 
+pytestmark = pytest.mark.slow
+
 EQUATION = re.compile(r"\$\$.+?\$\$", re.DOTALL)
 
 pytest.importorskip("pdoc", reason='needs pip install "uvms-ocp[reference]"')

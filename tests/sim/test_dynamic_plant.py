@@ -106,6 +106,7 @@ def rise_of_energy(robot: Robot, max_step: float, duration: float) -> float:
     return rise
 
 
+@pytest.mark.slow
 def test_unforced_energy_rises_by_the_error_of_the_step_alone(robot: Robot) -> None:
     coarse, fine = (rise_of_energy(robot, step, 60.0) for step in (4e-3, 1e-3))
     assert fine <= max(0.5 * coarse, 1e-6)

@@ -82,6 +82,7 @@ def test_icat_and_lexicographic_qp_agree_on_well_conditioned_equalities(seed: in
     np.testing.assert_allclose(Icat().solve(levels).v, LexicographicQp().solve(levels).v, atol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(5))
 def test_lower_levels_never_change_higher_ones(seed: int) -> None:
     levels = random_hierarchy(seed)

@@ -83,6 +83,7 @@ def test_a_relaxed_level_pays_no_more_than_its_share() -> None:
     assert result.x[0] == pytest.approx(1 + np.sqrt(0.2), abs=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(100))
 def test_no_lower_level_raises_the_residual_of_a_higher_one(seed: int) -> None:
     rng = np.random.default_rng(seed)

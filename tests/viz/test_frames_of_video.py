@@ -17,6 +17,8 @@ from uvms_ocp.viz import ScenePage, show
 from uvms_ocp.viz.scene.page import pictures
 from uvms_ocp.viz.scene.page.pictures import write_frames
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.skipif(bool(pictures.missing()), reason=pictures.missing() or "all is there")
 def test_frames_of_a_video_are_pictures_of_the_run_without_controls(robot: Robot, tmp_path: Path) -> None:

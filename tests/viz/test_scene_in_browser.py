@@ -23,6 +23,8 @@ from uvms_ocp.viz.scene.page.loopback import served
 from uvms_ocp.viz.scene.page.pictures import browser, missing
 from uvms_ocp.viz.scene.page.viewer import ScenePage
 
+pytestmark = pytest.mark.slow
+
 if missing():
     pytest.skip(missing(), allow_module_level=True)
 PHONE = {"width": 390, "height": 780}

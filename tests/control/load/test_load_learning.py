@@ -49,6 +49,7 @@ def at(found: list[LoadEstimate], t: float) -> LoadEstimate:
     return found[round(t / DT)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rough", [False, True])
 @pytest.mark.parametrize("payload", TWO_KG)
 @pytest.mark.parametrize("robot", ROBOTS)

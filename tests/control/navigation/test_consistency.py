@@ -19,6 +19,7 @@ def test_errors_and_innovations_are_as_large_as_their_covariances_say(specs: Sen
     assert [row for row in rows if not row["inside"]] == []
 
 
+@pytest.mark.slow
 def test_a_late_channel_costs_little_where_the_acceleration_is_measured() -> None:
     robot, exact = load_robot("girona_maris7"), {}
     for case, delays in CASES.items():

@@ -195,6 +195,7 @@ class Twins:
         return all(np.isfinite(part).all() for part in numbers)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [np.nan, np.inf, -1.0, 1e200, -1e200, 1e6])
 @pytest.mark.parametrize("channel", CHANNELS)
 def test_no_number_leaves_an_estimate_that_is_not_finite(channel: str, size: float) -> None:

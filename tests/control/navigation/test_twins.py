@@ -55,6 +55,7 @@ class Babble:
         return None if self.rng.random() < 0.1 else Command(v=0.1 * self.rng.standard_normal(self.robot.n_v))
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("name", ["girona_maris7", "planar5"])
 @pytest.mark.parametrize("specs", [SensorSpecs(), SPECS, late(SPECS, DELAYS), EVERYTHING_LATE], ids=range(4))

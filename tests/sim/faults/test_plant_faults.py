@@ -80,6 +80,7 @@ def test_nothing_changes_before_the_onset(text: str, robot: Robot) -> None:
     assert not np.array_equal(sound_rows()[-1]["v"], rows[-1]["v"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", [*MACHINE, *WATER])
 def test_the_machine_is_as_before_after_the_end(text: str, robot: Robot) -> None:
     """From the same state on, it moves as one that never had the fault."""

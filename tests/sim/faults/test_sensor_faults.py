@@ -140,6 +140,7 @@ def test_bias_may_be_given_for_each_component(robot: Robot) -> None:
         np.testing.assert_allclose(b.value - a.value, [5.0, 0.0, -1.0], atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("channel", CHANNELS)
 def test_spikes_are_as_large_and_as_frequent_as_asked_for(channel: str, robot: Robot) -> None:
     share, size, specs = 0.3, 0.7, replace(SPECS, **{channel: SensorSpec(rate=100.0, sigma=0.01)})

@@ -32,6 +32,7 @@ def case(request: pytest.FixtureRequest, robot: Robot) -> tuple[str, str, Health
     return name, defect, HealthRun(robot, duration=DURATION, spoil=between(name, defect, START, END))
 
 
+@pytest.mark.slow
 def test_a_defect_is_seen_soon_named_and_over_when_it_is_over(case: tuple[str, str, HealthRun]) -> None:
     name, _, run = case
     assert (run.of(name)[run.t < START] == Trust.GOOD).all()
