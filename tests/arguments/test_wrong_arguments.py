@@ -116,7 +116,7 @@ def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
         yield
 
 
-@pytest.mark.parametrize("call", map(_paced, CALLS), ids=lambda call: call.title)
+@pytest.mark.parametrize("call", [*map(_paced, CALLS)], ids=lambda call: call.title)
 def test_wrong_arguments_are_named(call: Call) -> None:
     right = right_arguments(call)
     if call.title not in EXPENSIVE:
