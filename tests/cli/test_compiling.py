@@ -1,30 +1,60 @@
-"""While something is compiled, whoever shows what happens is told."""
+"""While something is compiled whoever shows what happens is told, and no warning comes before an error."""
 
 from __future__ import annotations
 
 import logging
-from io import StringIO
+import sys
 from pathlib import Path
 
 import pytest
-from compiler import needs_compiler
-from rich.console import Console
 
-from uvms_ocp.cli.compiling import told_of_compiling
-from uvms_ocp.functions.compile import compile_library
+from uvms_ocp.cli.compiling import told_of_compiling, warned_behind_errors
+from uvms_ocp.functions.compile import PROGRESS, compile_library
 
 LOGGER = logging.getLogger("uvms_ocp.functions.compile")
 
 
-@needs_compiler
-def test_it_tells_what_is_compiled_and_prints_warnings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_tells_what_is_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("UVMS_OCP_CACHE", str(tmp_path / "cache"))
-    told, printed = list[str](), StringIO()
-    with told_of_compiling(told.append, Console(file=printed, width=12)):
+    told = list[str]()
+    with told_of_compiling(told.append):
         compile_library("int answer(void) { return 42; }", name="answer")
         compile_library("int answer(void) { return 42; }", name="answer")
-        LOGGER.warning("no compiler in [red]")
+        LOGGER.warning("no compiler")
     compile_library("int other(void) { return 43; }", name="other")
     assert told == ["compiling answer"]
-    assert printed.getvalue().splitlines()[-1] == "no compiler in [red]"
     assert not LOGGER.handlers
+
+
+def _warn() -> None:
+    LOGGER.warning("no compiler")
+    LOGGER.warning("compiling", extra={PROGRESS: True})
+
+
+@pytest.mark.parametrize("code", [0, 3])
+def test_a_warning_is_said_once_all_is_done(code: int, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit), warned_behind_errors():
+        _warn()
+        assert capsys.readouterr().err == ""
+        sys.exit(code)
+    assert capsys.readouterr().err == "no compiler\n"
+    assert not LOGGER.handlers
+
+
+@pytest.mark.parametrize("error", [SystemExit(2), OSError("full")], ids=repr)
+def test_no_warning_is_said_beside_an_error(error: BaseException, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(type(error)), warned_behind_errors():
+        _warn()
+        raise error
+    assert capsys.readouterr().err == ""
+
+
+def test_on_a_terminal_all_of_it_is_said_at_once(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    with pytest.raises(OSError, match="full"), warned_behind_errors():
+        _warn()
+        assert capsys.readouterr().err == "no compiler\ncompiling\n"
+        raise OSError("full")
+    assert capsys.readouterr().err == ""

@@ -16,6 +16,7 @@ import typer
 
 from uvms_ocp.cli import check, compare, export, listing, robots, run, show
 from uvms_ocp.cli.campaigns import campaign, new_files
+from uvms_ocp.cli.compiling import warned_behind_errors
 from uvms_ocp.cli.identification import excite, identify, recordings
 from uvms_ocp.cli.options import BAD_INPUT
 from uvms_ocp.cli.plans import plan
@@ -85,10 +86,11 @@ def main() -> None:
     if sys.stdout is None:  # closed by the caller
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - for as long as the process lives
     try:
-        try:
-            app(spread(app, sys.argv[1:]))
-        finally:
-            sys.stdout.flush()  # here, where a full disk can still be told
+        with warned_behind_errors():
+            try:
+                app(spread(app, sys.argv[1:]))
+            finally:
+                sys.stdout.flush()  # here, where a full disk can still be told
     except BrokenPipeError:  # of a reader that has seen enough
         _drop_stdout()
         sys.exit(1)

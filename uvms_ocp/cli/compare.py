@@ -15,6 +15,7 @@ from uvms_ocp.exceptions import InvalidInput, plain_line
 from uvms_ocp.output import settle
 from uvms_ocp.record import Record
 from uvms_ocp.report.compare import compare
+from uvms_ocp.scenario import Scenario
 from uvms_ocp.scenarios import SCENARIOS
 from uvms_ocp.scenarios.own_code import own_code
 
@@ -32,7 +33,8 @@ def compare_runs(
     Raises `InvalidInput` for a folder without a record.
     """
     console = console_of(stderr=as_json)
-    records = [_record(words, console) for words in (first, second)]
+    given = [_given(words) for words in (first, second)]  # both, before either is run
+    records = [_record(words, one, console) for words, one in zip((first, second), given, strict=True)]
     rows = compare(records[0], records[1])
     shown = [row | {"change": _percent(row["change"])} for row in rows]
     console.print(table_of(f"{first} against {second}", shown, ("figure", "first", "second", "change")))
@@ -40,12 +42,18 @@ def compare_runs(
         print_json(rows)
 
 
-def _record(words: str, console: Console) -> Record:
-    """Of a folder or a file, or of a scenario that is run."""
+def _given(words: str) -> Record | Scenario:
+    """A record of a folder or a file, or a scenario to be run."""
     if (Path(words).exists() and own_code(words) is None) or not (own_code(words) or words in SCENARIOS):
         return _load(Path(words))
-    with console.status(f"running {plain_line(words, 60)}") as status, told_of_compiling(status.update, console):
-        return build_scenario(words, {}).run()
+    return build_scenario(words, {})
+
+
+def _record(words: str, given: Record | Scenario, console: Console) -> Record:
+    if isinstance(given, Record):
+        return given
+    with console.status(f"running {plain_line(words, 60)}") as status, told_of_compiling(status.update):
+        return given.run()
 
 
 def _load(path: Path) -> Record:

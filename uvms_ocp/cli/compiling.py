@@ -1,37 +1,74 @@
-"""What is being compiled, where a command shows what it does."""
+"""What is being compiled, where a command shows what it does, and what the compiler's log has to say beside the command's own."""
 
 from __future__ import annotations
 
 import logging
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from rich.console import Console
+from uvms_ocp.cli.options import BAD_INPUT
+from uvms_ocp.functions.compile import PROGRESS
 
-_LOGGER = "uvms_ocp.functions.compile"
+_LOGGER = logging.getLogger("uvms_ocp.functions.compile")
 
 
 class _Told(logging.Handler):
-    def __init__(self, tell: Callable[[str], None], console: Console) -> None:
+    def __init__(self, tell: Callable[[str], None]) -> None:
         super().__init__(logging.INFO)
-        self._tell, self._console = tell, console
+        self._tell = tell
 
     def emit(self, record: logging.LogRecord) -> None:
-        if record.levelno >= logging.WARNING:
-            self._console.print(record.getMessage(), style="yellow", highlight=False, markup=False, soft_wrap=True)
-        else:
+        if record.levelno < logging.WARNING:
             self._tell(record.getMessage())
 
 
+class _Warnings(logging.Handler):
+    """Lines for stderr; where that is no terminal they wait, and progress is none of them."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self._waiting: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if sys.stderr is not None and sys.stderr.isatty():
+            sys.stderr.write(f"{record.getMessage()}\n")  # which Rich puts above its bars
+        elif not getattr(record, PROGRESS, False):
+            self._waiting.append(record.getMessage())
+
+    def say(self) -> None:
+        """What has waited."""
+        if sys.stderr is not None:
+            sys.stderr.writelines(f"{text}\n" for text in self._waiting)
+
+
 @contextmanager
-def told_of_compiling(tell: Callable[[str], None], console: Console) -> Iterator[None]:
-    """Inside, `tell` is given what is being compiled, in a few words; warnings are printed on the console."""
-    logger = logging.getLogger(_LOGGER)
-    before, handler = logger.level, _Told(tell, console)
-    logger.addHandler(handler)
-    logger.setLevel(logging.INFO)
+def told_of_compiling(tell: Callable[[str], None]) -> Iterator[None]:
+    """Inside, `tell` is given what is being compiled, in a few words."""
+    before, handler = _LOGGER.level, _Told(tell)
+    _LOGGER.addHandler(handler)
+    _LOGGER.setLevel(logging.INFO)
     try:
         yield
     finally:
-        logger.removeHandler(handler)
-        logger.setLevel(before)
+        _LOGGER.removeHandler(handler)
+        _LOGGER.setLevel(before)
+
+
+@contextmanager
+def warned_behind_errors() -> Iterator[None]:
+    """Inside goes a command. Whatever made it slower is said on stderr, but an error is the only line there.
+
+    On a terminal it is said at once, with what is being compiled, and an error comes last.
+    """
+    handler = _Warnings()
+    _LOGGER.addHandler(handler)
+    try:
+        yield
+        handler.say()
+    except SystemExit as end:
+        if end.code != BAD_INPUT:
+            handler.say()
+        raise
+    finally:
+        _LOGGER.removeHandler(handler)

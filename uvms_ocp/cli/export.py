@@ -26,6 +26,6 @@ def controller(
     """Write the whole controller as C source that needs libm only, with a recorded run to compare with."""
     options = given(plant=plant, robot=robot, hydrodynamics=hydrodynamics)
     console = console_of()
-    with console.status("running the scenario once") as status, told_of_compiling(status.update, console):
+    with console.status("running the scenario once") as status, told_of_compiling(status.update):
         paths = export_controller(build_scenario(scenario, options), out)
     print_paths(console, paths)

@@ -14,7 +14,7 @@ from typing import Any
 from rich.console import Console, ConsoleOptions
 from rich.table import Table
 
-from uvms_ocp.exceptions import plain_line
+from uvms_ocp.exceptions import InvalidInput, plain_line
 from uvms_ocp.preflight.findings import PreflightReport, Severity
 
 _TYPED = ("figure", "parameter", "channel")  # columns of names that are typed again: never broken
@@ -105,6 +105,20 @@ def cell(value: Any) -> str:
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
     return f"{value:.4g}" if isinstance(value, float) else plain_line(str(value))
+
+
+def require_accepted(preflight: PreflightReport, what: str, console: Console, *, force: bool) -> None:
+    """Print what pre-flight has found of a mission.
+
+    Raises `InvalidInput` for one that it refuses, unless forced; that is the only line then on a stderr that is no terminal.
+    """
+    refused = not (preflight.accepted or force)
+    if not refused or not console.stderr or console.is_terminal:
+        print_findings(console, preflight)
+    if refused:
+        n = len(preflight.errors)
+        text = f"pre-flight refuses {what} ({n} error{'s' if n > 1 else ''}): {preflight.errors[0].text}"
+        raise InvalidInput(f"{text}; mend that, or --force runs it all the same")
 
 
 def print_findings(console: Console, preflight: PreflightReport, *, notes: bool = False) -> None:

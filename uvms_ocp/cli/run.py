@@ -43,7 +43,7 @@ from uvms_ocp.cli.options import (
     label,
     solver_name,
 )
-from uvms_ocp.cli.printing import cell, console_of, print_findings, print_json, print_paths, table_of
+from uvms_ocp.cli.printing import cell, console_of, print_json, print_paths, require_accepted, table_of
 from uvms_ocp.exceptions import InvalidInput, plain_line
 from uvms_ocp.mission_plan import MissionPlan
 from uvms_ocp.model.state import Command
@@ -131,10 +131,7 @@ def produce(
     """
     with claimed(out, _files()) as claim:
         preflight = scenario.check()
-        print_findings(console, preflight)
-        if not (preflight.accepted or force):
-            text = f"pre-flight refuses {scenario.name} ({len(preflight.errors)} errors)"
-            raise InvalidInput(f"{text}; --force runs it all the same")
+        require_accepted(preflight, scenario.name, console, force=force)
         with _watched(scenario, console) if live else nullcontext() as watch:
             record = _simulate(scenario, plan, console, watch)
         report = summarize(record) | {"preflight": preflight.to_dict()}
@@ -172,7 +169,7 @@ def _simulate(scenario: Scenario, plan: MissionPlan | None, console: Console, wa
     """Run with a progress bar that names the phase and what it waits for; what is compiled before."""
     with _bar(console) as bar:
         task = bar.add_task("", total=scenario.duration, waiting="")
-        with told_of_compiling(lambda text: bar.update(task, description=text), console):
+        with told_of_compiling(lambda text: bar.update(task, description=text)):
             controller = scenario.controller() if plan is None else plan.controller(scenario)
 
             def show(t: float, command: Command) -> None:
@@ -193,7 +190,7 @@ def _bar(console: Console) -> Iterator[ProgressBar]:
         TimeElapsedColumn(),
         TextColumn("{task.fields[waiting]}", markup=False),
     )
-    with ProgressBar(*columns, console=console) as bar:
+    with ProgressBar(*columns, console=console, disable=not console.is_terminal) as bar:
         yield bar
 
 

@@ -13,7 +13,9 @@ from uvms_ocp.control.export.exported import CController, interface_types
 from uvms_ocp.control.export.made import c_controller, controller_memory, kernel_of, sizes_of, solver_file
 from uvms_ocp.control.export.recorded import RecordingController
 from uvms_ocp.control.navigation.degraded import CHANNELS
+from uvms_ocp.control.velocity.guards import without_c_form
 from uvms_ocp.control.velocity.kinematic import KinematicController
+from uvms_ocp.control.velocity.levels import build_levels
 from uvms_ocp.exceptions import InvalidInput
 from uvms_ocp.model.shapes.distance_kernels.meeting import ROUNDS
 from uvms_ocp.output import claimed
@@ -43,8 +45,8 @@ def export_controller(scenario: Scenario, folder: Path) -> list[Path]:
     The scenario is run for that. Returns the files. Raises `InvalidInput` for what has no form in C, by its name, and
     `OutputError` where the folder cannot be written.
     """
-    _require_c_form(scenario)
     with claimed(folder, FILES) as claim:
+        _require_c_form(scenario)
         texts, recorded = _texts(scenario)
         with claim.staged() as staging:
             for name, text in texts.items():
@@ -127,7 +129,8 @@ def _n_thrusters(scenario: Scenario) -> int:
 
 
 def _require_c_form(scenario: Scenario) -> None:
-    kinematic, solver = scenario.kinematic_controller(), scenario.solver
+    solver, problem = scenario.solver, build_levels(scenario.robot, scenario.mission.hierarchy, scenario.dt)
+    scenario.mission.check_quantities(problem.quantity_names)
     found = []
     if "controller" in scenario.own_parts:
         found.append(f"controller {scenario.own_parts['controller']}; the toolkit's own has")
@@ -135,6 +138,7 @@ def _require_c_form(scenario: Scenario) -> None:
         found.append(f"solver {type(solver).__name__}; LexicographicActiveSet has")
     if scenario.takes_forces and scenario.load is not None:
         found.append("load LoadLearning; a controller that learns none has")
-    found += [f"task {name}: {why}" for name, why in kinematic.without_c_form.items()]
+    tasks = without_c_form(scenario.robot, scenario.mission, scenario.dt, problem.quantity_names)
+    found += [f"task {name}: {why}" for name, why in tasks.items()]
     if found:
         raise InvalidInput(f"no form in C: {'; '.join(found)}")

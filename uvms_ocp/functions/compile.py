@@ -41,6 +41,8 @@ static inline double smaller(double x, double y) { return x <= y || y != y ? x :
 #define fmin smaller
 """
 """Before the code of CasADi functions."""
+PROGRESS = "progress"
+"""Attribute of what is logged as a warning to be seen, and warns of nothing."""
 _VERSION_TIMEOUT = 30.0  # [s]
 _HUNG: set[str] = set()  # compilers, which are not called again
 _SAID: set[str] = set()
@@ -122,6 +124,14 @@ def _key(sources: Sequence[str], flags: Sequence[str], compiler: str) -> str:
     return hashlib.sha256("\0".join(identity).encode()).hexdigest()
 
 
+def warn_if_slower() -> None:
+    """Log now, once, that there is no compiler or no cache: for who starts processes that say nothing."""
+    if _compiler() is not None:
+        directory, reason = cache_folder()
+        if directory is None:
+            _warn_once(reason)
+
+
 def has_compiler() -> bool:
     """Whether there is one, and it has not been found to hang."""
     return _compiler() not in {None, *_HUNG}
@@ -153,7 +163,8 @@ def _warn_once(what: str, detail: str = "") -> None:
 @lru_cache(maxsize=1)
 def _announce(directory: Path) -> None:
     # A warning, as Python shows it by default: a silent half minute looks like a hang.
-    _log.warning("compiling C code for the first time, which takes a while; kept in %s", directory)
+    text = "compiling C code for the first time, which takes a while; kept in %s"
+    _log.warning(text, directory, extra={PROGRESS: True})
 
 
 def _digest(data: bytes) -> str:

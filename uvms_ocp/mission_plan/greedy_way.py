@@ -1,4 +1,4 @@
-"""The greedy mission on the kinematic plant: where a search for something better begins."""
+"""The greedy mission on the kinematic plant: where a search for something better begins; and what is foretold of it."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from uvms_ocp.control.velocity.levels import build_levels
 from uvms_ocp.model.sensing import IDEAL_SENSORS
-from uvms_ocp.preflight.forecast import main_path
+from uvms_ocp.preflight.forecast import forecast, main_path
 from uvms_ocp.scenario import Scenario, our_controller
 
 _DT = 0.05  # [s] control period: a guess needs no better
 _EVERY = 4  # ticks between two configurations that are kept
-_UNKNOWN = 10.0  # [s] of a phase that the greedy mission does not come to, or not out of
+_UNKNOWN = 10.0  # [s] of a phase that the greedy mission does not come to, or not out of, or that is foretold
+_FORETOLD = 0.5  # [s] between two configurations that are foretold
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -65,6 +67,24 @@ def greedy_way(scenario: Scenario) -> GreedyWay:
         begins=_begins(names, ends),
         quantities=dict(zip(record.meta.quantities, record["quantities"][kept].T, strict=True)),
     )
+
+
+def foretold_way(scenario: Scenario) -> GreedyWay:
+    """As pre-flight foretells it: what cannot be planned is found on it before anything is flown, and compiled for that.
+
+    Straight from stance to stance, as long in every phase; no quantity is known on it. Raises `FrameNotFound` and
+    `NameNotFound` for what tasks name and the robot does not have.
+    """
+    phases = main_path(scenario.mission.phases)
+    begins = _UNKNOWN * np.arange(len(phases) + 1)
+    t = np.arange(0.0, begins[-1] + _FORETOLD / 2, _FORETOLD)
+    q = np.tile(scenario.start, (len(t), 1))
+    if scenario.robot.n_vehicle:
+        marks = np.array([scenario.start[:3], *(visit.stances[0].position for visit in forecast(scenario.setup()))])
+        q[:, :3] = np.stack([np.interp(t, begins, marks[:, axis]) for axis in range(3)], axis=1)
+    names = build_levels(scenario.robot, scenario.mission.hierarchy, scenario.dt).quantity_names
+    unknown = np.full(len(t), np.nan)
+    return GreedyWay(t=t, q=q, phases=tuple(phases), begins=begins, quantities=dict.fromkeys(names, unknown))
 
 
 def _begins(names: Sequence[str], ends: Sequence[tuple[str, float]]) -> np.ndarray:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uvms_ocp.arrays import Mask
-from uvms_ocp.mission_plan.greedy_way import GreedyWay, greedy_way
+from uvms_ocp.mission_plan.greedy_way import GreedyWay, foretold_way, greedy_way
 from uvms_ocp.mission_plan.margins import Margins
 from uvms_ocp.mission_plan.shapes_and_floor import clearance, floor_along, floor_terms, of_links, of_obstacles
 from uvms_ocp.mission_plan.stretches import Stretch, stretches_of
@@ -69,11 +69,10 @@ class MissionProblem:
 
 def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> MissionProblem:
     """step [s] of the horizon. Raises `InvalidInput` as `plan_mission` does."""
+    _stated(scenario, foretold_way(scenario), margins, step)  # or it is refused before anything is compiled
     way = greedy_way(scenario)
-    stretches = stretches_of(scenario.mission, way, margins, step=step)
-    terms = terms_of(scenario.robot, scenario.mission, way.phases, stretches, margins)
+    stretches, terms, problem = _stated(scenario, way, margins, step)
     shapes = clearance(scenario, margins)
-    problem = _problem(scenario, way, stretches, terms, margins)
     if shapes is not None and scenario.environment.obstacles:
         problem = replace(problem, constraints=(*problem.constraints, of_obstacles(shapes)))
     return MissionProblem(
@@ -85,6 +84,15 @@ def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> Mis
         greedy_duration=float(way.begins[-1]),
         current=scenario.environment.current,
     )
+
+
+def _stated(
+    scenario: Scenario, way: GreedyWay, margins: Margins, step: float
+) -> tuple[list[Stretch], Terms, OcpProblem]:
+    """By a way of the mission, without obstacles."""
+    stretches = stretches_of(scenario.mission, way, margins, step=step)
+    terms = terms_of(scenario.robot, scenario.mission, way.phases, stretches, margins)
+    return stretches, terms, _problem(scenario, way, stretches, terms, margins)
 
 
 def _problem(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from uvms_ocp.control.force.allocation import allocation_of
+from uvms_ocp.control.force.allocation import Allocation, allocation_of
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.model.assembly.rest import up_at_rest
 from uvms_ocp.model.dynamics import Dynamics, robot_dynamics
@@ -97,7 +97,10 @@ def _cruise(setup: Setup, visit: Visit) -> float:
 def _hold(setup: Setup, dynamics: Dynamics, visit: Visit, speed: float = 0.0) -> Load:
     """The largest load over the times; `speed` [m/s] is over ground, against the current."""
     q = visit.stances[0].configuration(setup)
-    loads = [_load(setup, q, _forces(setup, dynamics, q, t, speed)) for t in _TIMES]
+    forces = [_forces(setup, dynamics, q, t, speed) for t in _TIMES]
+    different = {tau.tobytes(): tau for tau in forces}.values()  # one in a steady current
+    allocation = allocation_of(setup.robot, compiled=False)  # what is refused is refused before anything is compiled
+    loads = [_load(setup, allocation, tau) for tau in different]
     return max(loads, key=lambda load: (load.missing, load.thrust))
 
 
@@ -109,9 +112,9 @@ def _forces(setup: Setup, dynamics: Dynamics, q: np.ndarray, t: float, speed: fl
     return dynamics.inverse_dynamics(q, np.zeros(setup.robot.n_v), np.zeros(setup.robot.n_v), faster)
 
 
-def _load(setup: Setup, q: np.ndarray, tau: np.ndarray) -> Load:
+def _load(setup: Setup, allocation: Allocation, tau: np.ndarray) -> Load:
     robot = setup.robot
-    result = allocation_of(robot).allocate(tau[robot.vehicle_v])
+    result = allocation.allocate(tau[robot.vehicle_v])
     actuated = [axis for axis in range(6) if axis not in unactuated_axes(robot)]
     missing = float(np.linalg.norm(result.unreachable[actuated])) if result.saturated else 0.0
     limits = np.array([max(thruster.maximum, -thruster.minimum) for thruster in robot.description.thrusters])

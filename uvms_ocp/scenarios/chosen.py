@@ -42,7 +42,7 @@ def chosen_scenario(words: str, options: Mapping[str, Any], makers: Mapping[str,
         return _with_options(words, found, given)
     if not callable(found):
         raise InvalidInput(f"{words} is a {type(found).__name__}; give a Scenario, or a function that makes one")
-    made = found(**_taken(words, found, given))
+    made = code.called(found, **_taken(words, found, given))
     if not isinstance(made, Scenario):
         raise InvalidInput(f"{words} made a {type(made).__name__}; make a Scenario")
     return made

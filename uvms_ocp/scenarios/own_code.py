@@ -7,6 +7,7 @@ import importlib
 import importlib.util
 import sys
 import traceback
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -46,6 +47,15 @@ class OwnCode:
             own = [name for name, value in vars(found).items() if not name.startswith("_") and not _is_module(value)]
             raise NameNotFound(f"name in {self.file or self.module}", self.attribute, own)
         return getattr(found, self.attribute)
+
+    def called(self, function: Callable[..., Any], **options: Any) -> Any:
+        """What a function of it makes. Raises `InvalidInput` where it fails, in one line with its place."""
+        try:
+            return function(**options)
+        except UvmsError:
+            raise
+        except Exception as error:
+            raise _failed(str(self.file.resolve() if self.file else self.module), error) from error
 
     def _module(self) -> ModuleType:
         if self.file is None:

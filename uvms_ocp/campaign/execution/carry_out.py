@@ -15,6 +15,7 @@ from uvms_ocp.campaign.runs.work import Work
 from uvms_ocp.campaign.store.folder import CampaignFolder, opened
 from uvms_ocp.campaign.store.identity import Identity
 from uvms_ocp.campaign.store.parts import arrow
+from uvms_ocp.functions.compile import warn_if_slower
 
 Progress = Callable[[int, int, int], None]
 """Told how many runs are done, how many of them failed, and of how many."""
@@ -45,6 +46,8 @@ def carry_out(
         if len(folder.left):
             from uvms_ocp.campaign.execution.dispatch import Dispatch  # with Dask, which takes a second
 
+            if scheduler is None:
+                warn_if_slower()  # which workers would not say
             with connected(scheduler, workers) as client:
                 Dispatch(client, work, folder, limit=limit, exclusive=scheduler is None).run(folder.left.tolist(), tell)
 

@@ -34,7 +34,7 @@ from uvms_ocp.cli.options import (
     given,
     label,
 )
-from uvms_ocp.cli.printing import console_of, print_findings, print_json, table_of
+from uvms_ocp.cli.printing import console_of, print_json, require_accepted, table_of
 from uvms_ocp.cli.run import produce
 from uvms_ocp.exceptions import InvalidInput
 
@@ -164,12 +164,9 @@ def _repeat(folder: Path, run: int, out: Path, console: Console, as_json: bool) 
 
 
 def _require_fit(wanted: Campaign, force: bool, console: Console) -> None:
-    with console.status("looking over the mission") as status, told_of_compiling(status.update, console):
+    with console.status("looking over the mission") as status, told_of_compiling(status.update):
         preflight = wanted.work.base().check()
-    print_findings(console, preflight)
-    if not (preflight.accepted or force):
-        text = f"pre-flight refuses the mission itself ({len(preflight.errors)} errors)"
-        raise InvalidInput(f"{text}; --force runs it all the same")
+    require_accepted(preflight, "the mission itself", console, force=force)
 
 
 def _list_parameters(what: str, options: dict[str, Any], console: Console, as_json: bool) -> None:

@@ -121,7 +121,7 @@ def progress_bar(console: Console) -> Iterator[Callable[[int, int, int], None]]:
         TextColumn("left:"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console) as bar:
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("starting", total=None, failed=0, rate="-")
 
         def tell(done: int, failed: int, total: int) -> None:

@@ -54,7 +54,7 @@ def excite(
     limits = Limits(thrust=thrust, pool=np.outer([-0.5, 0.5], pool), hull=subject.hull_in_body(given.hull), slew=slew)
     wanted = _assignment(subject, given, limits, duration)
     with claimed(out, [COMMANDS, REPORT]) as claim:
-        with console.status("designing") as status, told_of_compiling(status.update, console):
+        with console.status("designing") as status, told_of_compiling(status.update):
             found = designed(wanted, Rollout(stage_of(subject.vehicle)), Effort(seed=seed))
         text = excitation_text(found, subject.vehicle.actuators.names)
         with claim.staged() as staging:

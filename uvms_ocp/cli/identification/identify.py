@@ -47,7 +47,7 @@ def identify(
     found = parted(read_recordings(recordings, mapping))
     console = console_of()
     with claimed(out, _names(len(found), profiles, leave_one_out)) as claim:
-        with console.status("identifying") as status, told_of_compiling(status.update, console):
+        with console.status("identifying") as status, told_of_compiling(status.update):
             voices = {"tell": status.update, "warn": lambda doubt: print_line(console, f"doubtful: {doubt}")}
             result = calibrated(subject, given, found, profiled=profiles, leave_one_out=leave_one_out, **voices)
         with claim.staged() as staging:

@@ -59,6 +59,8 @@ class Allocation:
     """(6,) [1/N, 1/(N m)]: what to give up first when not everything can be reached."""
     effect: Effect | None = None
     """What thrusters make of their commands: what follows none is left out. `None`: all do what they are asked."""
+    compiled: bool = field(default=True, repr=False)
+    """Whether it is worth a compiler: not for a few wrenches."""
     memory: Any = field(init=False, repr=False)
     """A `ThrustSharing`"""
     _share_out: Callable[[Any], int] = field(init=False, repr=False)
@@ -66,7 +68,7 @@ class Allocation:
     def __post_init__(self) -> None:
         self._check()
         structure = structure_of(ThrustSharing, **sharing_sizes(len(self.lower)))
-        take, share = bind_kernels((take_effect, share_out), (structure,))
+        take, share = bind_kernels((take_effect, share_out), (structure,), compiled=self.compiled)
         object.__setattr__(self, "memory", structure())
         object.__setattr__(self, "_share_out", share)
         self.write(self.memory)
@@ -122,10 +124,13 @@ _SHAPES = {
 }
 
 
-def allocation_of(robot: Robot, *, force_weight: float = 1.0, moment_weight: float = 1.0) -> Allocation:
+def allocation_of(
+    robot: Robot, *, force_weight: float = 1.0, moment_weight: float = 1.0, compiled: bool = True
+) -> Allocation:
     """Return the allocation of a robot's thrusters.
 
-    force_weight [1/N] and moment_weight [1/(N m)] say what to give up first when the limits bind.
+    force_weight [1/N] and moment_weight [1/(N m)] say what to give up first when the limits bind. compiled: as
+    `Allocation` has it.
     """
     thrusters = robot.description.thrusters
     lower, upper = thrust_limits(robot)
@@ -138,6 +143,7 @@ def allocation_of(robot: Robot, *, force_weight: float = 1.0, moment_weight: flo
         power_exponent=np.array([power.exponent for power in powers]),
         dead_zone=np.array([thruster.dead_zone for thruster in thrusters]),
         wrench_weight=np.repeat([force_weight, moment_weight], 3),
+        compiled=compiled,
     )
 
 

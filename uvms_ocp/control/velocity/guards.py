@@ -1,4 +1,7 @@
-"""The limits on positions of a hierarchy, in the memory of the viability rule, and the rule as a thing to call."""
+"""The limits on positions of a hierarchy, in the memory of the viability rule, and the rule as a thing to call.
+
+And what of a mission has no form in C, where limits are much of it.
+"""
 
 from __future__ import annotations
 
@@ -10,17 +13,23 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.control.velocity.parameters import asked_in_phases, asking_of
 from uvms_ocp.control.velocity.stop import NONE, Stop, stop_sizes
+from uvms_ocp.control.velocity.tracks import tracks_of
 from uvms_ocp.control.velocity.viability import RuleMemory, comes_near, keep
 from uvms_ocp.functions.kernels.ask import Answer
 from uvms_ocp.functions.kernels.binding import bind_to
 from uvms_ocp.functions.kernels.layout import doubles, structure_of, view
+from uvms_ocp.mission.mission import Mission
 from uvms_ocp.model.limits import PositionLimit
 from uvms_ocp.model.robot import Robot
 from uvms_ocp.model.shapes.collision_model import CollisionModel
-from uvms_ocp.model.shapes.distance_room import distance_room, in_c, without_c_form
+from uvms_ocp.model.shapes.distance_room import distance_room, in_c
+from uvms_ocp.model.shapes.distance_room import without_c_form as not_measured
 from uvms_ocp.tasks.limits import ENDLESS
 from uvms_ocp.tasks.task import Task
+
+_MOVES = "a goal that moves without telling its end"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -60,6 +69,26 @@ def guards_of(robot: Robot, tasks: Sequence[Task], quantity_names: Sequence[str]
     )
 
 
+def without_c_form(robot: Robot, mission: Mission, dt: float, quantity_names: Sequence[str]) -> dict[str, str]:
+    """Names of tasks that Python is asked about wherever kernels run, and for what; dt [s]: control period.
+
+    Told without a controller, for which something would have to be compiled.
+    """
+    tasks = mission.hierarchy.tasks
+    found = {item.name: _MOVES for phase in asked_in_phases(mission, tracks_of(mission, dt)) for item in phase}
+    limits = {guard.task: _told_by_python(guard, robot) for guard in guards_of(robot, tasks, quantity_names)}
+    distances = {task: not_measured(pairs.model, robot) for task, _, pairs in asking_of(mission)}
+    told = [(tasks[task].name, why) for known in (limits, distances) for task, why in known.items()]
+    return found | {name: why for name, why in told if why}
+
+
+def _told_by_python(guard: Guard, robot: Robot) -> str:
+    """Why it is; empty where it is not."""
+    if guard.model is not None:
+        return not_measured(guard.model, robot)
+    return "" if isinstance(guard.limit.values, ca.Function) else "a limit on positions without an expression"
+
+
 def models_of(guards: Sequence[Guard]) -> list[CollisionModel]:
     """Those that the guards have."""
     return [guard.model for guard in guards if guard.model is not None]
@@ -92,17 +121,6 @@ class Guarding:
         memory.n_limits = memory.stop.n_limits = len(guards)
         for k, guard in enumerate(guards):
             self._write(k, guard)
-
-    @property
-    def without_c_form(self) -> dict[int, str]:
-        """Indices of tasks whose limits Python tells wherever kernels run, and why."""
-        why = {guard.task: self._why_python(guard) for guard in self._guards}
-        return {task: text for task, text in why.items() if text}
-
-    def _why_python(self, guard: Guard) -> str:
-        if guard.model is not None:
-            return without_c_form(guard.model, self._robot)
-        return "" if isinstance(guard.limit.values, ca.Function) else "a limit on positions without an expression"
 
     def _write(self, k: int, guard: Guard) -> None:
         memory, limit = self._memory, guard.limit

@@ -24,7 +24,7 @@ from uvms_ocp.control.navigation.last_known import LastEcho, LastSound
 from uvms_ocp.control.navigation.watchdog import Freshness, Watchdog
 from uvms_ocp.control.velocity.climb import climb_goal
 from uvms_ocp.control.velocity.distress import Distress, Strain, Why
-from uvms_ocp.control.velocity.guards import Guarding, guards_of, models_of, rule_sizes
+from uvms_ocp.control.velocity.guards import Guarding, guards_of, models_of, rule_sizes, without_c_form
 from uvms_ocp.control.velocity.levels import LevelsProblem, build_levels
 from uvms_ocp.control.velocity.parameters import (
     Measuring,
@@ -136,9 +136,7 @@ class KinematicController(Tabled):
     @property
     def without_c_form(self) -> dict[str, str]:
         """Names of tasks that Python is asked about wherever kernels run, and for what."""
-        asked = dict.fromkeys(self._parameters.asked_of, "a goal that moves without telling its end")
-        why, tasks = self._guarding.without_c_form | self._measuring.without_c_form, self.mission.hierarchy.tasks
-        return asked | {tasks[task].name: text for task, text in why.items()}
+        return without_c_form(self.robot, self.mission, self.dt, self.problem.quantity_names)
 
     @property
     def kinematic(self) -> KinematicController:

@@ -6,7 +6,7 @@ are still are in memory, for a kernel to take; those that move are asked at ever
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -24,7 +24,7 @@ from uvms_ocp.mission.mission import Mission, is_still
 from uvms_ocp.mission.phase import MissionState
 from uvms_ocp.mission.progress import MissionMemory
 from uvms_ocp.model.robot import Robot
-from uvms_ocp.model.shapes.distance_room import distance_room, in_c, without_c_form
+from uvms_ocp.model.shapes.distance_room import distance_room, in_c
 from uvms_ocp.model.symbolic.tree import SymbolicModel
 from uvms_ocp.tasks.limits import ENDLESS
 from uvms_ocp.tasks.nearest_pairs import NearestPairs
@@ -84,14 +84,8 @@ class MissionParameters:
             memory.climb = climb.start
             view(memory.of_phase)[-1, climb] = 0.0
         write_tracks(memory.tracks, tracks, self._places, dt)
-        self._tracked = {(track.phase, track.task) for track in tracks}
-        self.asked = [self._asked_in(phase) for phase in range(len(mission.all_phases))]
+        self.asked = asked_in_phases(mission, tracks)
         """Of each phase, what is asked for."""
-
-    @property
-    def asked_of(self) -> tuple[str, ...]:
-        """Names of the tasks."""
-        return tuple(dict.fromkeys(item.name for phase in self.asked for item in phase))
 
     def ask(self, state: MissionState, t: float) -> None:
         """Complete what the kernel has taken for the tick at t [s]."""
@@ -99,16 +93,24 @@ class MissionParameters:
             goal = asked.reference(t - state.since if asked.of_phase else t)
             self._values[asked.place] = goal[: asked.place.stop - asked.place.start]
 
-    def _asked_in(self, phase: int) -> tuple[_Asked, ...]:
-        found = []
-        for i, (task, (reference, own)) in enumerate(
-            zip(self._mission.tasks_of(phase), self._mission.references_of(phase), strict=True)
-        ):
-            if not (is_still(reference) or self._mission.climbs(phase, i) or (phase, i) in self._tracked):
-                place, pairs = self._places[i], task.nearest_pairs
-                end = place.stop - (0 if pairs is None else pairs.n_parameters)
-                found.append(_Asked(name=task.name, place=slice(place.start, end), reference=reference, of_phase=own))
-        return tuple(found)
+
+def asked_in_phases(mission: Mission, tracks: Sequence[Track]) -> list[tuple[_Asked, ...]]:
+    """Of each phase, goals that are neither still nor climbed to nor on a track."""
+    tracked, places = {(track.phase, track.task) for track in tracks}, places_of(mission)
+    return [_asked_in(mission, phase, tracked, places) for phase in range(len(mission.all_phases))]
+
+
+def _asked_in(
+    mission: Mission, phase: int, tracked: Collection[tuple[int, int]], places: Sequence[slice]
+) -> tuple[_Asked, ...]:
+    found = []
+    goals = zip(mission.tasks_of(phase), mission.references_of(phase), strict=True)
+    for i, (task, (reference, own)) in enumerate(goals):
+        if not (is_still(reference) or mission.climbs(phase, i) or (phase, i) in tracked):
+            place, pairs = places[i], task.nearest_pairs
+            end = place.stop - (0 if pairs is None else pairs.n_parameters)
+            found.append(_Asked(name=task.name, place=slice(place.start, end), reference=reference, of_phase=own))
+    return tuple(found)
 
 
 def asking_of(mission: Mission) -> list[tuple[int, int, NearestPairs]]:
@@ -135,9 +137,6 @@ class Measuring:
         """
         self._memory, self._places = memory, view(memory.place)
         self._models = [pairs.model for _, _, pairs in asking]
-        why = {task: without_c_form(pairs.model, robot) for task, _, pairs in asking}
-        self.without_c_form = {task: text for task, text in why.items() if text}
-        """Indices of tasks whose distances Python measures wherever kernels run, and why."""
         memory.n_asking = len(asking)
         self.answer = Answer(memory.ask, self._look)
         for p, (task, end, pairs) in zip(memory.pairs, asking, strict=False):
