@@ -216,6 +216,11 @@ def packages() -> tuple[PackageMeta, ...]:
     return tuple(PackageMeta(name=name, version=text) for name, text in found.items())
 
 
+def versions(found: tuple[PackageMeta, ...]) -> dict[str, str]:
+    """Versions by package, for reports."""
+    return {package.name: package.version for package in found}
+
+
 def write_meta(meta: RunMeta | PlanMeta) -> str:
     """The JSON text that `read_meta` reads."""
     return meta.model_dump_json()

@@ -1,4 +1,4 @@
-"""Who writes the metadata of records: `run_meta` of a run, `plan_meta` of a plan."""
+"""Write the metadata of the record of a run."""
 
 from __future__ import annotations
 
@@ -9,14 +9,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.collision.collision_scene import Nearest
 from uvms_ocp.collision.obstacle_file import describe_obstacle
 from uvms_ocp.control.navigation.health.monitor import HealthMonitor
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.meta_values import (
     AlarmMeta,
-    AxisLimitsMeta,
-    ClearanceMeta,
     EventMeta,
     FaultMeta,
     FloorRelief,
@@ -25,7 +22,6 @@ from uvms_ocp.meta_values import (
     LimitsMeta,
     MarkerMeta,
     MetConditionMeta,
-    PackageMeta,
     PhaseMeta,
     QuantityMeta,
     SurroundingsMeta,
@@ -38,9 +34,7 @@ from uvms_ocp.model.limits import Limits
 from uvms_ocp.model.sensing import IDEAL_SENSORS
 from uvms_ocp.preflight.accuracy import quantity_spreads
 from uvms_ocp.preflight.setup import Setup
-from uvms_ocp.report.motion import Motion
-from uvms_ocp.run_meta import PlanMeta, RunMeta
-from uvms_ocp.run_meta import packages as packages
+from uvms_ocp.run_meta import RunMeta, packages
 from uvms_ocp.sim.seafloor import floor_relief
 from uvms_ocp.solvers.hierarchy.solution import Status
 from uvms_ocp.tasks.pose import PoseTask, ToolPose, ToolPosition
@@ -222,39 +216,3 @@ def _relief(setup: Setup, markers: Markers, end: np.ndarray) -> FloorRelief | No
     points = np.array([*ends, *(point[:2] for point in markers.values())])
     low, high = points.min(axis=0) - _FLOOR_AROUND, points.max(axis=0) + _FLOOR_AROUND
     return floor_relief(setup.environment.seafloor, low, high)
-
-
-def plan_meta(
-    motion: Motion, *, scenario: str, axis_limits: AxisLimitsMeta, breaks: tuple[float, ...], nearest: Nearest
-) -> PlanMeta:
-    """What a record tells of a plan.
-
-    breaks [s] are where the pieces of its trajectory meet; `nearest` is the smallest distance that the method met.
-    """
-    request, scene, X_WF = motion.request, motion.scene, motion.goal_pose()
-    return PlanMeta(
-        scenario=scenario,
-        robot=request.robot.name,
-        joints=request.robot.joint_names,
-        phases=(PhaseMeta(name="plan"),),
-        quantities=("plan.clearance",) if scene.n_pairs else (),
-        surroundings=SurroundingsMeta(
-            frames=() if X_WF is None else (_frame("goal", X_WF),), obstacles=request.obstacles
-        ),
-        packages=packages(),
-        axes=scene.coordinates.names,
-        axis_limits=axis_limits,
-        breaks=breaks,
-        clearance_wanted=request.clearance,
-        clearance_groups=tuple(scene.groups()),
-        min_clearance=_clearance(nearest) if scene.n_pairs else None,
-    )
-
-
-def _clearance(nearest: Nearest) -> ClearanceMeta:
-    return ClearanceMeta(t=nearest.time, distance=nearest.distance, between=nearest.pair)
-
-
-def versions(found: tuple[PackageMeta, ...]) -> dict[str, str]:
-    """Versions by package, for reports."""
-    return {package.name: package.version for package in found}

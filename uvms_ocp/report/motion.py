@@ -10,10 +10,12 @@ import pinocchio as pin
 
 from uvms_ocp.arrays import Array
 from uvms_ocp.collision.collision_scene import CollisionScene, Nearest
+from uvms_ocp.meta_values import AxisLimitsMeta, ClearanceMeta, FrameMeta, PhaseMeta, SurroundingsMeta
 from uvms_ocp.model.kinematics import Kinematics
 from uvms_ocp.ocp.request import OcpRequest
 from uvms_ocp.planning.goals import ToolGoal
 from uvms_ocp.planning.request import PlanRequest
+from uvms_ocp.run_meta import PlanMeta, packages
 
 _TOOL = "tool"
 
@@ -73,3 +75,35 @@ def nearest_entries(nearest: Nearest | None) -> dict[str, Any]:
         "min_clearance_at_s": nearest.time,
         "min_clearance_between": nearest.pair,
     }
+
+
+def plan_meta(
+    motion: Motion, *, scenario: str, axis_limits: AxisLimitsMeta, breaks: tuple[float, ...], nearest: Nearest
+) -> PlanMeta:
+    """What a record tells of a plan.
+
+    breaks [s] are where the pieces of its trajectory meet; `nearest` is the smallest distance that the method met.
+    """
+    request, scene, X_WF = motion.request, motion.scene, motion.goal_pose()
+    return PlanMeta(
+        scenario=scenario,
+        robot=request.robot.name,
+        joints=request.robot.joint_names,
+        phases=(PhaseMeta(name="plan"),),
+        quantities=("plan.clearance",) if scene.n_pairs else (),
+        surroundings=SurroundingsMeta(
+            frames=() if X_WF is None else (FrameMeta(name="goal", pose=tuple(pin.SE3ToXYZQUAT(X_WF).tolist())),),
+            obstacles=request.obstacles,
+        ),
+        packages=packages(),
+        axes=scene.coordinates.names,
+        axis_limits=axis_limits,
+        breaks=breaks,
+        clearance_wanted=request.clearance,
+        clearance_groups=tuple(scene.groups()),
+        min_clearance=_clearance(nearest) if scene.n_pairs else None,
+    )
+
+
+def _clearance(nearest: Nearest) -> ClearanceMeta:
+    return ClearanceMeta(t=nearest.time, distance=nearest.distance, between=nearest.pair)

@@ -11,8 +11,8 @@ from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.plans.motion_series import axis_series, motion_series
 from uvms_ocp.ocp.request import OcpResult
 from uvms_ocp.record import Record
-from uvms_ocp.report.meta import packages, plan_meta, versions
-from uvms_ocp.report.motion import Motion, nearest_entries
+from uvms_ocp.report.motion import Motion, nearest_entries, plan_meta
+from uvms_ocp.run_meta import packages, versions
 
 _TOUCHING = "two shapes touch: add way for them, move the goal, or plan a curve"
 _ADVICE = {  # where a request has other means than a problem

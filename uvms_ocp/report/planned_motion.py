@@ -15,8 +15,8 @@ from uvms_ocp.model.shapes.unshaped import links_without_shape
 from uvms_ocp.planning.request import PlanResult
 from uvms_ocp.planning.soft_collision import CollisionPlan
 from uvms_ocp.record import Record
-from uvms_ocp.report.meta import packages, plan_meta, versions
-from uvms_ocp.report.motion import Motion, nearest_entries
+from uvms_ocp.report.motion import Motion, nearest_entries, plan_meta
+from uvms_ocp.run_meta import packages, versions
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 
 _PERIOD = 0.02  # [s] of the record, longer where it would have more rows than this:

@@ -13,10 +13,10 @@ from uvms_ocp.report.cause import cause_of_end
 from uvms_ocp.report.estimate import error_bound, estimate_table
 from uvms_ocp.report.goals import ended_too_early, goal_table
 from uvms_ocp.report.load import learnt_load
-from uvms_ocp.report.meta import versions
 from uvms_ocp.report.resources import figures_between, resources
 from uvms_ocp.report.sensor_health import sensor_health
 from uvms_ocp.report.series import known, largest_tilt, max_velocity_step, quantities_at
+from uvms_ocp.run_meta import versions
 
 _SETTLING = 0.5  # [s] after the start of a phase, before its drift counts
 
